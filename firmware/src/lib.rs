@@ -1,0 +1,2 @@
+//! The feeder drive application over small traits.
+#![no_std]

@@ -1,0 +1,3 @@
+//! `kband` at the desk.
+
+fn main() {}

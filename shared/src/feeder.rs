@@ -1,0 +1,294 @@
+//! The SI world of a feeder and its dimensionless parameters.
+
+use core::f64::consts::{PI, TAU};
+use core::fmt;
+
+/// Standard gravity, m/s^2 (ISO 80000-3).
+pub const STANDARD_GRAVITY: f64 = 9.806_65;
+
+/// A value outside what a parameter accepts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutOfRange {
+    /// The parameter, in the field's words.
+    pub parameter: &'static str,
+    /// What was given.
+    pub value: f64,
+    /// What is accepted, in words, with the unit.
+    pub accepted: &'static str,
+}
+
+impl fmt::Display for OutOfRange {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "{} = {:e} is outside {}",
+            self.parameter, self.value, self.accepted
+        )
+    }
+}
+
+impl core::error::Error for OutOfRange {}
+
+/// `value` if `accepts` says so, else the refusal that names the parameter; NaN is always refused.
+pub(crate) fn accept(
+    parameter: &'static str,
+    value: f64,
+    accepts: bool,
+    accepted: &'static str,
+) -> Result<f64, OutOfRange> {
+    if accepts && !value.is_nan() {
+        Ok(value)
+    } else {
+        Err(OutOfRange {
+            parameter,
+            value,
+            accepted,
+        })
+    }
+}
+
+/// Restitution of the part normal to the track (symbol R), an interval within 0..=1.
+///
+/// Parts of one lot differ; everything that plans for a lot takes the interval, a single part has
+/// `low == high`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Restitution {
+    low: f64,
+    high: f64,
+}
+
+impl Restitution {
+    /// The interval `low..=high`, refused unless `0 <= low <= high <= 1`.
+    pub fn interval(low: f64, high: f64) -> Result<Self, OutOfRange> {
+        accept("restitution", low, (0.0..=1.0).contains(&low), "0..1")?;
+        accept("restitution", high, (0.0..=1.0).contains(&high), "0..1")?;
+        accept(
+            "restitution (high bound)",
+            high,
+            low <= high,
+            "low bound..1: the interval is reversed",
+        )?;
+        Ok(Self { low, high })
+    }
+
+    /// One value, refused outside 0..=1.
+    pub fn single(value: f64) -> Result<Self, OutOfRange> {
+        Self::interval(value, value)
+    }
+
+    /// The low bound.
+    #[must_use]
+    pub fn low(self) -> f64 {
+        self.low
+    }
+
+    /// The high bound.
+    #[must_use]
+    pub fn high(self) -> f64 {
+        self.high
+    }
+
+    /// The middle of the interval.
+    #[must_use]
+    pub fn middle(self) -> f64 {
+        0.5 * (self.low + self.high)
+    }
+}
+
+/// A track as its maker describes it; SI units but for the incline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackSettings {
+    /// Drive frequency in Hz, 1..=1000.
+    pub frequency: f64,
+    /// Incline of the track (symbol alpha) in degrees, -60..=60, positive where parts climb.
+    pub incline: f64,
+    /// Amplitude parallel to the track over the amplitude normal to it (symbol eta), 0..=100.
+    pub amplitude_ratio: f64,
+    /// Phase lead of the parallel motion (symbol gamma) in degrees, -180..=180.
+    pub phase_lead: f64,
+    /// Gravity in m/s^2, 0.1..=30.
+    pub gravity: f64,
+}
+
+/// A track in machine units: what SI means for the dimensionless map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Track {
+    angular_frequency: f64,
+    incline: f64,
+    amplitude_ratio: f64,
+    phase_lead: f64,
+    gravity: f64,
+}
+
+impl Track {
+    /// The track these settings describe; the refusal names the first parameter out of range.
+    pub fn build(settings: TrackSettings) -> Result<Self, OutOfRange> {
+        let TrackSettings {
+            frequency,
+            incline,
+            amplitude_ratio,
+            phase_lead,
+            gravity,
+        } = settings;
+        accept(
+            "frequency",
+            frequency,
+            (1.0..=1000.0).contains(&frequency),
+            "1..1000 Hz",
+        )?;
+        accept(
+            "incline",
+            incline,
+            (-60.0..=60.0).contains(&incline),
+            "-60..60 degrees",
+        )?;
+        accept(
+            "amplitude_ratio",
+            amplitude_ratio,
+            (0.0..=100.0).contains(&amplitude_ratio),
+            "0..100",
+        )?;
+        accept(
+            "phase_lead",
+            phase_lead,
+            (-180.0..=180.0).contains(&phase_lead),
+            "-180..180 degrees",
+        )?;
+        accept(
+            "gravity",
+            gravity,
+            (0.1..=30.0).contains(&gravity),
+            "0.1..30 m/s^2",
+        )?;
+        Ok(Self {
+            angular_frequency: TAU * frequency,
+            incline: incline * (PI / 180.0),
+            amplitude_ratio,
+            phase_lead: phase_lead * (PI / 180.0),
+            gravity,
+        })
+    }
+
+    /// Angular frequency of the drive (symbol w) in rad/s.
+    #[must_use]
+    pub fn angular_frequency(&self) -> f64 {
+        self.angular_frequency
+    }
+
+    /// Drive frequency in Hz.
+    #[must_use]
+    pub fn frequency(&self) -> f64 {
+        self.angular_frequency / TAU
+    }
+
+    /// Incline (symbol alpha) in rad.
+    #[must_use]
+    pub fn incline(&self) -> f64 {
+        self.incline
+    }
+
+    /// Tangent of the incline.
+    #[must_use]
+    pub fn incline_tangent(&self) -> f64 {
+        libm::tan(self.incline)
+    }
+
+    /// Parallel amplitude over normal amplitude (symbol eta).
+    #[must_use]
+    pub fn amplitude_ratio(&self) -> f64 {
+        self.amplitude_ratio
+    }
+
+    /// Phase lead of the parallel motion (symbol gamma) in rad.
+    #[must_use]
+    pub fn phase_lead(&self) -> f64 {
+        self.phase_lead
+    }
+
+    /// Gravity in m/s^2.
+    #[must_use]
+    pub fn gravity(&self) -> f64 {
+        self.gravity
+    }
+
+    /// `k = g cos(alpha) / (b w^2)` for a normal amplitude b in m; infinite at b = 0.
+    #[must_use]
+    pub fn k(&self, amplitude: f64) -> f64 {
+        self.gravity * libm::cos(self.incline)
+            / (amplitude * self.angular_frequency * self.angular_frequency)
+    }
+
+    /// Normal amplitude b in m for a value of k; infinite at k = 0. The inverse of [`Track::k`].
+    #[must_use]
+    pub fn amplitude(&self, k: f64) -> f64 {
+        self.gravity * libm::cos(self.incline)
+            / (k * self.angular_frequency * self.angular_frequency)
+    }
+
+    /// Peak normal acceleration of the track over gravity for a normal amplitude b in m.
+    #[must_use]
+    pub fn acceleration(&self, amplitude: f64) -> f64 {
+        amplitude * self.angular_frequency * self.angular_frequency / self.gravity
+    }
+
+    /// Velocity unit `b w` in m/s for a normal amplitude b in m.
+    #[must_use]
+    pub fn velocity_unit(&self, amplitude: f64) -> f64 {
+        amplitude * self.angular_frequency
+    }
+}
+
+/// Throw number (symbol Gamma) that feeder makers quote: `1/k`.
+#[must_use]
+pub fn throw_number(k: f64) -> f64 {
+    1.0 / k
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAPER: TrackSettings = TrackSettings {
+        frequency: 50.0,
+        incline: 3.0,
+        amplitude_ratio: 1.5,
+        phase_lead: 0.0,
+        gravity: STANDARD_GRAVITY,
+    };
+
+    #[test]
+    fn k_and_amplitude_are_inverse() {
+        let track = Track::build(PAPER).unwrap();
+        for k in [0.01, 0.393, 0.7, 3.0] {
+            // Two divisions and two products, each within half an ulp.
+            assert!((track.k(track.amplitude(k)) / k - 1.0).abs() < 4.0 * f64::EPSILON);
+        }
+    }
+
+    #[test]
+    fn a_refusal_names_the_parameter() {
+        let refused = Track::build(TrackSettings {
+            incline: 90.0,
+            ..PAPER
+        })
+        .unwrap_err();
+        assert_eq!(refused.parameter, "incline");
+        assert_eq!(
+            Track::build(TrackSettings {
+                frequency: f64::NAN,
+                ..PAPER
+            })
+            .unwrap_err()
+            .parameter,
+            "frequency"
+        );
+        assert_eq!(
+            Restitution::interval(0.3, 0.2).unwrap_err().parameter,
+            "restitution (high bound)"
+        );
+        assert_eq!(
+            Restitution::single(1.1).unwrap_err().parameter,
+            "restitution"
+        );
+    }
+}

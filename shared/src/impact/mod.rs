@@ -1,0 +1,61 @@
+//! The exact impact map of a part on a vibrating track (Hongler & Figour 1989, equations 7 to 10).
+//!
+//! A part launched at phase t with velocity psi relative to the track, in units of `b w`, flies for
+//! the FIRST d > 0 with
+//! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0` and leaves again with
+//! `psi' = R s`, where `s = -u'(d)` is its arrival speed.
+
+mod contact;
+mod double;
+mod orbit;
+mod tangent;
+
+pub use contact::Contact;
+pub use double::Map;
+pub use orbit::{Event, Orbit};
+pub use tangent::Tangent;
+
+use crate::feeder::OutOfRange;
+
+/// Where an orbit stands just after an impact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Phase of the drive (symbol t) in rad, 0..2 pi.
+    pub phase: f64,
+    /// Velocity relative to the track (symbol psi) in units of `b w`, at least 0.
+    pub velocity: f64,
+}
+
+/// One flight and the impact that ends it, in the arithmetic of the state `S`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Impact<S> {
+    /// Duration of the flight (symbol d) in rad of drive phase, at least 0.
+    pub flight: f64,
+    /// The state just after the impact.
+    pub next: S,
+    /// Whether an earlier or later touch is within rounding of this decision: the flight grazes.
+    pub grazes: bool,
+}
+
+/// The impact map in one arithmetic: parameters in, set-up constants kept, one impact at a time.
+pub trait Kernel: Sized {
+    /// The state in this arithmetic.
+    type State: Copy + PartialEq + core::fmt::Debug;
+
+    /// Its name on the command line and in JSON.
+    const NAME: &'static str;
+
+    /// The map for `k` and a restitution; the refusal names the parameter and the range of this
+    /// arithmetic.
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange>;
+
+    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`; refused where
+    /// the arithmetic cannot hold it.
+    fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
+
+    /// The state as phase in rad and velocity in `b w`.
+    fn observe(state: Self::State) -> State;
+
+    /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays: flight 0.
+    fn impact(&self, state: Self::State) -> Impact<Self::State>;
+}

@@ -1,0 +1,31 @@
+//! Physics and control of vibratory feeders, without I/O and without allocation.
+//!
+//! A vibratory feeder throws parts off a shaken track. With `k = g cos(alpha) / (b w^2)` the motion of
+//! a part is an impact map (Hongler & Figour 1989): it bounces in lock with the drive, doubles its
+//! period, goes chaotic, or chatters to rest. The floors of this crate, from the ground up; a module
+//! uses only those below it:
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`arithmetic`] | binary angles, sine and cosine, number formats |
+//! | [`feeder`] | the SI world and its dimensionless parameters |
+//! | [`impact`] | the impact map, certified, in every arithmetic; contact; orbits |
+//! | [`regime`] | bands, cascades, exponents, classification, capture |
+//! | [`transport`] | conveying speed |
+//! | [`control`] | the controller: demodulation, amplitude, listening, supervision |
+//! | [`plant`] | the simulated feeder that the controller is tried against |
+//! | [`wire`] | the messages between board and desk |
+#![no_std]
+#![deny(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod arithmetic;
+pub mod control;
+pub mod feeder;
+pub mod impact;
+pub mod plant;
+pub mod regime;
+pub mod transport;
+pub mod wire;

@@ -1,0 +1,1 @@
+//! What the cross-crate tests share: where the emulator, the images and the reference data are.
