@@ -1,0 +1,363 @@
+//! Bands of k where parts lock to the drive, for one restitution and for a lot of parts.
+
+use core::f64::consts::PI;
+use core::fmt;
+
+use super::lock::{Lock, accept_order, accept_restitution};
+use crate::feeder::{OutOfRange, Restitution};
+
+/// k where the period-1 orbit of `order` is born in a saddle-node (symbol k1, equation 15).
+///
+/// Restitution 0..1 (1 excluded), order 1..=100. Within 4 ulp.
+pub fn birth(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
+    let r = accept_order(order)?;
+    let restitution = accept_restitution(restitution)?;
+    Ok((1.0 + restitution) / ((1.0 - restitution) * PI * r))
+}
+
+/// k where the period-1 orbit of `order` flips to twice its period (symbol k2, equation 17a).
+///
+/// Restitution 0..1 (1 excluded), order 1..=100. Within 4 ulp.
+pub fn flip(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
+    let r = accept_order(order)?;
+    let restitution = accept_restitution(restitution)?;
+    let sum = 1.0 + restitution;
+    let launch = PI * r * (1.0 - restitution) / sum;
+    let turn = 2.0 * (1.0 + restitution * restitution) / (sum * sum);
+    Ok(1.0 / libm::sqrt(launch * launch + turn * turn))
+}
+
+/// Highest k of the band at which the part really flies `order` cycles: `k1`, but less where
+/// restitution is below about 0.02 and the part would touch the track just after launch.
+pub fn first_return_edge(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
+    let (mut low, high) = (flip(restitution, order)?, birth(restitution, order)?);
+    let flown = |k: f64| matches!(Lock::at(k, restitution, order), Ok(Some(lock)) if lock.is_first_return());
+    // Near k1 the local condition psi > 3 (k - sin t0)^2 / (8 cos t0) of the cubic decides, which holds
+    // for every order once R/(1-R) > 3/(16 pi^2).
+    if restitution > 0.03 || flown(high * (1.0 - 1e-9)) {
+        return Ok(high);
+    }
+    let mut high = high;
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
+        if flown(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(low)
+}
+
+/// A band of k in which every part of a lot has a stable period-1 orbit of one order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Band {
+    order: u32,
+    low: f64,
+    high: f64,
+}
+
+/// The parts of a lot have no common band of this order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoBand {
+    /// Drive cycles per impact.
+    pub order: u32,
+    /// k below which the liveliest part flips (k2 of the high bound).
+    pub flip: f64,
+    /// k above which the deadest part has no such orbit (k1 of the low bound).
+    pub birth: f64,
+    /// A high bound of restitution below this one, with the low bound kept, would have a band.
+    pub high_bound: f64,
+    /// A low bound of restitution above this one, with the high bound kept, would have a band.
+    pub low_bound: f64,
+}
+
+impl fmt::Display for NoBand {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "no band of order {} for the whole interval: its liveliest part needs k > {:.4}, its deadest \
+             k < {:.4}; a high bound of restitution below {:.4} or a low bound above {:.4} would allow it",
+            self.order, self.flip, self.birth, self.high_bound, self.low_bound
+        )
+    }
+}
+
+impl core::error::Error for NoBand {}
+
+/// Why no band was returned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BandError {
+    /// The parameters mean nothing.
+    OutOfRange(OutOfRange),
+    /// They do, but the lot's bands have no common part.
+    Empty(NoBand),
+}
+
+impl From<OutOfRange> for BandError {
+    fn from(refusal: OutOfRange) -> Self {
+        Self::OutOfRange(refusal)
+    }
+}
+
+impl fmt::Display for BandError {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OutOfRange(refusal) => refusal.fmt(formatter),
+            Self::Empty(none) => none.fmt(formatter),
+        }
+    }
+}
+
+impl core::error::Error for BandError {}
+
+/// Distances of a working point to one edge of a band, positive inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// In k.
+    pub k: f64,
+    /// In amplitude b, as a fraction of the amplitude of the working point.
+    pub amplitude: f64,
+}
+
+/// Distances of a working point to both edges of a band.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// To the low edge in k: the amplitude may grow by this much.
+    pub low: Distance,
+    /// To the high edge in k: the amplitude may fall by this much.
+    pub high: Distance,
+}
+
+impl Margins {
+    /// The smaller of the two distances in amplitude, as a fraction of it; negative outside the band.
+    #[must_use]
+    pub fn smallest(&self) -> f64 {
+        self.low.amplitude.min(self.high.amplitude)
+    }
+}
+
+impl Band {
+    /// The band `k2..k1` that all parts of `restitution` share in lock `order`.
+    ///
+    /// Both edges grow with R, so the common band runs from `k2` of the high bound to `k1` of the low
+    /// bound, less what [`first_return_edge`] excludes.
+    pub fn common(restitution: Restitution, order: u32) -> Result<Self, BandError> {
+        let low = flip(restitution.high(), order)?;
+        let high = first_return_edge(restitution.low(), order)?;
+        if low < high {
+            return Ok(Self { order, low, high });
+        }
+        Err(BandError::Empty(NoBand {
+            order,
+            flip: low,
+            birth: high,
+            high_bound: highest_partner(restitution, order, high)?,
+            low_bound: lowest_partner(order, low)?,
+        }))
+    }
+
+    /// Drive cycles per impact (symbol r).
+    #[must_use]
+    pub fn order(&self) -> u32 {
+        self.order
+    }
+
+    /// Low edge in k: below it the liveliest part flips to twice its period.
+    #[must_use]
+    pub fn low(&self) -> f64 {
+        self.low
+    }
+
+    /// High edge in k: above it the deadest part has no such orbit.
+    #[must_use]
+    pub fn high(&self) -> f64 {
+        self.high
+    }
+
+    /// Whether `k` lies strictly inside.
+    #[must_use]
+    pub fn contains(&self, k: f64) -> bool {
+        self.low < k && k < self.high
+    }
+
+    /// k with the largest margin: the amplitude in the middle between the amplitudes of the edges.
+    #[must_use]
+    pub fn setpoint(&self) -> f64 {
+        2.0 / (1.0 / self.low + 1.0 / self.high)
+    }
+
+    /// Distances of `k` to both edges.
+    #[must_use]
+    pub fn margins(&self, k: f64) -> Margins {
+        Margins {
+            low: Distance {
+                k: k - self.low,
+                amplitude: k / self.low - 1.0,
+            },
+            high: Distance {
+                k: self.high - k,
+                amplitude: 1.0 - k / self.high,
+            },
+        }
+    }
+}
+
+/// The restitution whose k2 is `edge`: below it a high bound shares a band with the low bound.
+fn highest_partner(restitution: Restitution, order: u32, edge: f64) -> Result<f64, OutOfRange> {
+    let (mut low, mut high) = (restitution.low(), restitution.high());
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
+        if flip(middle, order)? < edge {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(low)
+}
+
+/// The restitution whose k1 is `edge` (equation 15 solved for R).
+fn lowest_partner(order: u32, edge: f64) -> Result<f64, OutOfRange> {
+    let launch = PI * accept_order(order)? * edge;
+    Ok(((launch - 1.0) / (launch + 1.0)).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_are_the_papers_corrected_numbers() {
+        // Physics, section 5, six decimals; section 6, 20 digits.
+        for (order, k2, k1) in [
+            (1, 0.393052, 0.477465),
+            (2, 0.225691, 0.238732),
+            (3, 0.155109, 0.159155),
+        ] {
+            assert!((flip(0.2, order).unwrap() - k2).abs() < 5e-7);
+            assert!((birth(0.2, order).unwrap() - k1).abs() < 5e-7);
+        }
+        for (restitution, order, k1, k2) in [
+            (0.2, 1, 0.477_464_829_275_686_f64, 0.393_052_167_586_172_9),
+            (0.5, 1, 0.954_929_658_551_372, 0.654_954_465_050_574_5),
+            (0.5, 2, 0.477_464_829_275_686, 0.421_784_812_671_680_56),
+        ] {
+            assert!((birth(restitution, order).unwrap() / k1 - 1.0).abs() < 4.0 * f64::EPSILON);
+            assert!((flip(restitution, order).unwrap() / k2 - 1.0).abs() < 4.0 * f64::EPSILON);
+        }
+    }
+
+    #[test]
+    fn the_multiplier_is_one_at_birth_and_minus_one_at_the_flip() {
+        for restitution in [0.05, 0.2, 0.5, 0.8, 0.95] {
+            for order in [1, 2, 5] {
+                let square = restitution * restitution;
+                let at = |k| Lock::at(k, restitution, order).unwrap().unwrap().trace();
+                let k2 = flip(restitution, order).unwrap();
+                assert!((at(k2) + 1.0 + square).abs() < 1e-12);
+                // t0 goes like the square root of k1 - k.
+                let k1 = birth(restitution, order).unwrap();
+                assert!((at(k1 * (1.0 - 1e-12)) - 1.0 - square).abs() < 1e-5 / k1.min(1.0));
+                for step in 1..20 {
+                    let k = k2 + (k1 - k2) * f64::from(step) / 20.0;
+                    assert!(Lock::at(k, restitution, order).unwrap().unwrap().attracts());
+                }
+                assert!(
+                    !Lock::at(k2 * 0.999, restitution, order)
+                        .unwrap()
+                        .unwrap()
+                        .attracts()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_wide_lot_has_no_band_and_is_told_which_would_have() {
+        let wide = Restitution::interval(0.1, 0.3).unwrap();
+        let Err(BandError::Empty(none)) = Band::common(wide, 1) else {
+            panic!("R in 0.1..0.3 has no common band");
+        };
+        // Physics, section 5: [0.326, 0.389] against [0.470, 0.591].
+        assert!((none.flip - 0.470).abs() < 1e-3 && (none.birth - 0.389).abs() < 1e-3);
+        for (low, high, exists) in [
+            (0.1, none.high_bound - 1e-9, true),
+            (0.1, none.high_bound + 1e-9, false),
+            (none.low_bound + 1e-9, 0.3, true),
+            (none.low_bound - 1e-9, 0.3, false),
+        ] {
+            let lot = Restitution::interval(low, high).unwrap();
+            assert_eq!(Band::common(lot, 1).is_ok(), exists, "{low}..{high}");
+        }
+    }
+
+    #[test]
+    fn the_common_band_is_inside_the_band_of_every_part_and_the_setpoint_is_balanced() {
+        for (low, high) in [
+            (0.0, 0.01),
+            (0.18, 0.22),
+            (0.28, 0.32),
+            (0.48, 0.52),
+            (0.7, 0.8),
+        ] {
+            let lot = Restitution::interval(low, high).unwrap();
+            for order in [1, 2, 3] {
+                let Ok(band) = Band::common(lot, order) else {
+                    assert!(order > 1, "{low}..{high}");
+                    continue;
+                };
+                let k = band.setpoint();
+                let margins = band.margins(k);
+                assert!((margins.low.amplitude - margins.high.amplitude).abs() < 1e-14);
+                assert!(band.contains(k) && margins.smallest() > 0.0);
+                for step in 0..=10 {
+                    let restitution = low + (high - low) * f64::from(step) / 10.0;
+                    for k in [band.low() * (1.0 + 1e-9), k, band.high() * (1.0 - 1e-9)] {
+                        let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+                        assert!(
+                            lock.attracts() && lock.is_first_return(),
+                            "R {restitution} k {k}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn only_nearly_dead_parts_touch_the_track_before_they_return() {
+        // At R = 0 the part needs sin t0 > k at launch, so k < (1 + pi^2 r^2)^(-1/2).
+        for order in [1_u32, 2, 3] {
+            let r = f64::from(order);
+            let edge = first_return_edge(0.0, order).unwrap();
+            assert!(
+                (edge - 1.0 / libm::sqrt(1.0 + PI * PI * r * r)).abs() < 1e-6,
+                "{order} {edge}"
+            );
+        }
+        for order in [1, 2, 3, 7, 20] {
+            for step in 3..100 {
+                let restitution = f64::from(step) / 100.0;
+                let (k2, k1) = (
+                    flip(restitution, order).unwrap(),
+                    birth(restitution, order).unwrap(),
+                );
+                for part in 1..10 {
+                    let k = k2 + (k1 - k2) * f64::from(part) / 10.0;
+                    let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+                    assert!(
+                        lock.is_first_return(),
+                        "R {restitution} order {order} k {k}"
+                    );
+                }
+            }
+        }
+    }
+}

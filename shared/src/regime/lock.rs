@@ -1,0 +1,224 @@
+//! The period-1 orbit: one impact every r drive cycles.
+
+use core::f64::consts::{PI, TAU};
+
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::{Kernel, Map, State};
+
+/// Highest lock order that is computed; the band of order 100 is narrower than 1e-5 in k up to R = 0.2.
+pub const HIGHEST_ORDER: u32 = 100;
+
+pub(super) fn accept_order(order: u32) -> Result<f64, OutOfRange> {
+    accept(
+        "order",
+        f64::from(order),
+        (1..=HIGHEST_ORDER).contains(&order),
+        "1..100 drive cycles per impact",
+    )
+}
+
+pub(super) fn accept_restitution(restitution: f64) -> Result<f64, OutOfRange> {
+    accept(
+        "restitution",
+        restitution,
+        (0.0..1.0).contains(&restitution),
+        "0..1, 1 itself excluded: without loss no orbit attracts",
+    )
+}
+
+/// The two eigenvalues of the tangent map of an orbit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Multipliers {
+    /// Both real, the larger in size first.
+    Real(f64, f64),
+    /// A conjugate pair `modulus exp(+-i angle)`: perturbations turn while they shrink.
+    Pair {
+        /// Modulus, for an orbit of n impacts R^n.
+        modulus: f64,
+        /// Angle in rad, 0..pi.
+        angle: f64,
+    },
+}
+
+impl Multipliers {
+    /// The eigenvalues of a 2x2 matrix with this trace and determinant.
+    #[must_use]
+    pub fn of(trace: f64, determinant: f64) -> Self {
+        let half = 0.5 * trace;
+        let discriminant = half * half - determinant;
+        if discriminant < 0.0 {
+            let modulus = libm::sqrt(determinant);
+            Self::Pair {
+                modulus,
+                angle: libm::acos((half / modulus).clamp(-1.0, 1.0)),
+            }
+        } else {
+            let root = libm::sqrt(discriminant);
+            let larger = if half < 0.0 { half - root } else { half + root };
+            let smaller = if larger == 0.0 {
+                0.0
+            } else {
+                determinant / larger
+            };
+            Self::Real(larger, smaller)
+        }
+    }
+
+    /// Size of the larger multiplier; below 1 the orbit attracts.
+    #[must_use]
+    pub fn modulus(self) -> f64 {
+        match self {
+            Self::Real(larger, _) => libm::fabs(larger),
+            Self::Pair { modulus, .. } => modulus,
+        }
+    }
+}
+
+/// The period-1 orbit of one order at one k: the part strikes once every r drive cycles at one phase.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lock {
+    order: u32,
+    k: f64,
+    restitution: f64,
+    state: State,
+}
+
+impl Lock {
+    /// The branch with `0 <= t0 <= pi/2` of the period-1 orbit of `order`, `cos t0 = pi r k (1-R)/(1+R)`,
+    /// `psi = 2 pi r k R/(1+R)` (physics, section 5); `None` where k is above `k1`, so that no such orbit
+    /// exists. Whether it attracts is for [`Lock::attracts`], whether it is flown for
+    /// [`Lock::is_first_return`].
+    pub fn at(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {
+        Map::build(k, restitution)?;
+        let r = accept_order(order)?;
+        accept_restitution(restitution)?;
+        let cosine = PI * r * k * (1.0 - restitution) / (1.0 + restitution);
+        if cosine > 1.0 {
+            return Ok(None);
+        }
+        Ok(Some(Self {
+            order,
+            k,
+            restitution,
+            state: State {
+                phase: libm::acos(cosine),
+                velocity: TAU * r * k * restitution / (1.0 + restitution),
+            },
+        }))
+    }
+
+    /// Drive cycles per impact (symbol r).
+    #[must_use]
+    pub fn order(&self) -> u32 {
+        self.order
+    }
+
+    /// State just after each impact: phase t0 in rad, 0..pi/2, and velocity psi in `b w`.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Trace of the tangent map, `1 + R^2 - sin(t0) (1+R)^2 / k`; its determinant is R^2.
+    #[must_use]
+    pub fn trace(&self) -> f64 {
+        let r = self.restitution;
+        1.0 + r * r - libm::sin(self.state.phase) * (1.0 + r) * (1.0 + r) / self.k
+    }
+
+    /// The multipliers of the orbit: how a perturbation grows or shrinks per impact.
+    #[must_use]
+    pub fn multipliers(&self) -> Multipliers {
+        Multipliers::of(self.trace(), self.restitution * self.restitution)
+    }
+
+    /// Whether small perturbations die: both multipliers inside the unit circle.
+    #[must_use]
+    pub fn attracts(&self) -> bool {
+        let square = self.restitution * self.restitution;
+        libm::fabs(self.trace()) < 1.0 + square
+    }
+
+    /// Whether the part really flies r cycles: it does not touch the track earlier.
+    #[must_use]
+    pub fn is_first_return(&self) -> bool {
+        let period = TAU * f64::from(self.order);
+        // At k1 itself rounding of t0 moves the root by its square root.
+        Map::build(self.k, self.restitution)
+            .is_ok_and(|map| map.impact(self.state).flight > period - 1e-3)
+    }
+
+    /// Distance of `state` to the orbit: the larger of the phase difference in rad and the velocity
+    /// difference in units of `b w`.
+    #[must_use]
+    pub fn distance(&self, state: State) -> f64 {
+        let apart = state.phase - self.state.phase;
+        let apart = apart - TAU * libm::round(apart / TAU);
+        libm::fabs(apart).max(libm::fabs(state.velocity - self.state.velocity))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::Tangent;
+
+    #[test]
+    fn the_orbit_returns_to_itself_with_the_stated_tangent() {
+        for (k, restitution, order) in [
+            (0.43, 0.2, 1),
+            (0.23, 0.2, 2),
+            (0.55, 0.3, 1),
+            (0.75, 0.5, 1),
+            (0.45, 0.5, 2),
+            (1.2, 0.8, 1),
+            (0.157, 0.2, 3),
+        ] {
+            let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+            let map = Map::build(k, restitution).unwrap();
+            let impact = map.impact(lock.state());
+            // One impact in f64: a few ulp of the flight, amplified by |dd/dt| < 10.
+            assert!(lock.distance(impact.next) < 1e-13 * f64::from(order) * 10.0);
+            assert!(lock.attracts() && lock.is_first_return());
+            let tangent = Tangent::of(&map, lock.state(), &impact).unwrap();
+            let [[a, _], [_, d]] = tangent.jacobian;
+            assert!((a + d - lock.trace()).abs() < 1e-11, "{k} {restitution}");
+            assert!((tangent.determinant() - restitution * restitution).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn lock_above_k_of_one_is_where_the_reference_has_it() {
+        let lock = Lock::at(1.2, 0.8, 1).unwrap().unwrap();
+        // The reference gives 15 significant digits.
+        assert!((lock.state().phase - 1.138_585_860_520_52).abs() < 1e-14);
+        assert!((lock.state().velocity - 3.351_032_163_829_11).abs() < 1e-14);
+    }
+
+    #[test]
+    fn multipliers_reproduce_trace_and_determinant() {
+        for (trace, determinant) in [
+            (-1.3, 0.04),
+            (0.1, 0.04),
+            (1.9, 0.9),
+            (0.0, 0.0),
+            (-0.5, 0.0),
+        ] {
+            let (sum, product) = match Multipliers::of(trace, determinant) {
+                Multipliers::Real(a, b) => (a + b, a * b),
+                Multipliers::Pair { modulus, angle } => {
+                    (2.0 * modulus * libm::cos(angle), modulus * modulus)
+                }
+            };
+            assert!((sum - trace).abs() < 1e-15 && (product - determinant).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        assert_eq!(Lock::at(0.4, 1.0, 1).unwrap_err().parameter, "restitution");
+        assert_eq!(Lock::at(0.4, 0.2, 0).unwrap_err().parameter, "order");
+        assert_eq!(Lock::at(f64::NAN, 0.2, 1).unwrap_err().parameter, "k");
+        assert_eq!(Lock::at(0.6, 0.2, 1).unwrap(), None);
+    }
+}
