@@ -1,0 +1,121 @@
+//! Sine and cosine of a phase, by the nearest of 256 nodes and a short polynomial.
+//!
+//! No `mul_add` and no platform routine: desk, emulated CPU and board give the same bits.
+
+use core::f64::consts::TAU;
+
+use super::Phase;
+use super::node;
+
+/// Radians in one step of a phase.
+const STEP: f32 = (TAU / 4_294_967_296.0) as f32;
+
+/// The nearest node and the distance from it in steps of a phase, in -2^23..2^23.
+#[inline(always)]
+fn nearest(phase: Phase) -> (usize, i32) {
+    let bits = phase.bits();
+    let node = bits.wrapping_add(1 << 23) >> 24;
+    ((node & 255) as usize, bits.wrapping_sub(node << 24) as i32)
+}
+
+/// Sine and cosine of a phase in f32.
+///
+/// Measured over 2^20 spread phases and all nodes: error at most 6.0e-8, RMS 2.1e-8.
+///
+/// ```
+/// use kband::arithmetic::{Phase, sine_cosine_single};
+/// let (sine, cosine) = sine_cosine_single(Phase::from_radians(0.5));
+/// assert!((f64::from(sine) - 0.5_f64.sin()).abs() < 6.1e-8);
+/// assert!((f64::from(cosine) - 0.5_f64.cos()).abs() < 6.1e-8);
+/// ```
+#[must_use]
+#[inline(always)]
+pub fn sine_cosine_single(phase: Phase) -> (f32, f32) {
+    let (index, distance) = nearest(phase);
+    let [sine, cosine] = node::SINGLE[index];
+    let d = distance as f32 * STEP;
+    let z = d * d;
+    let versine = z * (0.5 - z * (1.0 / 24.0));
+    let arc = d - d * z * (1.0 / 6.0);
+    (
+        sine + (cosine * arc - sine * versine),
+        cosine - (sine * arc + cosine * versine),
+    )
+}
+
+/// Sine and cosine of a phase in steps of 2^-30: `1 << 30` is 1.
+///
+/// Uses f32 for the correction to the node, for CPUs with an FPU. Measured over 2^20 spread
+/// phases and all nodes: error at most 2.6e-9, RMS 5.2e-10.
+///
+/// ```
+/// use kband::arithmetic::{Phase, sine_cosine_fixed};
+/// let (sine, cosine) = sine_cosine_fixed(Phase::from_radians(0.5));
+/// assert!((f64::from(sine) / 1073741824.0 - 0.5_f64.sin()).abs() < 2.8e-9);
+/// assert!((f64::from(cosine) / 1073741824.0 - 0.5_f64.cos()).abs() < 2.8e-9);
+/// ```
+#[must_use]
+#[inline(always)]
+pub fn sine_cosine_fixed(phase: Phase) -> (i32, i32) {
+    let (index, distance) = nearest(phase);
+    let [sine, cosine] = node::FIXED[index];
+    let d = distance as f32 * STEP;
+    let z = d * d;
+    let versine = z * (0.5 - z * (1.0 / 24.0));
+    let arc = d - d * z * (1.0 / 6.0);
+    let (s, c) = (sine as f32, cosine as f32);
+    (
+        sine + (c * arc - s * versine) as i32,
+        cosine - (s * arc + c * versine) as i32,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest and RMS error over 2^20 phases spread by an odd stride, with the nodes and the places
+    /// half way between them, where the polynomial reaches farthest.
+    fn errors(evaluate: impl Fn(Phase) -> (f64, f64)) -> (f64, f64) {
+        let spread = (0..1_u32 << 20).map(|i| i.wrapping_mul(2_654_435_769));
+        let corners = (0..512_u32).flat_map(|j| {
+            let middle = j << 23;
+            [middle.wrapping_sub(1), middle, middle + 1]
+        });
+        let (mut largest, mut squares, mut count) = (0.0_f64, 0.0, 0.0);
+        for bits in spread.chain(corners) {
+            let phase = Phase::from_bits(bits);
+            let (sine, cosine) = evaluate(phase);
+            let angle = phase.radians();
+            for error in [sine - libm::sin(angle), cosine - libm::cos(angle)] {
+                largest = largest.max(error.abs());
+                squares += error * error;
+                count += 1.0;
+            }
+        }
+        (largest, libm::sqrt(squares / count))
+    }
+
+    #[test]
+    fn single_precision_holds_its_error() {
+        let (largest, rms) = errors(|phase| {
+            let (sine, cosine) = sine_cosine_single(phase);
+            (f64::from(sine), f64::from(cosine))
+        });
+        std::println!("f32: max {largest:e} rms {rms:e}");
+        assert!(largest < 6.1e-8 && rms < 2.2e-8);
+    }
+
+    #[test]
+    fn fixed_point_holds_its_error() {
+        let (largest, rms) = errors(|phase| {
+            let (sine, cosine) = sine_cosine_fixed(phase);
+            (
+                f64::from(sine) / 1_073_741_824.0,
+                f64::from(cosine) / 1_073_741_824.0,
+            )
+        });
+        std::println!("Q30: max {largest:e} rms {rms:e}");
+        assert!(largest < 2.7e-9 && rms < 5.5e-10);
+    }
+}
