@@ -1,3 +1,7 @@
-//! `kband` at the desk.
+//! `kband` at the desk: the thin binary over the verbs.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    kband_host::verbs::main()
+}

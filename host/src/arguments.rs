@@ -1,0 +1,228 @@
+//! Options shared by the verbs; numbers, ranges and restitutions as a user types them.
+//!
+//! The parsers return a message of one line that says what is accepted; clap adds the option and the
+//! value, so that a refusal names key, value and range.
+
+use std::path::PathBuf;
+
+use kband::feeder::Restitution;
+
+use crate::picture::Theme;
+use crate::report::Format;
+
+/// How the result is printed on standard output.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Printed {
+    /// Form of the result on standard output.
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    pub format: Format,
+}
+
+/// The file a picture or a table goes to, and how it looks.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Drawn {
+    /// Also write a file; its ending says what: .svg or .png the picture, .csv or .json the numbers.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+
+    /// Colours of the picture.
+    #[arg(long, value_enum, default_value_t = Theme::Light)]
+    pub theme: Theme,
+}
+
+/// An evenly spaced range `LO..HI:N`, ends included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// First value.
+    pub low: f64,
+    /// Last value.
+    pub high: f64,
+    /// Number of values, at least 1.
+    pub count: usize,
+}
+
+impl Range {
+    /// The values, `low` and `high` exact.
+    pub fn values(self) -> impl Iterator<Item = f64> + Clone {
+        let last = self.count.saturating_sub(1);
+        (0..self.count).map(move |n| {
+            if n == 0 {
+                self.low
+            } else if n == last {
+                self.high
+            } else {
+                self.low + (self.high - self.low) * (n as f64 / last as f64)
+            }
+        })
+    }
+}
+
+impl std::fmt::Display for Range {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}..{}:{}", self.low, self.high, self.count)
+    }
+}
+
+/// A finite number, for any option that takes one.
+pub fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err("accepted: a finite number".into()),
+        Err(_) => Err("accepted: a number such as 0.43 or 1e-3".into()),
+    }
+}
+
+/// A parser of numbers within `low..=high`; `unit` is named in the refusal (may be empty).
+pub fn within(
+    low: f64,
+    high: f64,
+    unit: &'static str,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let accepted = || {
+            let space = if unit.is_empty() { "" } else { " " };
+            format!("accepted: {low}..{high}{space}{unit}")
+        };
+        match number(text) {
+            Ok(value) if (low..=high).contains(&value) => Ok(value),
+            Ok(_) => Err(accepted()),
+            Err(_) => Err(accepted()),
+        }
+    }
+}
+
+/// A parser of whole numbers within `low..=high`.
+pub fn count(
+    low: usize,
+    high: usize,
+) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
+    move |text| match text.trim().replace('_', "").parse::<usize>() {
+        Ok(value) if (low..=high).contains(&value) => Ok(value),
+        _ => Err(format!("accepted: a whole number, {low}..{high}")),
+    }
+}
+
+/// A restitution `R` or an interval of it `LO..HI`.
+pub fn restitution(text: &str) -> Result<Restitution, String> {
+    const ACCEPTED: &str = "accepted: one value R or an interval LO..HI, 0 <= LO <= HI <= 1, such as \
+                            0.2 or 0.18..0.22";
+    let refused = |_| ACCEPTED.to_string();
+    match text.split_once("..") {
+        Some((low, high)) => {
+            let (low, high) = (
+                number(low).map_err(refused)?,
+                number(high).map_err(refused)?,
+            );
+            Restitution::interval(low, high).map_err(|_| ACCEPTED.into())
+        }
+        None => Restitution::single(number(text).map_err(refused)?).map_err(|_| ACCEPTED.into()),
+    }
+}
+
+/// A range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
+pub fn range(text: &str) -> Result<Range, String> {
+    const ACCEPTED: &str = "accepted: LO..HI:N with LO < HI and N in 2..1000000, such as \
+                            0.3..0.5:200, or one number";
+    let refused = |_| ACCEPTED.to_string();
+    let Some((low, rest)) = text.split_once("..") else {
+        let value = number(text).map_err(refused)?;
+        return Ok(Range {
+            low: value,
+            high: value,
+            count: 1,
+        });
+    };
+    let (high, count) = rest.split_once(':').ok_or(ACCEPTED)?;
+    let range = Range {
+        low: number(low).map_err(refused)?,
+        high: number(high).map_err(refused)?,
+        count: self::count(2, 1_000_000)(count).map_err(refused)?,
+    };
+    if range.low < range.high {
+        Ok(range)
+    } else {
+        Err(ACCEPTED.into())
+    }
+}
+
+/// A span `LO..HI` with `LO < HI`, for options whose number of points is an option of its own.
+pub fn span(text: &str) -> Result<(f64, f64), String> {
+    const ACCEPTED: &str = "accepted: LO..HI with LO < HI, such as 0.3..0.5";
+    let (low, high) = text.split_once("..").ok_or(ACCEPTED)?;
+    match (number(low), number(high)) {
+        (Ok(low), Ok(high)) if low < high => Ok((low, high)),
+        _ => Err(ACCEPTED.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn restitutions_as_typed() {
+        assert_eq!(
+            restitution("0.2").unwrap(),
+            Restitution::single(0.2).unwrap()
+        );
+        assert_eq!(
+            restitution("0.18..0.22").unwrap(),
+            Restitution::interval(0.18, 0.22).unwrap()
+        );
+        for bad in [
+            "",
+            "x",
+            "1.1",
+            "-0.1",
+            "nan",
+            "inf",
+            "0.3..0.2",
+            "0.1..",
+            "..0.2",
+            "0.1..1.5",
+            "0.1..0.2..0.3",
+            "0.1:0.2",
+        ] {
+            assert!(
+                restitution(bad).unwrap_err().contains("0 <= LO <= HI <= 1"),
+                "{bad}"
+            );
+        }
+    }
+
+    #[test]
+    fn ranges_as_typed() {
+        let values: Vec<f64> = range("0.3..0.5:5").unwrap().values().collect();
+        assert_eq!((values.len(), values[0], values[4]), (5, 0.3, 0.5));
+        assert!(values.windows(2).all(|pair| pair[0] < pair[1]));
+        assert_eq!(range("-3..2.5:2").unwrap().low, -3.0);
+        assert_eq!(range("0.4").unwrap().values().collect::<Vec<_>>(), [0.4]);
+        for bad in [
+            "0.3..0.5",
+            "0.5..0.3:5",
+            "0.3..0.5:1",
+            "0.3..nan:5",
+            "0.3..0.5:2.5",
+            "a..b:3",
+            "",
+        ] {
+            assert!(range(bad).unwrap_err().contains("LO..HI:N"), "{bad}");
+        }
+        assert_eq!(span("0.3..0.5").unwrap(), (0.3, 0.5));
+        assert!(span("0.5..0.3").is_err() && span("0.5").is_err() && span("0.3..inf").is_err());
+    }
+
+    #[test]
+    fn numbers_out_of_range_say_what_is_accepted() {
+        let parse = within(1.0, 1000.0, "Hz");
+        assert_eq!(parse("50"), Ok(50.0));
+        for bad in ["0", "1001", "nan", "fifty", ""] {
+            assert_eq!(parse(bad).unwrap_err(), "accepted: 1..1000 Hz");
+        }
+        assert_eq!(
+            count(1, 10)("11").unwrap_err(),
+            "accepted: a whole number, 1..10"
+        );
+        assert_eq!(count(1, 100_000)("10_000"), Ok(10_000));
+    }
+}

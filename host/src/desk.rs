@@ -1,0 +1,181 @@
+//! Work on all cores, with progress and Ctrl-C.
+
+use std::io::IsTerminal;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rayon::prelude::*;
+
+use crate::refusal::Refusal;
+
+/// What every verb works with: the cores, the progress bar, the wish to stop.
+#[derive(Debug)]
+pub struct Desk {
+    stop: Arc<AtomicBool>,
+    pool: rayon::ThreadPool,
+}
+
+impl Desk {
+    /// A desk with this many threads, or one for each core.
+    pub fn new(threads: Option<usize>) -> Result<Self, Refusal> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.unwrap_or(0))
+            .build()
+            .map_err(|error| {
+                Refusal::new(
+                    format!("the threads could not be started: {error}"),
+                    "try --threads 1",
+                )
+            })?;
+        Ok(Self {
+            stop: Arc::new(AtomicBool::new(false)),
+            pool,
+        })
+    }
+
+    /// Ctrl-C (and SIGTERM) from now on ask the work to stop; a second one stops at once.
+    pub fn listen_for_interruption(&self) {
+        let stop = Arc::clone(&self.stop);
+        // Refused only where a handler is installed already, which then does its own.
+        let _ = ctrlc::set_handler(move || {
+            if stop.swap(true, Ordering::SeqCst) {
+                crate::file::remove_unfinished();
+                std::process::exit(130);
+            }
+        });
+    }
+
+    /// Refuses once the user asked to stop; work of many steps calls it between them.
+    pub fn go_on(&self) -> Result<(), Refusal> {
+        if self.stop.load(Ordering::Relaxed) {
+            Err(Refusal::interrupted())
+        } else {
+            Ok(())
+        }
+    }
+
+    /// The flag that is set when the user asks to stop, for loops that cannot hold the desk.
+    #[must_use]
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
+    /// `work` on each of `0..count` on all cores, results in order. Each result must depend on its
+    /// number alone, which gives the same bits for any number of threads.
+    pub fn map<T: Send>(
+        &self,
+        title: &str,
+        count: usize,
+        work: impl Fn(usize) -> T + Sync + Send,
+    ) -> Result<Vec<T>, Refusal> {
+        let progress = Progress::new(title, count as u64);
+        let results = self.pool.install(|| {
+            (0..count)
+                .into_par_iter()
+                .map(|n| {
+                    self.go_on()?;
+                    let result = work(n);
+                    progress.advance(1);
+                    Ok(result)
+                })
+                .collect()
+        });
+        progress.finish();
+        results
+    }
+
+    /// Like [`Desk::map`] for work that can itself refuse; the first refusal in order is returned.
+    pub fn try_map<T: Send>(
+        &self,
+        title: &str,
+        count: usize,
+        work: impl Fn(usize) -> Result<T, Refusal> + Sync + Send,
+    ) -> Result<Vec<T>, Refusal> {
+        self.map(title, count, work)?.into_iter().collect()
+    }
+
+    /// Number of threads that work.
+    #[must_use]
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+}
+
+/// A progress bar on a terminal's standard error, shown only once the work has taken a second.
+#[derive(Debug)]
+pub struct Progress {
+    title: String,
+    begun: Instant,
+    bar: ProgressBar,
+    hidden: AtomicBool,
+}
+
+impl Progress {
+    /// A bar of `length` steps.
+    #[must_use]
+    pub fn new(title: &str, length: u64) -> Self {
+        Self {
+            title: title.into(),
+            begun: Instant::now(),
+            bar: ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden()),
+            hidden: AtomicBool::new(true),
+        }
+    }
+
+    /// Counts steps that are done.
+    pub fn advance(&self, steps: u64) {
+        self.bar.inc(steps);
+        if self.hidden.load(Ordering::Relaxed)
+            && self.begun.elapsed() > Duration::from_secs(1)
+            && self.hidden.swap(false, Ordering::Relaxed)
+            && std::io::stderr().is_terminal()
+        {
+            if let Ok(style) =
+                ProgressStyle::with_template("{prefix} [{wide_bar}] {percent:>3} % {eta:>4} left")
+            {
+                self.bar.set_style(style.progress_chars("=> "));
+            }
+            self.bar.set_prefix(self.title.clone());
+            self.bar
+                .set_draw_target(ProgressDrawTarget::stderr_with_hz(10));
+        }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_keep_their_order_for_any_number_of_threads() {
+        let one = Desk::new(Some(1)).unwrap();
+        let three = Desk::new(Some(3)).unwrap();
+        let work = |n: usize| (n as f64 * 0.37).sin().to_bits();
+        assert_eq!(
+            one.map("", 1000, work).unwrap(),
+            three.map("", 1000, work).unwrap()
+        );
+        assert_eq!(three.threads(), 3);
+    }
+
+    #[test]
+    fn an_interruption_stops_the_work() {
+        let desk = Desk::new(Some(2)).unwrap();
+        let stop = desk.stop_flag();
+        let refused = desk
+            .map("", 1_000_000, |n| {
+                if n == 10 {
+                    stop.store(true, Ordering::SeqCst);
+                }
+            })
+            .unwrap_err();
+        assert_eq!(refused.status(), 130);
+    }
+}

@@ -1,0 +1,19 @@
+//! kband at the desk: the verbs of the command line and the ground they stand on.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`arguments`] | options shared by the verbs; numbers, ranges and restitutions as typed by a user |
+//! | [`refusal`] | the one message of a refused or failed run, and exit status |
+//! | [`report`] | tables: for reading, as CSV, as JSON |
+//! | [`file`] | files that are written whole or not at all |
+//! | [`desk`] | work on all cores, progress, Ctrl-C |
+//! | [`picture`] | pictures of one house style, SVG and PNG |
+//! | [`verbs`] | one file per verb |
+
+pub mod arguments;
+pub mod desk;
+pub mod file;
+pub mod picture;
+pub mod refusal;
+pub mod report;
+pub mod verbs;

@@ -1,0 +1,5 @@
+//! Pictures of one house style.
+
+mod theme;
+
+pub use theme::Theme;

@@ -1,0 +1,122 @@
+//! The one message of a run that was refused or failed, and the exit status of every run.
+
+use std::fmt;
+use std::path::Path;
+
+use kband::feeder::OutOfRange;
+
+/// How a verb ended when it ended by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// It did what was asked: status 0.
+    Done,
+    /// It ran, and a check that it was asked to make failed: status 1.
+    CheckFailed,
+}
+
+/// Why a verb did not do what was asked: cause, what is accepted, next step. Status 2, or 130 after
+/// an interruption.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    cause: String,
+    accepted: Option<String>,
+    next: String,
+    interrupted: bool,
+}
+
+impl Refusal {
+    /// A refusal with its cause and the next step.
+    #[must_use]
+    pub fn new(cause: impl Into<String>, next: impl Into<String>) -> Self {
+        Self {
+            cause: cause.into(),
+            accepted: None,
+            next: next.into(),
+            interrupted: false,
+        }
+    }
+
+    /// `key = value` is not within `accepted`; `next` says what to do.
+    #[must_use]
+    pub fn value(
+        key: impl fmt::Display,
+        value: impl fmt::Display,
+        accepted: impl Into<String>,
+        next: impl Into<String>,
+    ) -> Self {
+        Self {
+            accepted: Some(accepted.into()),
+            ..Self::new(format!("{key} = {value} is refused"), next)
+        }
+    }
+
+    /// A file that could not be read or written.
+    #[must_use]
+    pub fn file(path: &Path, error: &std::io::Error, next: impl Into<String>) -> Self {
+        Self::new(format!("{}: {error}", path.display()), next)
+    }
+
+    /// The run was stopped by Ctrl-C before its result was complete.
+    #[must_use]
+    pub fn interrupted() -> Self {
+        Self {
+            interrupted: true,
+            ..Self::new(
+                "interrupted before the result was complete; nothing was written",
+                "start it again; fewer points finish sooner",
+            )
+        }
+    }
+
+    /// The same refusal, preceded by where it was met (a line of a file, a key of a scene).
+    #[must_use]
+    pub fn at(mut self, place: impl fmt::Display) -> Self {
+        self.cause = format!("{place}: {}", self.cause);
+        self
+    }
+
+    /// The exit status that goes with it.
+    #[must_use]
+    pub fn status(&self) -> u8 {
+        if self.interrupted { 130 } else { 2 }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "error: {}", self.cause)?;
+        if let Some(accepted) = &self.accepted {
+            write!(formatter, "\n  accepted: {accepted}")?;
+        }
+        write!(formatter, "\n  next: {}", self.next)
+    }
+}
+
+impl std::error::Error for Refusal {}
+
+impl From<OutOfRange> for Refusal {
+    fn from(refused: OutOfRange) -> Self {
+        Self::value(
+            refused.parameter,
+            refused.value,
+            refused.accepted,
+            format!("change {} and run again", refused.parameter),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_out_of_range_names_key_value_range_and_next_step() {
+        let refused = kband::feeder::Restitution::single(1.25).unwrap_err();
+        let message = Refusal::from(refused).at("line 7").to_string();
+        assert_eq!(
+            message,
+            "error: line 7: restitution = 1.25 is refused\n  accepted: 0..1\n  \
+             next: change restitution and run again"
+        );
+    }
+}

@@ -1,0 +1,219 @@
+//! `kband impacts`: the map itself, impact by impact.
+
+use std::path::{Path, PathBuf};
+
+use kband::impact::{Kernel, Map};
+
+use crate::arguments;
+use crate::desk::Desk;
+use crate::file;
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Format, Report, Table};
+
+/// Consecutive impacts of one orbit, or one impact for each row of a file.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
+  kband impacts --from states.csv --arithmetic f64 --format csv
+
+A file has the columns k,restitution,phase,velocity (others are ignored); each row gives
+flight,next_phase,next_velocity. Phases are in rad, velocities in units of b w.")]
+pub struct Arguments {
+    /// k = g cos(alpha) / (b w^2).
+    #[arg(long, value_parser = arguments::number, required_unless_present = "from")]
+    k: Option<f64>,
+
+    /// Restitution of the part, 0..1.
+    #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
+    restitution: Option<f64>,
+
+    /// Phase of the drive just after an impact, rad.
+    #[arg(long, value_name = "T", value_parser = arguments::number, required_unless_present = "from")]
+    phase: Option<f64>,
+
+    /// Velocity relative to the track just after it, units of b w, at least 0.
+    #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
+    velocity: Option<f64>,
+
+    /// Number of consecutive impacts.
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, 10_000_000), default_value = "1", conflicts_with = "from")]
+    count: usize,
+
+    /// CSV file with the columns k,restitution,phase,velocity.
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "restitution", "phase", "velocity"])]
+    from: Option<PathBuf>,
+
+    /// Number system of the map.
+    #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
+    arithmetic: Arithmetic,
+
+    /// Form of the result on standard output.
+    #[arg(long, value_enum, default_value_t = Format::Csv)]
+    format: Format,
+}
+
+/// The number systems in which the map exists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Arithmetic {
+    /// f64, the desk's default.
+    F64,
+}
+
+/// Prints the impacts.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let report = match arguments.arithmetic {
+        Arithmetic::F64 => report::<Map>(arguments, desk)?,
+    };
+    report.print(arguments.format)?;
+    Ok(Exit::Done)
+}
+
+fn report<K: Kernel>(arguments: &Arguments, desk: &Desk) -> Result<Report, Refusal> {
+    match &arguments.from {
+        Some(path) => {
+            let text = file::read_text(path)?;
+            let mut table = Table::new(&[
+                Column::new("flight", "rad").digits(17),
+                Column::new("next_phase", "rad").digits(17),
+                Column::new("next_velocity", "b w").digits(17),
+            ])
+            .plain_header();
+            for row in read_rows::<K>(path, &text)? {
+                let impact = row.kernel.impact(row.state);
+                let next = K::observe(impact.next);
+                table.push([impact.flight.into(), next.phase.into(), next.velocity.into()]);
+            }
+            Ok(Report::new(table))
+        }
+        None => {
+            // clap has seen to it that all four are there.
+            let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
+            let kernel = K::build(given(arguments.k), given(arguments.restitution))?;
+            let mut state = K::state(given(arguments.phase), given(arguments.velocity))?;
+            let mut table = Table::new(&[
+                Column::new("n", ""),
+                Column::new("phase", "rad").digits(17),
+                Column::new("velocity", "b w").digits(17),
+                Column::new("flight", "rad").digits(17),
+            ])
+            .plain_header();
+            for n in 1..=arguments.count {
+                if n % 1024 == 0 {
+                    desk.go_on()?;
+                }
+                let impact = kernel.impact(state);
+                state = impact.next;
+                let next = K::observe(state);
+                table.push([
+                    n.into(),
+                    next.phase.into(),
+                    next.velocity.into(),
+                    impact.flight.into(),
+                ]);
+            }
+            Ok(Report::new(table))
+        }
+    }
+}
+
+struct Row<K: Kernel> {
+    kernel: K,
+    state: K::State,
+}
+
+/// All rows of the file, each within the range of the arithmetic; the first that is not is refused
+/// with its line and column, before anything is printed.
+fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Vec<Row<K>>, Refusal> {
+    const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
+    let name = path.display();
+    let mut lines = text
+        .trim_start_matches('\u{feff}')
+        .lines()
+        .enumerate()
+        .map(|(n, line)| (n + 1, line.trim()))
+        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    let header = lines.next().map_or("", |(_, line)| line);
+    let names: Vec<&str> = header.split(',').map(|name| name.trim().trim_matches('"')).collect();
+    let mut places = [0; 4];
+    for (place, column) in places.iter_mut().zip(COLUMNS) {
+        *place = names.iter().position(|name| *name == column).ok_or_else(|| {
+            Refusal::value(
+                format!("header of {name}"),
+                format!("'{header}'"),
+                "the columns k,restitution,phase,velocity in any order",
+                format!("add the column {column}"),
+            )
+        })?;
+    }
+    let mut rows = Vec::new();
+    for (line, text) in lines {
+        let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+        let mut values = [0.0; 4];
+        for ((value, place), column) in values.iter_mut().zip(places).zip(COLUMNS) {
+            let field = fields.get(place).copied().unwrap_or("");
+            *value = field.parse().map_err(|_| {
+                Refusal::value(column, format!("'{field}'"), "a number", "correct this row")
+                    .at(format!("{name}, line {line}"))
+            })?;
+        }
+        let [k, restitution, phase, velocity] = values;
+        let refused = |refused: kband::feeder::OutOfRange| {
+            Refusal::value(
+                refused.parameter,
+                refused.value,
+                format!("{} (arithmetic {})", refused.accepted, K::NAME),
+                "correct or remove this row, or choose another --arithmetic",
+            )
+            .at(format!("{name}, line {line}"))
+        };
+        rows.push(Row {
+            kernel: K::build(k, restitution).map_err(refused)?,
+            state: K::state(phase, velocity).map_err(refused)?,
+        });
+    }
+    if rows.is_empty() {
+        return Err(Refusal::new(
+            format!("{name} has no rows"),
+            "give at least one row below the header k,restitution,phase,velocity",
+        ));
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(text: &str) -> String {
+        match read_rows::<Map>(Path::new("a.csv"), text) {
+            Ok(_) => panic!("accepted: {text}"),
+            Err(refusal) => refusal.to_string(),
+        }
+    }
+
+    #[test]
+    fn a_bad_row_is_named_by_line_column_value_and_range() {
+        let cases = [
+            ("", "header of a.csv = '' is refused"),
+            ("k,restitution,phase\n1,1,1\n", "add the column velocity"),
+            ("k,restitution,phase,velocity\n", "a.csv has no rows"),
+            ("k,restitution,phase,velocity\n0.4,0.2,1,1\n\n0.4,1.2,1,1\n", "line 4: restitution = 1.2"),
+            ("k,restitution,phase,velocity\r\n\r\n# note\r\n0.4,0.2,x,1\r\n", "line 4: phase = 'x'"),
+            ("k,restitution,phase,velocity\n0.4,0.2,1\n", "line 2: velocity = ''"),
+            ("k,restitution,phase,velocity\n0.4,0.2,1,-1\n", "line 2: velocity = -1"),
+            ("velocity,k,restitution,phase\n1,nan,0.2,1\n", "line 2: k = NaN"),
+            ("k,restitution,phase,velocity\n0,0.2,1,1\n", "accepted: 0.001..1000 (arithmetic f64)"),
+        ];
+        for (text, expected) in cases {
+            let message = refusal(text);
+            assert!(message.contains(expected), "{text:?}: {message}");
+        }
+    }
+
+    #[test]
+    fn columns_may_come_in_any_order_among_others() {
+        let text = "class,velocity,phase,restitution,k\nhigh,2,1,0.5,0.4\n";
+        let rows = read_rows::<Map>(Path::new("a.csv"), text).unwrap_or_default();
+        assert_eq!((rows.len(), rows[0].kernel.k(), rows[0].state.velocity), (1, 0.4, 2.0));
+    }
+}

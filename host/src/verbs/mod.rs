@@ -1,0 +1,123 @@
+//! The command line: one file per verb.
+//!
+//! A verb is a module with `Arguments` (clap's `Args`; its doc comment is the help, its `after_help`
+//! the example) and `run(arguments, desk) -> Result<Exit, Refusal>`; a line in the list below gives
+//! it its name.
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, FromArgMatches, Parser};
+
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::{arguments, report};
+
+macro_rules! verbs {
+    ($($verb:ident => $module:ident,)*) => {
+        $(pub mod $module;)*
+
+        #[derive(Debug, clap::Subcommand)]
+        enum Verb {
+            $($verb($module::Arguments),)*
+        }
+
+        impl Verb {
+            fn run(&self, desk: &Desk) -> Result<Exit, Refusal> {
+                match self {
+                    $(Self::$verb(arguments) => $module::run(arguments, desk),)*
+                }
+            }
+        }
+    };
+}
+
+verbs! {
+    Completions => completions,
+    Impacts => impacts,
+}
+
+/// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it there.
+#[derive(Debug, Parser)]
+#[command(
+    name = "kband",
+    version,
+    subcommand_required = false,
+    disable_help_subcommand = true,
+    after_help = "Every verb shows an example: kband VERB --help"
+)]
+struct Line {
+    /// Number of threads; the result does not depend on it [default: one for each core].
+    #[arg(long, global = true, value_name = "N", value_parser = arguments::count(1, 1024))]
+    threads: Option<usize>,
+
+    #[command(subcommand)]
+    verb: Option<Verb>,
+}
+
+/// The command line as clap sees it, for completions and the manual.
+#[must_use]
+pub fn command() -> clap::Command {
+    // A phase or an incline may be negative, in every verb.
+    Line::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))
+}
+
+/// Runs `kband` on the arguments of the process; the binary's `main`.
+#[must_use]
+pub fn main() -> ExitCode {
+    let line = command()
+        .try_get_matches()
+        .and_then(|matches| Line::from_arg_matches(&matches));
+    let line = match line {
+        Ok(line) => line,
+        Err(message) => {
+            // Help and version go to standard output with status 0, a bad option to standard error
+            // with status 2; there is no one left to tell when that fails.
+            let _ = message.print();
+            return ExitCode::from(message.exit_code() as u8);
+        }
+    };
+    match run(&line) {
+        Ok(Exit::Done) => ExitCode::SUCCESS,
+        Ok(Exit::CheckFailed) => ExitCode::from(1),
+        Err(refusal) => {
+            eprintln!("{refusal}");
+            ExitCode::from(refusal.status())
+        }
+    }
+}
+
+fn run(line: &Line) -> Result<Exit, Refusal> {
+    let Some(verb) = &line.verb else {
+        report::print(&command().render_help().to_string())?;
+        return Ok(Exit::Done);
+    };
+    let desk = Desk::new(line.threads)?;
+    desk.listen_for_interruption();
+    verb.run(&desk)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn every_verb_has_a_help_line_and_an_example() {
+        for verb in command().get_subcommands() {
+            let name = verb.get_name();
+            assert!(verb.get_about().is_some(), "{name} has no help");
+            let example = verb
+                .get_after_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            assert!(
+                example.contains(&format!("kband {name}")),
+                "{name} has no example"
+            );
+        }
+    }
+}
