@@ -1,1 +1,33 @@
-//! (being built)
+//! The controller of a feeder drive: what it measures, hears, decides and does.
+//!
+//! Two calls make a drive: [`Signal::sample`] in the sample interrupt at [`SAMPLE_RATE`], and
+//! [`Controller::cycle`] once per drive cycle, whose command the signal path latches at the next wrap
+//! of its phase. [`Controller::plan_step`] plans in idle time. All of it is single precision,
+//! integers and the map: the same bits at the desk, in the emulator and on the board.
+//!
+//! | word | means |
+//! |---|---|
+//! | output | what the drive is given, a share of full output |
+//! | reference | the amplitude that the loop follows now |
+//! | setpoint | the amplitude chosen for the target |
+//! | target | what the user wants of the parts |
+//! | lead | phase of the track before the output |
+//! | kick | a rise of the amplitude that throws parts onto the wanted orbit |
+//! | limit | it is holding back |
+//! | fault | it stopped |
+
+mod amplitude;
+mod controller;
+mod listen;
+mod settings;
+mod signal;
+mod sine;
+mod supervise;
+
+pub use amplitude::AmplitudeLoop;
+pub use controller::{Controller, Inputs, Report, Start, Target};
+pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
+pub use settings::{Key, Settings};
+pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};
+pub use sine::{phase_of, radians_of, sine_cosine};
+pub use supervise::{Event, Events, Fault, Limits, State};

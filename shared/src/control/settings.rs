@@ -1,0 +1,234 @@
+//! What the controller is told about the track, the drive, the sensor and its parts.
+
+use crate::feeder::OutOfRange;
+
+/// One setting: its key, unit, accepted range and default.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// Its name in settings, scenes and refusals.
+    pub name: &'static str,
+    /// Unit of its value; empty for a pure number.
+    pub unit: &'static str,
+    /// Smallest accepted value.
+    pub low: f32,
+    /// Largest accepted value.
+    pub high: f32,
+    /// Value on first start.
+    pub default: f32,
+    /// Accepted range in words, with the unit.
+    pub accepted: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+}
+
+macro_rules! settings {
+    ($($(#[doc = $doc:literal])+ $name:ident = $default:literal, $low:literal..$high:literal $unit:literal;)+) => {
+        /// The controller's settings, in SI units unless the key says otherwise.
+        ///
+        /// A number each, so that flash and link keep and move them per key. Nothing is used before
+        /// [`Settings::check`] has accepted every one.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct Settings {
+            $($(#[doc = $doc])+ #[doc = concat!("\n\nRange ", $low, "..", $high, " ", $unit, ", default ", $default, ".")] pub $name: f32,)+
+        }
+
+        impl Settings {
+            /// Every key, in the order of [`Settings::get`] and [`Settings::set`].
+            pub const KEYS: &'static [Key] = &[$(Key {
+                name: stringify!($name),
+                unit: $unit,
+                low: $low,
+                high: $high,
+                default: $default,
+                accepted: concat!($low, "..", $high, " ", $unit),
+                meaning: concat!($($doc,)+),
+            },)+];
+
+            /// The values in the order of [`Settings::KEYS`].
+            #[must_use]
+            pub fn values(&self) -> [f32; Self::KEYS.len()] {
+                [$(self.$name,)+]
+            }
+
+            fn slot(&mut self, name: &str) -> Option<&mut f32> {
+                match name {
+                    $(stringify!($name) => Some(&mut self.$name),)+
+                    _ => None,
+                }
+            }
+        }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Self { $($name: $default,)+ }
+            }
+        }
+    };
+}
+
+settings! {
+    /// Drive frequency.
+    frequency = 50.0, 5.0..500.0 "Hz";
+    /// Incline of the track (symbol alpha), positive where parts climb.
+    incline = 3.0, -60.0..60.0 "degrees";
+    /// Amplitude parallel to the track over the amplitude normal to it (symbol eta).
+    amplitude_ratio = 1.5, 0.0..100.0 "";
+    /// Phase lead of the parallel motion (symbol gamma).
+    phase_lead = 0.0, -180.0..180.0 "degrees";
+    /// Gravity.
+    gravity = 9.80665, 0.1..30.0 "m/s^2";
+    /// Low bound of the parts' restitution normal to the track (symbol R).
+    restitution_low = 0.18, 0.0..1.0 "";
+    /// High bound of the parts' restitution.
+    restitution_high = 0.22, 0.0..1.0 "";
+    /// Restitution along the track (symbol Rt), for the speed target.
+    tangential_restitution = 0.3, 0.0..1.0 "";
+    /// Resonance frequency of the drive.
+    resonance = 50.0, 5.0..500.0 "Hz";
+    /// Quality factor of the drive's resonance (symbol Q).
+    quality = 25.0, 1.0..200.0 "";
+    /// Track amplitude at resonance for full output.
+    gain = 1.0, 0.001..100.0 "mm";
+    /// Smallest output while the drive runs, as a share of full output.
+    output_minimum = 0.0, 0.0..0.5 "";
+    /// Largest output (Umax), as a share of full output.
+    output_maximum = 0.95, 0.01..1.0 "";
+    /// Hard limit of the track's normal amplitude (symbol b).
+    amplitude_limit = 1.0, 0.001..100.0 "mm";
+    /// Hard limit of the track's normal peak acceleration.
+    acceleration_limit = 120.0, 0.1..1000.0 "m/s^2";
+    /// Amplitude to stand at when there is no setpoint or the link is lost.
+    safe_amplitude = 0.05, 0.0..100.0 "mm";
+    /// Duration of the soft start from rest to the setpoint.
+    soft_start = 0.4, 0.02..60.0 "s";
+    /// Duration of the soft stop from the setpoint to rest.
+    soft_stop = 0.4, 0.02..60.0 "s";
+    /// Time constant of a change of amplitude during a capture kick.
+    envelope = 5.0, 1.0..100.0 "cycles";
+    /// Kicks tried before the controller reports that the parts are not captured.
+    capture_attempts = 8.0, 0.0..50.0 "";
+    /// Sensitivity of the accelerometer at the converter's input.
+    sensitivity = 0.1, 0.001..10.0 "V/g";
+    /// Voltage of the accelerometer at zero acceleration.
+    sensor_zero = 1.65, 0.0..5.0 "V";
+    /// Reference voltage of the converter.
+    converter_reference = 3.3, 1.0..5.0 "V";
+    /// Resolution of the converter.
+    converter_bits = 12.0, 8.0..16.0 "bits";
+    /// Silence of the link after which the drive goes to its safe amplitude; 0 turns this off.
+    link_timeout = 2.0, 0.0..3600.0 "s";
+    /// Half width of the band in which the drive frequency may follow the resonance; 0 turns this off.
+    tracking = 0.0, 0.0..50.0 "Hz";
+}
+
+impl Settings {
+    /// The value of a key, `None` for an unknown one.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<f32> {
+        let mut copy = *self;
+        copy.slot(name).copied()
+    }
+
+    /// Sets a key; refused, with nothing changed, for an unknown key and outside its range.
+    pub fn set(&mut self, name: &str, value: f32) -> Result<(), OutOfRange> {
+        let Some(key) = Self::KEYS.iter().find(|key| key.name == name) else {
+            return Err(OutOfRange {
+                parameter: "settings key",
+                value: f64::from(value),
+                accepted: "the known keys only",
+            });
+        };
+        key.accept(value)?;
+        if let Some(slot) = self.slot(name) {
+            *slot = value;
+        }
+        Ok(())
+    }
+
+    /// Refused with the first parameter out of range, alone or against its partners.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        for (key, value) in Self::KEYS.iter().zip(self.values()) {
+            key.accept(value)?;
+        }
+        let refuse = |parameter, value: f32, accepted| {
+            Err(OutOfRange {
+                parameter,
+                value: f64::from(value),
+                accepted,
+            })
+        };
+        if self.restitution_high < self.restitution_low {
+            return refuse(
+                "restitution_high",
+                self.restitution_high,
+                "restitution_low..1: the interval is reversed",
+            );
+        }
+        if self.output_maximum <= self.output_minimum {
+            return refuse(
+                "output_maximum",
+                self.output_maximum,
+                "above output_minimum",
+            );
+        }
+        if self.safe_amplitude > self.amplitude_limit {
+            return refuse("safe_amplitude", self.safe_amplitude, "0..amplitude_limit");
+        }
+        if self.sensor_zero >= self.converter_reference {
+            return refuse("sensor_zero", self.sensor_zero, "below converter_reference");
+        }
+        Ok(())
+    }
+}
+
+impl Key {
+    fn accept(&self, value: f32) -> Result<(), OutOfRange> {
+        if (self.low..=self.high).contains(&value) {
+            Ok(())
+        } else {
+            Err(OutOfRange {
+                parameter: self.name,
+                value: f64::from(value),
+                accepted: self.accepted,
+            })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_accepted() {
+        Settings::default().check().unwrap();
+    }
+
+    #[test]
+    fn every_key_refuses_what_is_outside_and_keeps_its_value() {
+        for key in Settings::KEYS {
+            let mut settings = Settings::default();
+            for bad in [
+                f32::NAN,
+                f32::INFINITY,
+                key.low - 1.0,
+                key.high * 1.01 + 1.0,
+            ] {
+                assert_eq!(settings.set(key.name, bad).unwrap_err().parameter, key.name);
+            }
+            assert_eq!(settings, Settings::default());
+            settings.set(key.name, key.high).unwrap();
+            assert_eq!(settings.get(key.name), Some(key.high));
+        }
+        assert!(Settings::default().set("colour", 1.0).is_err());
+    }
+
+    #[test]
+    fn a_reversed_interval_is_named() {
+        let settings = Settings {
+            restitution_low: 0.3,
+            ..Settings::default()
+        };
+        assert_eq!(settings.check().unwrap_err().parameter, "restitution_high");
+    }
+}

@@ -1,0 +1,252 @@
+//! The signal path of one sample: drive phase, demodulation, listening, drive output.
+
+use super::listen::{Ear, HEARD_PER_CYCLE, Heard};
+use super::settings::Settings;
+use super::sine::sine_cosine;
+use crate::arithmetic::Phase;
+use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
+
+/// Samples per second of the signal path.
+pub const SAMPLE_RATE: u32 = 20_000;
+
+/// A reading of the converter, right-aligned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AdcCode(pub u16);
+
+/// What the drive is to do from the next cycle on.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Command {
+    /// Amplitude of the output as a share of full output, 0..1.
+    pub amplitude: f32,
+    /// Advance of the phase per sample (see [`phase_step`]).
+    pub step: u32,
+    /// Whether the output changes at once instead of at the next cycle: switching off never waits.
+    pub immediate: bool,
+}
+
+/// Advance of the phase per sample for a frequency in Hz, 0..5000: error at most 2.4e-6 Hz or 1.2e-7
+/// of it.
+#[must_use]
+pub fn phase_step(frequency: f32) -> u32 {
+    (f64::from(frequency) * (4_294_967_296.0 / f64::from(SAMPLE_RATE)) + 0.5) as u32
+}
+
+/// What one cycle of the drive brought.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cycle {
+    /// Samples in it.
+    pub samples: u16,
+    /// Cosine part of the acceleration at the drive's frequency, against the output's phase, in m/s^2.
+    pub in_phase: f32,
+    /// Sine part of it, in m/s^2.
+    pub quadrature: f32,
+    /// Mean acceleration in m/s^2.
+    pub mean: f32,
+    /// Lowest reading.
+    pub low: u16,
+    /// Highest reading.
+    pub high: u16,
+    /// Readings at either end of the converter's range.
+    pub saturated: u16,
+    /// RMS of the noise in the residual in m/s^2.
+    pub noise: f32,
+    /// The impacts heard, in the order of their time; [`Cycle::impacts`] gives those that count.
+    pub heard: [Heard; HEARD_PER_CYCLE],
+    /// Impacts heard, [`HEARD_PER_CYCLE`] and beyond included.
+    pub heard_count: u8,
+}
+
+impl Cycle {
+    /// The impacts heard in this cycle, at most [`HEARD_PER_CYCLE`].
+    #[must_use]
+    pub fn impacts(&self) -> &[Heard] {
+        &self.heard[..usize::from(self.heard_count).min(HEARD_PER_CYCLE)]
+    }
+}
+
+/// What a sample gives back to the interrupt that took it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampled {
+    /// Output of the drive as a share of full output, -1..1.
+    pub output: f32,
+    /// Whether this sample began a new cycle, so that [`Signal::cycle`] is fresh.
+    pub wrapped: bool,
+}
+
+/// The signal path: configuration, oscillator, demodulator and ear.
+///
+/// Deadline: one sample (50 us); the sample interrupt calls [`Signal::sample`] and nothing else. A
+/// missed sample shifts the drive's phase, which the demodulator then measures with everything else.
+#[derive(Clone, Copy, Debug)]
+pub struct Signal {
+    scale: f32,
+    zero: f32,
+    full: u16,
+    phase: Phase,
+    step: u32,
+    inverse_step: f32,
+    amplitude: f32,
+    pending: Command,
+    /// Mean of the last cycle, taken off before demodulation so that gravity does not leak into it.
+    mean: f32,
+    cosines: f32,
+    sines: f32,
+    accelerations: f32,
+    weight: f32,
+    running: Cycle,
+    finished: Cycle,
+    ear: Ear,
+}
+
+impl Signal {
+    /// The signal path these settings describe, drive off; the refusal names the parameter.
+    pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
+        settings.check()?;
+        let full = ((1_u32 << settings.converter_bits as u32) - 1) as u16;
+        let volts = settings.converter_reference / (f32::from(full) + 1.0);
+        let scale = volts / settings.sensitivity * STANDARD_GRAVITY as f32;
+        let step = phase_step(settings.frequency);
+        Ok(Self {
+            scale,
+            zero: settings.sensor_zero / volts,
+            full,
+            phase: Phase::ZERO,
+            step,
+            inverse_step: 1.0 / step as f32,
+            amplitude: 0.0,
+            pending: Command {
+                amplitude: 0.0,
+                step,
+                immediate: false,
+            },
+            mean: 0.0,
+            cosines: 0.0,
+            sines: 0.0,
+            accelerations: 0.0,
+            weight: 0.0,
+            running: Self::EMPTY,
+            finished: Self::EMPTY,
+            ear: Ear::new(scale),
+        })
+    }
+
+    const EMPTY: Cycle = Cycle {
+        samples: 0,
+        in_phase: 0.0,
+        quadrature: 0.0,
+        mean: 0.0,
+        low: u16::MAX,
+        high: 0,
+        saturated: 0,
+        noise: 0.0,
+        heard: [Heard {
+            phase: Phase::ZERO,
+            strength: 0.0,
+        }; HEARD_PER_CYCLE],
+        heard_count: 0,
+    };
+
+    /// Takes the reading of one sample, gives the output to hold until the next.
+    #[inline]
+    pub fn sample(&mut self, code: AdcCode) -> Sampled {
+        let before = self.phase;
+        self.phase += Phase::from_bits(self.step);
+        let wrapped = self.phase.bits() < before.bits();
+        let acceleration = (f32::from(code.0) - self.zero) * self.scale;
+        let (sine, cosine) = sine_cosine(self.phase);
+        let swing = acceleration - self.mean;
+        let (by_cosine, by_sine) = (swing * cosine, swing * sine);
+        if wrapped {
+            // The sample stands for the interval that it ends; the wrap parts it between two cycles.
+            let share = self.phase.bits() as f32 * self.inverse_step;
+            let rest = 1.0 - share;
+            self.cosines += rest * by_cosine;
+            self.sines += rest * by_sine;
+            self.accelerations += rest * acceleration;
+            self.weight += rest;
+            self.finish();
+            self.cosines = share * by_cosine;
+            self.sines = share * by_sine;
+            self.accelerations = share * acceleration;
+            self.weight = share;
+        } else {
+            self.cosines += by_cosine;
+            self.sines += by_sine;
+            self.accelerations += acceleration;
+            self.weight += 1.0;
+        }
+        let cycle = &mut self.running;
+        cycle.samples = cycle.samples.wrapping_add(1);
+        if code.0 < cycle.low {
+            cycle.low = code.0;
+        }
+        if code.0 > cycle.high {
+            cycle.high = code.0;
+        }
+        if code.0 == 0 || code.0 >= self.full {
+            cycle.saturated = cycle.saturated.wrapping_add(1);
+        }
+        if let Some(strength) = self.ear.sample(acceleration) {
+            let index = usize::from(cycle.heard_count);
+            if let Some(slot) = cycle.heard.get_mut(index) {
+                *slot = Heard {
+                    phase: self.phase,
+                    strength,
+                };
+            }
+            cycle.heard_count = cycle.heard_count.saturating_add(1);
+        }
+        Sampled {
+            output: self.amplitude * sine,
+            wrapped,
+        }
+    }
+
+    fn finish(&mut self) {
+        let inverse = 1.0 / self.weight;
+        self.finished = self.running;
+        self.finished.in_phase = 2.0 * self.cosines * inverse;
+        self.finished.quadrature = 2.0 * self.sines * inverse;
+        self.finished.mean = self.accelerations * inverse;
+        self.finished.noise = self.ear.noise();
+        self.mean = self.finished.mean;
+        self.running = Self::EMPTY;
+        self.amplitude = self.pending.amplitude;
+        if self.step != self.pending.step {
+            self.step = self.pending.step;
+            self.inverse_step = 1.0 / self.step as f32;
+        }
+    }
+
+    /// The last whole cycle.
+    #[must_use]
+    pub fn cycle(&self) -> &Cycle {
+        &self.finished
+    }
+
+    /// What the drive is to do from the next cycle on, or at once if the command says so.
+    pub fn command(&mut self, command: Command) {
+        self.pending = command;
+        if command.immediate {
+            self.amplitude = command.amplitude;
+        }
+    }
+
+    /// Switches the output off at once.
+    pub fn off(&mut self) {
+        self.amplitude = 0.0;
+        self.pending.amplitude = 0.0;
+    }
+
+    /// Phase of the output at the last sample.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Acceleration in m/s^2 that one step of the converter stands for.
+    #[must_use]
+    pub fn resolution(&self) -> f32 {
+        self.scale
+    }
+}

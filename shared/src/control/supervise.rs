@@ -1,0 +1,222 @@
+//! The numbered lists of the controller: states, faults, limits, events. Numbers never change.
+
+/// What the controller is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum State {
+    /// Drive off, waiting for the enable input.
+    #[default]
+    Off = 0,
+    /// Soft start towards the setpoint.
+    Starting = 1,
+    /// At the setpoint; no lock asked for, or not captured.
+    Holding = 2,
+    /// Planning, executing or judging a kick.
+    Capturing = 3,
+    /// The parts are heard in the wanted lock.
+    Locked = 4,
+    /// The lock was heard and is no longer.
+    Lost = 5,
+    /// Held back by a limit.
+    Limiting = 6,
+    /// Stopped by a fault until the enable input is withdrawn.
+    Fault = 7,
+    /// Soft stop to rest.
+    Stopping = 8,
+}
+
+/// Why the controller stopped the drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Fault {
+    /// The accelerometer's reading does not move at all.
+    SensorLost = 1,
+    /// The accelerometer's reading stands at an end of the converter's range.
+    SensorSaturated = 2,
+    /// The accelerometer's reading has the wrong sign.
+    SensorInverted = 3,
+    /// The drive is on and the track does not follow.
+    NoResponse = 4,
+    /// The track moves more than the hard limit allows.
+    OverAmplitude = 5,
+    /// The over-temperature input is active.
+    OverTemperature = 6,
+    /// The stored settings were refused.
+    SettingsInvalid = 8,
+    /// The watchdog or a brown-out reset the board.
+    WatchdogReset = 9,
+    /// The stack came close to its end.
+    StackLow = 10,
+}
+
+/// What holds the controller back, as a set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Limits(u16);
+
+impl Limits {
+    /// 1: the output stands at `output_maximum`.
+    pub const OUTPUT: Self = Self(1 << 1);
+    /// 2: the reference was cut to `amplitude_limit`.
+    pub const AMPLITUDE: Self = Self(1 << 2);
+    /// 3: the reference was cut to `acceleration_limit`.
+    pub const ACCELERATION: Self = Self(1 << 3);
+    /// 4: no amplitude serves the target for the whole interval of restitution; at the safe amplitude.
+    pub const NO_SETPOINT: Self = Self(1 << 4);
+    /// 7: the link was silent for `link_timeout`; at the safe amplitude.
+    pub const LINK_LOST: Self = Self(1 << 7);
+
+    /// Every limit, in the order of their numbers.
+    pub const ALL: [Self; 5] = [
+        Self::OUTPUT,
+        Self::AMPLITUDE,
+        Self::ACCELERATION,
+        Self::NO_SETPOINT,
+        Self::LINK_LOST,
+    ];
+
+    /// The set as bits, bit n for limit n.
+    #[must_use]
+    pub fn bits(self) -> u16 {
+        self.0
+    }
+
+    /// Whether any limit of `other` is in this set.
+    #[must_use]
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// Whether nothing holds the controller back.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    pub(super) fn set(&mut self, other: Self, present: bool) {
+        if present {
+            self.0 |= other.0;
+        } else {
+            self.0 &= !other.0;
+        }
+    }
+}
+
+/// What happened in a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Event {
+    /// The enable input was given and the soft start began.
+    Started = 1,
+    /// The amplitude came to within 1 % of the setpoint.
+    SetpointReached = 2,
+    /// A target was taken.
+    TargetSet = 3,
+    /// No amplitude serves the target for the whole interval of restitution.
+    NoSetpoint = 4,
+    /// A kick was planned.
+    KickPlanned = 5,
+    /// No kick captures every restitution of the interval; the best one is tried.
+    KickUncertain = 6,
+    /// A kick began.
+    KickBegun = 7,
+    /// A kick ended and judging began.
+    KickEnded = 8,
+    /// The wanted lock is heard.
+    Locked = 9,
+    /// The lock is no longer heard.
+    LockLost = 10,
+    /// The kicks allowed are used up.
+    NotCaptured = 11,
+    /// Chaos is heard where it is wanted.
+    Chaotic = 12,
+    /// A limit began to hold the controller back.
+    Limited = 13,
+    /// No limit holds the controller back any more.
+    Freed = 14,
+    /// A fault stopped the drive.
+    Faulted = 15,
+    /// The enable input was withdrawn after a fault.
+    Acknowledged = 16,
+    /// The enable input was withdrawn and the soft stop began.
+    Stopping = 17,
+    /// The drive is off.
+    Stopped = 18,
+}
+
+/// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Events([Option<Event>; Events::MOST]);
+
+impl Events {
+    /// Most events that one cycle reports.
+    pub const MOST: usize = 6;
+
+    /// The events in the order in which they happened.
+    pub fn iter(&self) -> impl Iterator<Item = Event> + '_ {
+        self.0.iter().flatten().copied()
+    }
+
+    pub(super) fn push(&mut self, event: Event) {
+        if let Some(slot) = self.0.iter_mut().find(|slot| slot.is_none()) {
+            *slot = Some(event);
+        }
+    }
+}
+
+/// A numbered item of a list with the words that tools and manual use.
+macro_rules! named {
+    ($kind:ident: $($item:ident = $name:literal),+) => {
+        impl $kind {
+            /// Every one, in the order of their numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$item),+];
+
+            /// Its stable number.
+            #[must_use]
+            pub fn number(self) -> u8 {
+                self as u8
+            }
+
+            /// Its name in scenes, traces and the manual.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$item => $name),+ }
+            }
+        }
+    };
+}
+
+named!(State: Off = "off", Starting = "starting", Holding = "holding", Capturing = "capturing", Locked = "locked",
+    Lost = "lost", Limiting = "limiting", Fault = "fault", Stopping = "stopping");
+named!(Fault: SensorLost = "sensor lost", SensorSaturated = "sensor saturated", SensorInverted = "sensor inverted",
+    NoResponse = "no response", OverAmplitude = "over-amplitude", OverTemperature = "over-temperature",
+    SettingsInvalid = "settings invalid", WatchdogReset = "watchdog reset", StackLow = "stack low");
+named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetSet = "target set", NoSetpoint = "no setpoint",
+    KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
+    Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
+    Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_stable_and_names_are_unique() {
+        let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
+        assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10]);
+        assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..19));
+        let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), Fault::ALL.len());
+    }
+
+    #[test]
+    fn a_full_list_of_events_keeps_the_first() {
+        let mut events = Events::default();
+        for &event in Event::ALL {
+            events.push(event);
+        }
+        assert!(events.iter().eq(Event::ALL[..Events::MOST].iter().copied()));
+    }
+}

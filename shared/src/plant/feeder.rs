@@ -1,0 +1,199 @@
+//! The plant: drive, parts and accelerometer, one sample at a time.
+
+use core::f64::consts::TAU;
+
+use super::drive::{Resonator, Ringing, Swing};
+use super::noise::Noise;
+use super::part::{Part, Strike, Track};
+use super::scene::{PARTS, Scene, SensorModel};
+use crate::arithmetic::Phase;
+use crate::control::{AdcCode, SAMPLE_RATE};
+use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
+
+/// Events of one part in one sample before the rest waits for the next: chatter is summed long before.
+const EVENTS_PER_SAMPLE: usize = 16;
+
+/// The simulated feeder.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    drive: Resonator,
+    /// Static displacement for full output in m.
+    force: f32,
+    gain: f32,
+    ringing: Ringing,
+    sensor: SensorModel,
+    parts: [Part; PARTS],
+    part_count: usize,
+    pull: f64,
+    noise: Noise,
+    output: f32,
+    /// Time in steps of 2^-32 turns of the drive.
+    time: u64,
+    step: u32,
+    codes_per_acceleration: f32,
+    zero: f32,
+    full: f32,
+    lost: bool,
+    inverted: bool,
+    last_code: u16,
+    strikes: u32,
+    last_strike: Option<Strike>,
+}
+
+impl Plant {
+    /// The plant of a scene, at rest; the refusal names the parameter.
+    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        scene.check()?;
+        let settings = &scene.settings;
+        settings.check()?;
+        let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
+        let volts = settings.converter_reference / (full + 1.0);
+        let mut parts = [Part::at_rest(0.0); PARTS];
+        for (part, &restitution) in parts.iter_mut().zip(&scene.parts) {
+            *part = Part::at_rest(f64::from(restitution));
+        }
+        Ok(Self {
+            drive: Resonator::new(&scene.drive),
+            force: scene.drive.gain * 1e-3 / scene.drive.quality,
+            gain: 1.0,
+            ringing: Ringing::new(
+                scene.sensor.ringing_frequency,
+                scene.sensor.ringing_decay * 1e-3,
+            ),
+            sensor: scene.sensor,
+            parts,
+            part_count: usize::from(scene.part_count),
+            pull: f64::from(settings.gravity)
+                * libm::cos(f64::from(settings.incline) * (TAU / 360.0)),
+            noise: Noise::new(scene.seed),
+            output: 0.0,
+            time: 0,
+            step: crate::control::phase_step(settings.frequency),
+            codes_per_acceleration: settings.sensitivity / STANDARD_GRAVITY as f32 / volts,
+            zero: settings.sensor_zero / volts,
+            full,
+            lost: false,
+            inverted: false,
+            last_code: (settings.sensor_zero / volts) as u16,
+            strikes: 0,
+            last_strike: None,
+        })
+    }
+
+    /// The converter's reading now.
+    #[inline]
+    pub fn sample(&mut self) -> AdcCode {
+        let noise = self.sensor.noise * self.noise.gauss();
+        if self.lost {
+            return AdcCode(self.last_code);
+        }
+        let acceleration = self.drive.acceleration(self.gain * self.output, self.force)
+            + self.ringing.acceleration()
+            + noise;
+        let signed = if self.inverted {
+            -acceleration
+        } else {
+            acceleration
+        };
+        let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
+        self.last_code = code.clamp(0.0, self.full) as u16;
+        AdcCode(self.last_code)
+    }
+
+    /// Holds an output (-1..1) for one sample, `step` being the advance of the drive's phase.
+    #[inline]
+    pub fn hold(&mut self, output: f32, step: u32) {
+        self.output = output;
+        self.step = step;
+        self.drive.step(self.gain * output);
+        self.ringing.step();
+        let now = self.time + u64::from(step);
+        self.time = now;
+        let [x, v] = self.drive.motion();
+        let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / 4_294_967_296.0);
+        // Downward acceleration of the track over the pull, as the harmonic motion has it.
+        let thrown = f64::from(x) * angular * angular > self.pull;
+        for index in 0..self.part_count {
+            let due = match self.parts[index].next() {
+                Some(next) => next <= now,
+                None => thrown,
+            };
+            if due {
+                self.settle(index, [x, v], angular, now);
+            }
+        }
+    }
+
+    fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
+        let track = Track {
+            pull: self.pull,
+            angular,
+        };
+        let swing = Swing::through(motion, angular as f32);
+        let part = &mut self.parts[index];
+        if part.next().is_none() {
+            part.throw(swing, &track, now);
+        }
+        for _ in 0..EVENTS_PER_SAMPLE {
+            let Some(next) = part.next().filter(|&next| next <= now) else {
+                return;
+            };
+            let late = now - next;
+            let then = Swing {
+                amplitude: swing.amplitude,
+                phase: swing.phase - Phase::from_bits(late as u32),
+            };
+            if let Some(strike) = part.event(then, &track) {
+                self.strikes = self.strikes.wrapping_add(1);
+                self.last_strike = Some(strike);
+                let share = (late as f32 / self.step as f32).min(1.0);
+                self.ringing
+                    .strike(self.sensor.ringing * strike.speed as f32, share);
+            }
+        }
+    }
+
+    /// Impacts of all parts so far.
+    #[must_use]
+    pub fn strikes(&self) -> u32 {
+        self.strikes
+    }
+
+    /// The last impact of any part.
+    #[must_use]
+    pub fn last_strike(&self) -> Option<Strike> {
+        self.last_strike
+    }
+
+    /// The drive's gain over the one it began with.
+    pub fn set_gain(&mut self, gain: f32) {
+        self.gain = gain;
+    }
+
+    /// Restitution of all parts from their next impact on.
+    pub fn set_restitution(&mut self, restitution: f32) {
+        for part in &mut self.parts {
+            part.set_restitution(f64::from(restitution));
+        }
+    }
+
+    /// RMS of the accelerometer's noise in m/s^2.
+    pub fn set_noise(&mut self, noise: f32) {
+        self.sensor.noise = noise;
+    }
+
+    /// Sensitivity of the accelerometer over the one the controller was told.
+    pub fn set_sensitivity(&mut self, sensitivity: f32) {
+        self.sensor.sensitivity = sensitivity;
+    }
+
+    /// Lets the reading stand still.
+    pub fn set_sensor_lost(&mut self, lost: bool) {
+        self.lost = lost;
+    }
+
+    /// Turns the sign of the reading.
+    pub fn set_sensor_inverted(&mut self, inverted: bool) {
+        self.inverted = inverted;
+    }
+}

@@ -1,0 +1,203 @@
+//! A scene: the plant as it is, where it differs from what the controller was told, and what happens
+//! to it in time.
+
+use crate::control::{Settings, Target};
+use crate::feeder::{OutOfRange, accept};
+
+/// Most parts that a plant carries.
+pub const PARTS: usize = 8;
+/// Most disturbances of a scene.
+pub const DISTURBANCES: usize = 16;
+
+/// The drive as it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveModel {
+    /// Resonance frequency in Hz.
+    pub resonance: f32,
+    /// Quality factor (symbol Q).
+    pub quality: f32,
+    /// Track amplitude at resonance for full output, in mm.
+    pub gain: f32,
+}
+
+impl Default for DriveModel {
+    fn default() -> Self {
+        Self {
+            resonance: 50.0,
+            quality: 25.0,
+            gain: 1.0,
+        }
+    }
+}
+
+/// The accelerometer as it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorModel {
+    /// RMS of its noise in m/s^2.
+    pub noise: f32,
+    /// Its sensitivity over the one that the controller was told.
+    pub sensitivity: f32,
+    /// Height of the ringing per speed of impact, in 1/s.
+    pub ringing: f32,
+    /// Frequency of the ringing in Hz.
+    pub ringing_frequency: f32,
+    /// Decay time of the ringing in ms.
+    pub ringing_decay: f32,
+}
+
+impl Default for SensorModel {
+    fn default() -> Self {
+        Self {
+            noise: 0.15,
+            sensitivity: 1.0,
+            ringing: 30.0,
+            ringing_frequency: 2400.0,
+            ringing_decay: 1.0,
+        }
+    }
+}
+
+/// What changes in a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// The enable input.
+    Enable(bool),
+    /// The target.
+    Target(Target),
+    /// Gain of the drive over the one it began with.
+    Gain(f32),
+    /// Restitution of all parts.
+    Restitution(f32),
+    /// RMS of the accelerometer's noise in m/s^2.
+    Noise(f32),
+    /// The accelerometer's reading stands still (`true`) or works.
+    SensorLost(bool),
+    /// The accelerometer's sign is turned (`true`) or right.
+    SensorInverted(bool),
+    /// Sensitivity of the accelerometer over the one the controller was told.
+    Sensitivity(f32),
+    /// The over-temperature input.
+    OverTemperature(bool),
+    /// The link brings frames (`true`) or is silent.
+    Link(bool),
+    /// The stack warning.
+    StackLow(bool),
+}
+
+/// A change at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disturbance {
+    /// Time in s from the start of the scene.
+    pub at: f32,
+    /// What changes.
+    pub change: Change,
+}
+
+/// A whole scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scene {
+    /// What the controller is told.
+    pub settings: Settings,
+    /// What the user wants.
+    pub target: Target,
+    /// The drive as it is.
+    pub drive: DriveModel,
+    /// The accelerometer as it is.
+    pub sensor: SensorModel,
+    /// Restitution of each part; a part ends the list with NaN.
+    pub parts: [f32; PARTS],
+    /// Parts in use, 0..=8.
+    pub part_count: u8,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// What happens, in the order of time; `None` ends the list.
+    pub disturbances: [Option<Disturbance>; DISTURBANCES],
+}
+
+impl Default for Scene {
+    /// The paper's application: 50 Hz, R in 0.18..0.22, incline 3 degrees, eta 1.5, one part of R = 0.2.
+    fn default() -> Self {
+        let mut parts = [0.0; PARTS];
+        parts[0] = 0.2;
+        Self {
+            settings: Settings::default(),
+            target: Target::Locked { order: 1 },
+            drive: DriveModel::default(),
+            sensor: SensorModel::default(),
+            parts,
+            part_count: 1,
+            seed: 1,
+            disturbances: [None; DISTURBANCES],
+        }
+    }
+}
+
+impl Scene {
+    /// Refused with the first parameter out of range; the settings are checked where they are used.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let within = |parameter, value: f32, low: f32, high: f32, accepted| {
+            accept(
+                parameter,
+                f64::from(value),
+                (low..=high).contains(&value),
+                accepted,
+            )
+            .map(|_| ())
+        };
+        let drive = &self.drive;
+        within("drive resonance", drive.resonance, 5.0, 500.0, "5..500 Hz")?;
+        within("drive quality", drive.quality, 1.0, 200.0, "1..200")?;
+        within("drive gain", drive.gain, 1e-3, 100.0, "0.001..100 mm")?;
+        let sensor = &self.sensor;
+        within("sensor noise", sensor.noise, 0.0, 100.0, "0..100 m/s^2")?;
+        within(
+            "sensor sensitivity",
+            sensor.sensitivity,
+            0.1,
+            10.0,
+            "0.1..10",
+        )?;
+        within("sensor ringing", sensor.ringing, 0.0, 1e5, "0..100000 1/s")?;
+        within(
+            "sensor ringing_frequency",
+            sensor.ringing_frequency,
+            500.0,
+            9000.0,
+            "500..9000 Hz",
+        )?;
+        within(
+            "sensor ringing_decay",
+            sensor.ringing_decay,
+            0.05,
+            50.0,
+            "0.05..50 ms",
+        )?;
+        within(
+            "part count",
+            f32::from(self.part_count),
+            0.0,
+            PARTS as f32,
+            "0..8",
+        )?;
+        for &restitution in &self.parts[..usize::from(self.part_count)] {
+            within("part restitution", restitution, 0.0, 1.0, "0..1")?;
+        }
+        for disturbance in self.disturbances.iter().flatten() {
+            within("disturbance at", disturbance.at, 0.0, 1e6, "0..1000000 s")?;
+            match disturbance.change {
+                Change::Gain(gain) => within("disturbance gain", gain, 0.0, 10.0, "0..10")?,
+                Change::Restitution(r) => {
+                    within("disturbance restitution", r, 0.0, 1.0, "0..1")?;
+                }
+                Change::Noise(noise) => {
+                    within("disturbance noise", noise, 0.0, 100.0, "0..100 m/s^2")?;
+                }
+                Change::Sensitivity(s) => {
+                    within("disturbance sensitivity", s, 0.0, 10.0, "0..10")?;
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
