@@ -1,2 +1,18 @@
 //! The feeder drive application over small traits.
-#![no_std]
+//!
+//! The same code runs on the board, on an emulated CPU and at the desk; only the traits of [`board`]
+//! differ. Three things run, in order of urgency:
+//!
+//! | what | when | deadline | does |
+//! |---|---|---|---|
+//! | sample interrupt | 20 kHz | 50 us | drive phase, sample, demodulation, drive output; nothing else |
+//! | cycle task | each drive cycle | one drive cycle (20 ms at 50 Hz) | control, supervision, report |
+//! | planning, link, supervision of the tasks | when the others rest | none | may be late, never hinders the others |
+#![cfg_attr(target_os = "none", no_std)]
+
+pub mod board;
+#[cfg(target_os = "none")]
+pub mod cortex;
+pub mod last_words;
+pub mod start;
+pub mod watch;

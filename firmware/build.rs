@@ -1,0 +1,48 @@
+//! Where the linker finds the board's memory, which scripts an image is linked with, and the size an
+//! image must not exceed.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+/// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data, and
+/// the flash and RAM (stack included) an image may use; the linker refuses a larger one.
+const LAYOUT: &str = "\
+SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 32K; } > RAM } INSERT BEFORE .data;
+_stack_end = ADDR(.stack);
+_stack_start = ADDR(.stack) + SIZEOF(.stack);
+ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 256K, \"kband: the image exceeds 256 KiB of flash\");
+ASSERT(__sheap - ORIGIN(RAM) <= 64K, \"kband: stack and static data exceed 64 KiB of RAM\");
+";
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rustc-env=KBAND_BUILD={}", commit());
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+        return;
+    }
+    let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let memory = root.join("memory.x");
+    println!("cargo:rerun-if-changed={}", memory.display());
+    fs::copy(&memory, out.join("memory.x")).expect("memory.x at the root of the workspace");
+    fs::write(out.join("layout.x"), LAYOUT).expect("OUT_DIR is writable");
+    println!("cargo:rustc-link-search={}", out.display());
+    for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x"] {
+        println!("cargo:rustc-link-arg-bins={argument}");
+    }
+    println!("cargo:rustc-link-arg-bin=feeder=-Tdefmt.x");
+}
+
+/// The commit an image is built from, or "unknown" outside a repository.
+fn commit() -> String {
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).output().ok()?;
+        let text = String::from_utf8(output.stdout).ok()?;
+        (output.status.success() && !text.trim().is_empty()).then(|| text.trim().to_owned())
+    };
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+        println!("cargo:rerun-if-changed={log}");
+    }
+    git(&["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_owned())
+}

@@ -1,0 +1,24 @@
+//! The application on QEMU's `olimex-stm32-h405`, with the plant compiled in.
+//!
+//! Time is counted in samples. The timer's interrupt stands still while the control of a cycle is
+//! owed, so that the emulator's speed has no say in the result.
+//!
+//! The first word of the semihosting command line says what to do:
+//!
+//! | word | does |
+//! |---|---|
+//! | `identity` | prints what image this is |
+//! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
+//! | `hang` | a task never returns: the watchdog has to bite |
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod emulated;
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!(
+        "this image runs on the emulated CPU; build it with --profile firmware --target thumbv7em-none-eabihf"
+    );
+    std::process::exit(2);
+}

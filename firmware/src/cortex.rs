@@ -1,0 +1,143 @@
+//! Faults, panics and the stack of a Cortex-M image.
+//!
+//! An image defines two functions that need no initialised state, because a fault may come before
+//! or after any of it: `kband_drive_off` takes the power from the drive by register writes alone, and
+//! `kband_halt` ends the run (the board resets).
+
+use core::arch::naked_asm;
+use core::cell::UnsafeCell;
+use core::panic::PanicInfo;
+
+use cortex_m_rt::exception;
+
+use crate::last_words::LastWords;
+
+unsafe extern "Rust" {
+    /// Takes the power from the drive; sound at any time, in any context.
+    safe fn kband_drive_off();
+    /// Ends the run after the last words are kept; sound at any time, in any context.
+    safe fn kband_halt() -> !;
+}
+
+/// What image this is: its version and the commit it was built from.
+pub const IDENTITY: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("KBAND_BUILD"));
+
+/// RAM that neither the start-up code nor a reset changes.
+#[repr(transparent)]
+struct Kept(UnsafeCell<LastWords>);
+
+// SAFETY: one core; written with interrupts off, by a handler that never returns, or by `take`.
+unsafe impl Sync for Kept {}
+
+#[unsafe(link_section = ".uninit.last_words")]
+static KEPT: Kept = Kept(UnsafeCell::new(LastWords::EMPTY));
+
+/// Hands what the image said last before this reset to `report`, and forgets it.
+pub fn take_last_words<T>(report: impl FnOnce(Option<&str>) -> T) -> T {
+    cortex_m::interrupt::free(|_| {
+        // SAFETY: interrupts are off and no other reference lives; any bytes are a valid `LastWords`,
+        // which is integers only and judges its content by its checksum.
+        let words = unsafe { &mut *KEPT.0.get() };
+        let result = report(words.read());
+        words.clear();
+        result
+    })
+}
+
+fn keep(words: core::fmt::Arguments<'_>) {
+    // SAFETY: only called with interrupts off by handlers that never return.
+    unsafe { &mut *KEPT.0.get() }.keep(words);
+}
+
+#[panic_handler]
+fn panic(information: &PanicInfo<'_>) -> ! {
+    kband_drive_off();
+    cortex_m::interrupt::disable();
+    match information.location() {
+        Some(place) => keep(format_args!(
+            "{IDENTITY}: panic at {}:{}: {}",
+            place.file(),
+            place.line(),
+            information.message()
+        )),
+        None => keep(format_args!("{IDENTITY}: panic: {}", information.message())),
+    }
+    kband_halt()
+}
+
+/// The hard fault, and every fault that is not enabled by itself.
+///
+/// The stack may be what failed: the handler starts on a fresh one, and the drive is off before
+/// anything of the old one is read.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() {
+    naked_asm!(
+        "mrs r4, MSP",
+        "ldr r0, =_stack_start",
+        "msr MSP, r0",
+        "bl {off}",
+        "mov r0, r4",
+        "b {report}",
+        off = sym hard_fault_off,
+        report = sym hard_fault_report,
+    )
+}
+
+extern "C" fn hard_fault_off() {
+    kband_drive_off();
+}
+
+extern "C" fn hard_fault_report(stack: u32) -> ! {
+    cortex_m::interrupt::disable();
+    let (bottom, top) = stack_bounds();
+    // SAFETY: reads of the fault status register have no effect.
+    let status = unsafe { (*cortex_m::peripheral::SCB::PTR).cfsr.read() };
+    if (bottom..top - 32).contains(&stack) && stack.is_multiple_of(4) {
+        // SAFETY: within the stack and aligned; the core stacked eight words here, pc is the seventh.
+        let counter = unsafe { *((stack + 24) as *const u32) };
+        keep(format_args!(
+            "{IDENTITY}: hard fault at {counter:#010x}, status {status:#010x}"
+        ));
+    } else {
+        keep(format_args!(
+            "{IDENTITY}: hard fault with the stack at {stack:#010x}, status {status:#010x}"
+        ));
+    }
+    kband_halt()
+}
+
+/// An exception or interrupt that has no handler.
+#[exception]
+unsafe fn DefaultHandler(number: i16) -> ! {
+    kband_drive_off();
+    cortex_m::interrupt::disable();
+    keep(format_args!("{IDENTITY}: unexpected interrupt {number}"));
+    kband_halt()
+}
+
+fn stack_bounds() -> (u32, u32) {
+    unsafe extern "C" {
+        static _stack_end: u32;
+        static _stack_start: u32;
+    }
+    (&raw const _stack_end as u32, &raw const _stack_start as u32)
+}
+
+/// Deepest use of the stack since the start and its size, bytes.
+///
+/// The start-up code painted the stack; what is no longer paint was used.
+#[must_use]
+pub fn stack_use() -> (u32, u32) {
+    let (bottom, top) = stack_bounds();
+    let mut clean = bottom;
+    while clean < top {
+        // SAFETY: aligned words between the linker's bounds of the stack, down from its far end.
+        let word = unsafe { (clean as *const u32).read_volatile() };
+        if word != cortex_m_rt::STACK_PAINT_VALUE {
+            break;
+        }
+        clean += 4;
+    }
+    (top - clean, top - bottom)
+}

@@ -1,0 +1,88 @@
+//! The watchdog is fed only when every task has checked in.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+/// Who must be alive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Watched {
+    /// The sample interrupt.
+    Samples = 1,
+    /// The control of each drive cycle.
+    Cycle = 2,
+    /// The planner of the capture.
+    Planner = 4,
+    /// The link to the desk.
+    Link = 8,
+}
+
+/// The roll: who has checked in since the watchdog was last fed.
+#[derive(Debug)]
+pub struct Roll {
+    expected: u32,
+    present: AtomicU32,
+}
+
+impl Roll {
+    /// A roll on which all of `expected` must appear.
+    #[must_use]
+    pub const fn of(expected: &[Watched]) -> Self {
+        let mut bits = 0;
+        let mut index = 0;
+        while index < expected.len() {
+            bits |= expected[index] as u32;
+            index += 1;
+        }
+        Self {
+            expected: bits,
+            present: AtomicU32::new(0),
+        }
+    }
+
+    /// `who` is alive. Safe from an interrupt.
+    pub fn check_in(&self, who: Watched) {
+        self.present.fetch_or(who as u32, Ordering::Relaxed);
+    }
+
+    /// Whether all have checked in; if so the roll starts anew.
+    pub fn complete(&self) -> bool {
+        let complete = self.present.load(Ordering::Relaxed) & self.expected == self.expected;
+        if complete {
+            self.present.store(0, Ordering::Relaxed);
+        }
+        complete
+    }
+
+    /// Whether `who` is still missing.
+    #[must_use]
+    pub fn misses(&self, who: Watched) -> bool {
+        self.expected & !self.present.load(Ordering::Relaxed) & who as u32 != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: [Watched; 4] = [
+        Watched::Samples,
+        Watched::Cycle,
+        Watched::Planner,
+        Watched::Link,
+    ];
+
+    #[test]
+    fn one_missing_task_is_enough_to_starve_the_watchdog() {
+        for missing in ALL {
+            let roll = Roll::of(&ALL);
+            for who in ALL.into_iter().filter(|who| *who != missing) {
+                roll.check_in(who);
+            }
+            assert!(!roll.complete(), "{missing:?}");
+            assert!(roll.misses(missing));
+            roll.check_in(missing);
+            assert!(roll.complete());
+            assert!(!roll.complete(), "the roll starts anew");
+        }
+    }
+}
