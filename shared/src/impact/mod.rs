@@ -5,14 +5,21 @@
 //! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0` and leaves again with
 //! `psi' = R s`, where `s = -u'(d)` is its arrival speed.
 
+#[cfg(test)]
+mod accuracy;
+mod anchor;
 mod contact;
 mod double;
+mod hybrid;
 mod orbit;
+mod single;
 mod tangent;
 
 pub use contact::Contact;
 pub use double::Map;
+pub use hybrid::{Hybrid, HybridState};
 pub use orbit::{Event, Orbit};
+pub use single::{Single, SingleState};
 pub use tangent::Tangent;
 
 use crate::feeder::OutOfRange;
@@ -35,6 +42,26 @@ pub struct Impact<S> {
     pub next: S,
     /// Whether an earlier or later touch is within rounding of this decision: the flight grazes.
     pub grazes: bool,
+}
+
+/// One flight on a microcontroller: its time in exact steps of the phase.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Landing<S> {
+    /// Flight time (symbol d) in steps of 2^-32 turns, at least 0; the phase of `next` is that of launch
+    /// plus this, exactly.
+    pub steps: i64,
+    /// The state just after the impact.
+    pub next: S,
+    /// Whether the flight grazes within rounding of this arithmetic.
+    pub grazes: bool,
+}
+
+impl<S> Landing<S> {
+    /// The flight time in rad.
+    #[must_use]
+    pub fn flight(&self) -> f64 {
+        self.steps as f64 * (core::f64::consts::TAU / 4_294_967_296.0)
+    }
 }
 
 /// The impact map in one arithmetic: parameters in, set-up constants kept, one impact at a time.

@@ -1,0 +1,706 @@
+//! The search for the first impact that the kernels with an FPU share, anchored on table nodes.
+//!
+//! The flight time at which the height `u` is evaluated is free, so it is chosen such that the phase
+//! falls on a node of the sine table: sine and cosine there are table constants, the reduction modulo
+//! 2 pi is a mask, and the local expansion
+//! `u(D + d) = u0 + u1 d - k d^2/2 + S (1 - cos d) + C (d - sin d)` has all its derivatives for free.
+//!
+//! Which root is the first is decided in closed form. With `y` the ballistic parabola and
+//! `u = y - sin`: `u` is convex where `sin > k` (the hump, from `arcsin k` to `pi - arcsin k`) and
+//! concave elsewhere, and at both ends of a hump `sin = k` exactly. So the segment that holds the root
+//! follows from `y` alone, unless an earlier hump pokes through the parabola, which a closed test on
+//! its ends and middle decides in nearly every case, a one-dimensional minimum in the rest.
+
+use core::f64::consts::{PI, TAU};
+
+use crate::arithmetic::node;
+use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
+use crate::feeder::{OutOfRange, accept};
+
+/// Node spacing in rad, and nodes in a rad.
+pub(crate) const SPACING: f32 = node::SPACING as f32;
+const PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
+/// Radians in a step of a phase, and steps in a radian.
+pub(crate) const STEP: f32 = (TAU / 4_294_967_296.0) as f32;
+pub(crate) const PER_STEP: f32 = (4_294_967_296.0 / TAU) as f32;
+const TURN: f32 = TAU as f32;
+/// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer, which then stands in the low bits.
+const ROUND: f32 = 12_582_912.0;
+
+/// Set-up constants of a track in f64: the one routine all kernels take theirs from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SetUp {
+    /// k.
+    pub k: f64,
+    /// Phase where a hump begins, `arcsin k`; a quarter turn where k >= 1.
+    pub entry: Phase,
+    /// Length of a hump, `pi - 2 arcsin k`, in steps of a phase; 0 where k >= 1.
+    pub hump: u32,
+    /// Slope of the sine at `entry`, `sqrt(1 - k^2)`.
+    pub flank: f64,
+}
+
+impl SetUp {
+    /// The constants for `k`, with the refusal of a k or a restitution that no kernel for
+    /// microcontrollers takes.
+    pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        accept("k", k, (0.005..=4.0).contains(&k), "0.005..4")?;
+        accept(
+            "restitution",
+            restitution,
+            (0.0..=1.0).contains(&restitution),
+            "0..1",
+        )?;
+        Ok(Self::new(k))
+    }
+
+    fn new(k: f64) -> Self {
+        if k >= 1.0 {
+            return Self {
+                k,
+                entry: Phase::from_bits(1 << 30),
+                hump: 0,
+                flank: 0.0,
+            };
+        }
+        let entry = Phase::from_radians(libm::asin(k));
+        Self {
+            k,
+            entry,
+            hump: (1_u32 << 31) - 2 * entry.bits(),
+            flank: libm::sqrt((1.0 - k) * (1.0 + k)),
+        }
+    }
+}
+
+/// What the search needs to know of the track, in f32.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Shape {
+    pub k: f32,
+    half_k: f32,
+    inverse: f32,
+    flank: f32,
+    hump_length: f32,
+    pub entry: u32,
+    pub hump: u32,
+}
+
+impl Shape {
+    pub fn new(set_up: &SetUp) -> Self {
+        Self {
+            k: set_up.k as f32,
+            half_k: (0.5 * set_up.k) as f32,
+            inverse: (1.0 / set_up.k) as f32,
+            flank: set_up.flank as f32,
+            hump_length: (f64::from(set_up.hump) * (TAU / 4_294_967_296.0)) as f32,
+            entry: set_up.entry.bits(),
+            hump: set_up.hump,
+        }
+    }
+
+    /// Whether the track throws a part at `phase`: `sin > k`.
+    #[inline(always)]
+    pub fn throws(&self, phase: u32) -> bool {
+        phase.wrapping_sub(self.entry) < self.hump
+    }
+}
+
+/// A launch in f32.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Launch {
+    /// Phase, steps.
+    pub phase: u32,
+    /// Velocity relative to the track (psi).
+    pub velocity: f32,
+    /// Sine and cosine of the phase.
+    pub sine: f32,
+    pub cosine: f32,
+    /// `k - sin` of the phase, to the precision of the kernel.
+    pub pull: f32,
+}
+
+/// Height and slope of the flight above the track at a node, with sine and cosine there.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Local {
+    pub height: f32,
+    pub slope: f32,
+    pub sine: f32,
+    pub cosine: f32,
+}
+
+/// A flight as its kernel knows it.
+pub(crate) trait Flight {
+    /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
+    /// precision of the kernel.
+    fn local(&self, node: i32) -> Local;
+    /// Ballistic height over k at `steps`, up to a turn, or `time` rad after launch, saturating;
+    /// k < 1.
+    fn above_k(&self, steps: i64, time: f32) -> f32;
+    /// Flights below this many rad keep more digits in the deflated form than on a node.
+    const SHORT: f32;
+    /// A gap over a hump below this is within rounding.
+    const ROUNDING: f32;
+}
+
+/// Where the first impact is, nearly.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Found {
+    /// A short hop: flight in rad and arrival speed, final.
+    Short { flight: f32, arrival: f32 },
+    /// At `offset` rad from a node, to be settled with care for a double root.
+    Near { node: i32, offset: f32 },
+}
+
+/// A settled impact: offset from its node in rad, and the arrival speed less minus the node's slope.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Settled {
+    pub offset: f32,
+    pub speed_gain: f32,
+}
+
+#[inline(always)]
+fn abs(x: f32) -> f32 {
+    f32::from_bits(x.to_bits() & 0x7fff_ffff)
+}
+
+#[inline(always)]
+pub(crate) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+pub(crate) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// Square root of what is positive of `x`.
+#[inline(always)]
+fn root(x: f32) -> f32 {
+    if x > 0.0 { square_root_single(x) } else { 0.0 }
+}
+
+/// Nearest integer to `x`, |x| < 2^22, as integer and as f32.
+#[inline(always)]
+fn nearest(x: f32) -> (i32, f32) {
+    let shifted = x + ROUND;
+    (
+        (shifted.to_bits() as i32).wrapping_sub(ROUND.to_bits() as i32),
+        shifted - ROUND,
+    )
+}
+
+/// The node nearest to flight time `x` (rad) and the distance of `x` from it.
+#[inline(always)]
+fn node_of(phase: u32, x: f32) -> (i32, f32) {
+    let angle = phase as f32 * STEP + x;
+    let (node, count) = nearest(angle * PER_RADIAN);
+    (node, angle - count * SPACING)
+}
+
+#[inline(always)]
+fn sine_cosine_at(node: i32) -> (f32, f32) {
+    let [sine, cosine] = node::SINGLE[(node & 255) as usize];
+    (sine, cosine)
+}
+
+/// Whether the flight surely leaves height 1 for ever until it comes down through it at a speed above
+/// 1.5, so that the first impact is the only one after that and the slope there is at least 0.5.
+///
+/// `leaving = v^2 - 2 k (1 - sin)` is the square of the speed at height 1.
+#[inline(always)]
+pub(crate) fn is_high(shape: &Shape, launch: &Launch) -> bool {
+    let rise = launch.velocity + launch.cosine;
+    rise > 0.0 && rise * rise - 2.0 * shape.k * (1.0 - launch.sine) >= 2.25
+}
+
+/// The impact of a high flight, nearly: node and offset. From the time the parabola crosses height 0,
+/// Householder's third-order step on nodes until it is short.
+#[inline(always)]
+pub(crate) fn fall(shape: &Shape, launch: &Launch) -> (i32, f32) {
+    let rise = launch.velocity + launch.cosine;
+    let speed = square_root_single(rise * rise + 2.0 * shape.k * launch.sine);
+    let (mut node, mut offset) = node_of(launch.phase, (rise + speed) * shape.inverse);
+    // Time of the node after the crossing.
+    let mut late = -offset;
+    for _ in 0..6 {
+        let (sine, cosine) = sine_cosine_at(node);
+        let u0 = -(late * (speed + shape.half_k * late) + sine);
+        let u1 = -(speed + shape.k * late + cosine);
+        let b2 = 0.5 * (sine - shape.k);
+        let square = u1 * u1;
+        let product = b2 * u0;
+        let step = -u0 * (square - product)
+            / (u1 * (square - 2.0 * product) + cosine * (1.0 / 6.0) * u0 * u0);
+        let (jump, count) = nearest(step * PER_RADIAN);
+        offset = step - count * SPACING;
+        node = node.wrapping_add(jump);
+        if abs(step) < 0.25 {
+            break;
+        }
+        late += count * SPACING;
+    }
+    (node, offset)
+}
+
+/// Height and slope gained over `d` from a node, and half the curvature there.
+#[inline(always)]
+fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
+    let z = d * d;
+    let versine = z * (0.5 - z * (1.0 / 24.0));
+    let sagitta = d * z * (1.0 / 6.0);
+    let arc = d - sagitta;
+    let Local {
+        height,
+        slope,
+        sine,
+        cosine,
+    } = *local;
+    (
+        height + (d * (slope - 0.5 * k * d) + (sine * versine + cosine * sagitta)),
+        (sine * arc + cosine * versine) - k * d,
+        0.5 * (sine + cosine * arc - k),
+    )
+}
+
+/// A simple root from `offset` near a node: one Newton step with its quadratic correction.
+#[inline(always)]
+pub(crate) fn settle(shape: &Shape, local: &Local, offset: f32) -> Settled {
+    let (height, gain, b2) = expand(shape.k, local, offset);
+    correct(local, offset, height, gain, b2)
+}
+
+#[inline(always)]
+fn correct(local: &Local, offset: f32, height: f32, gain: f32, b2: f32) -> Settled {
+    let inverse = 1.0 / (local.slope + gain);
+    let newton = height * inverse;
+    finished(
+        local,
+        offset,
+        gain,
+        b2,
+        -newton * (1.0 + b2 * newton * inverse),
+    )
+}
+
+/// The state after the last step `e`.
+#[inline(always)]
+fn finished(local: &Local, offset: f32, gain: f32, b2: f32, e: f32) -> Settled {
+    Settled {
+        offset: offset + e,
+        speed_gain: -(gain + e * (b2 + b2 + 0.5 * local.cosine * e)),
+    }
+}
+
+/// The first root of `u0 + u1 d + b2 d^2` by a down-crossing (its extremum where there is none) and
+/// the root of the discriminant (Cauchy's step).
+#[inline(always)]
+fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
+    let square = root(u1 * u1 - 4.0 * b2 * u0);
+    let (over, under) = if u1 > 0.0 || square == 0.0 {
+        (-(u1 + square), 2.0 * b2)
+    } else {
+        (2.0 * u0, square - u1)
+    };
+    (if under != 0.0 { over / under } else { 0.0 }, square)
+}
+
+/// The first root from `offset` near a node, also where two roots nearly meet.
+#[inline(always)]
+pub(crate) fn settle_carefully(shape: &Shape, local: &Local, mut offset: f32) -> Settled {
+    let mut round = 0;
+    loop {
+        let (height, gain, b2) = expand(shape.k, local, offset);
+        let slope = local.slope + gain;
+        if slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope {
+            return correct(local, offset, height, gain, b2);
+        }
+        let (mut e, square) = down_crossing(height, slope, b2);
+        if square > 0.0 {
+            let cubic = e * e * e * local.cosine * (1.0 / 6.0) / square;
+            if abs(cubic) < 0.25 * abs(e) {
+                e += cubic;
+            }
+        }
+        round += 1;
+        if abs(e) < 2e-4 || round >= 4 {
+            return finished(local, offset, gain, b2, e);
+        }
+        offset += e;
+    }
+}
+
+/// `w = u / d` of a short flight and its derivative, in forms that keep every digit.
+#[inline(always)]
+fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
+    let Launch {
+        velocity,
+        sine,
+        cosine,
+        pull,
+        ..
+    } = *launch;
+    let z = x * x;
+    let q3 = 1.0 / 6.0 - z * (1.0 / 120.0 - z * (1.0 / 5040.0));
+    let q4 = 1.0 / 24.0 - z * (1.0 / 720.0);
+    let half = 0.5 * pull;
+    (
+        velocity - x * (half - cosine * x * q3 + sine * z * q4),
+        cosine * x * (1.0 / 3.0 - z * (1.0 / 30.0))
+            - half
+            - sine * z * (1.0 / 8.0 - z * (1.0 / 144.0)),
+    )
+}
+
+/// What the cubic near launch says of the first impact.
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    /// Nothing.
+    Open,
+    /// The first impact is near this flight time, as far as the cubic holds.
+    Hop(f32),
+    /// The flight clears the coming hump.
+    Clears,
+}
+
+#[inline(always)]
+fn start(launch: &Launch) -> Start {
+    // u/d = psi - a1 d + a2 d^2 - ...
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.cosine * (1.0 / 6.0);
+    let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
+    if a1 > 0.0 {
+        if a2 > 0.0 && discriminant < 0.2 * a1 * a1 {
+            return double_start(launch, a1, a2);
+        }
+        Start::Hop(2.0 * launch.velocity / (a1 + root(discriminant)))
+    } else if a2 < 0.0 && discriminant >= 0.0 {
+        Start::Hop((a1 - root(discriminant)) / (2.0 * a2))
+    } else {
+        Start::Open
+    }
+}
+
+/// Two nearly equal short roots: find the minimum of `u/d` between them.
+#[inline(never)]
+fn double_start(launch: &Launch, a1: f32, a2: f32) -> Start {
+    let mut x = a1 / (2.0 * a2);
+    if x > 0.3 {
+        return Start::Open;
+    }
+    let (mut minimum, mut b2) = (0.0, 1.0);
+    for _ in 0..3 {
+        let (w, w1) = deflated(launch, x);
+        b2 = a2 - launch.sine * (1.0 / 8.0) * x - launch.cosine * (1.0 / 20.0) * x * x;
+        let e = -w1 / (2.0 * b2);
+        minimum = w + 0.5 * w1 * e;
+        x += e;
+    }
+    if minimum > 0.0 {
+        Start::Clears
+    } else {
+        Start::Hop(x - root(-minimum / b2))
+    }
+}
+
+/// A short hop from its start `x`: third-order steps on `u/d`.
+#[inline(always)]
+fn hop(launch: &Launch, mut x: f32) -> Found {
+    let mut round = 0;
+    loop {
+        let (w, w1) = deflated(launch, x);
+        let b2 = launch.cosine * (1.0 / 6.0) - launch.sine * (1.0 / 8.0) * x;
+        let e = if w1 < 0.0 && abs(w * b2) < 1e-2 * w1 * w1 {
+            let inverse = 1.0 / w1;
+            let newton = w * inverse;
+            -newton * (1.0 + b2 * newton * inverse)
+        } else {
+            down_crossing(w, w1, b2).0
+        };
+        round += 1;
+        if abs(e) <= 4e-3 * x || round >= 6 {
+            // At the root u' = d w'; w'' = 2 b2 carries w' over the last step.
+            let flight = x + e;
+            return Found::Short {
+                flight,
+                arrival: larger(-flight * (w1 + 2.0 * b2 * e), 0.0),
+            };
+        }
+        x += e;
+    }
+}
+
+/// The bracket and start that the segment search hands to the solver.
+struct Bracket {
+    low: f32,
+    high: f32,
+    start: f32,
+}
+
+/// The first impact of any flight that is not at rest, and whether it grazes a hump.
+#[inline(never)]
+pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
+    let first = start(launch);
+    let mut guess = 0.0;
+    if let Start::Hop(x) = first
+        && x > 0.0
+    {
+        if x < F::SHORT {
+            return (hop(launch, x), false);
+        }
+        guess = x;
+    }
+    let (bracket, grazes) = segment(shape, launch, flight, first == Start::Clears, guess);
+    let (node, offset) = solve(shape, launch, bracket);
+    (Found::Near { node, offset }, grazes)
+}
+
+#[inline(always)]
+fn segment<F: Flight>(
+    shape: &Shape,
+    launch: &Launch,
+    flight: &F,
+    clears: bool,
+    guess: f32,
+) -> (Bracket, bool) {
+    let Shape {
+        k,
+        half_k,
+        inverse,
+        flank,
+        hump_length,
+        ..
+    } = *shape;
+    let Launch { sine, pull, .. } = *launch;
+    let v = launch.velocity + launch.cosine;
+    if shape.hump == 0 {
+        // Concave throughout: one root, before the parabola leaves height -1.
+        let high = (v + root(v * v + 2.0 * k * (1.0 + sine))) * inverse;
+        let start = if guess > 0.0 && guess < high {
+            guess
+        } else {
+            high
+        };
+        let bracket = Bracket {
+            low: 0.0,
+            high,
+            start,
+        };
+        return (bracket, false);
+    }
+    // Ballistic height over k, and slope over that of the track at a hump's entry.
+    let over_k = |x: f32| x * (v - half_k * x) - pull;
+    let over_flank = |x: f32| v - k * x - flank;
+    // From the very entry of a hump the next one is a whole turn away.
+    let (to_entry, entry) = match shape.entry.wrapping_sub(launch.phase) {
+        0 => (1 << 32, TURN),
+        steps => (i64::from(steps), steps as f32 * STEP),
+    };
+    let at_entry = flight.above_k(to_entry, entry);
+    if at_entry <= 0.0 && !clears {
+        let low = if shape.throws(launch.phase) {
+            larger(entry - (TURN - hump_length), 0.0)
+        } else {
+            0.0
+        };
+        let start = if guess > 0.0 && guess < entry && guess < 1.2 {
+            guess
+        } else {
+            let newton = entry - at_entry / over_flank(entry);
+            let between = if guess > 0.0 && guess < newton {
+                0.5 * (guess + newton)
+            } else {
+                newton
+            };
+            larger(between, low)
+        };
+        let bracket = Bracket {
+            low,
+            high: entry,
+            start,
+        };
+        return (bracket, false);
+    }
+    // Time when the ball falls through height k, and the window in which it is above height 1.
+    let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
+    let leaving = v * v - 2.0 * k * (1.0 - sine);
+    let (rises, sinks) = if leaving > 0.0 && v > 0.0 {
+        let speed = root(leaving);
+        ((v - speed) * inverse, (v + speed) * inverse)
+    } else {
+        (1.0, -1.0)
+    };
+    let mut grazes = false;
+    let mut begin = if clears { entry + TURN } else { entry };
+    // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
+    // above height 1 are looked at, and the rounds are bounded by their count with room for rounding.
+    for _ in 0..16 {
+        if begin > through {
+            let newton = begin - over_k(begin) / over_flank(begin);
+            let start = smaller(larger(newton, through), begin);
+            return (
+                Bracket {
+                    low: through - 1e-4,
+                    high: begin,
+                    start,
+                },
+                grazes,
+            );
+        }
+        let end = begin + hump_length;
+        let from_entry = || begin - over_k(begin) / over_flank(begin);
+        if end >= through {
+            let start = if over_flank(begin) < 0.0 {
+                smaller(from_entry(), through)
+            } else {
+                begin
+            };
+            return (
+                Bracket {
+                    low: begin,
+                    high: through + 1e-4,
+                    start,
+                },
+                grazes,
+            );
+        }
+        if !(begin >= rises && end <= sinks) {
+            let middle = begin + 0.5 * hump_length;
+            let over_top = (sine - 1.0) + middle * (v - half_k * middle);
+            let slope = v - k * middle;
+            if over_top <= -1e-4 {
+                return (
+                    Bracket {
+                        low: begin,
+                        high: middle,
+                        start: smaller(larger(from_entry(), begin), middle),
+                    },
+                    grazes,
+                );
+            }
+            // 1 - cos x >= 4 x^2 / pi^2 within the hump keeps the track below a parabola of its own.
+            let spare = (4.0 / (PI * PI)) as f32 - half_k;
+            let safe =
+                spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
+            let half = 0.5 * hump_length;
+            if !safe && slope + k * half < flank && slope - k * half > -flank {
+                let (poke, touches) = lowest(shape, launch, flight, middle, slope);
+                grazes |= touches;
+                if let Some(mut bracket) = poke {
+                    bracket.low = begin;
+                    bracket.start = smaller(larger(bracket.start, begin), bracket.high);
+                    return (bracket, grazes);
+                }
+            }
+        }
+        begin += TURN;
+        if begin > rises && begin + hump_length < sinks {
+            let turns = ((sinks - begin - hump_length) * (1.0 / TURN)) as i32;
+            begin += turns as f32 * TURN;
+        }
+    }
+    let bracket = Bracket {
+        low: entry,
+        high: through,
+        start: through,
+    };
+    (bracket, true)
+}
+
+/// The lowest point over a hump around `middle`: a bracket that ends there if it is below the track,
+/// and whether that is within rounding.
+#[inline(never)]
+fn lowest<F: Flight>(
+    shape: &Shape,
+    launch: &Launch,
+    flight: &F,
+    middle: f32,
+    slope: f32,
+) -> (Option<Bracket>, bool) {
+    let half = 0.5 * shape.hump_length;
+    let k = shape.k;
+    let (mut low, mut high) = (-half, half);
+    let mut d = smaller(larger(-slope / (1.0 - k), low), high);
+    for _ in 0..40 {
+        // sin and cos of d: the track is cos(d) around the middle of its hump.
+        let (s, c) = sine_cosine_single(Phase::from_bits((d * PER_STEP) as i32 as u32));
+        let rate = slope - k * d + s;
+        if rate > 0.0 {
+            high = d;
+        } else {
+            low = d;
+        }
+        let newton = d - rate / (c - k);
+        let next = if newton > low && newton < high {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
+        let moved = abs(next - d);
+        d = next;
+        if moved < 1e-6 {
+            break;
+        }
+    }
+    let time = middle + d;
+    let (node, offset) = node_of(launch.phase, time);
+    let local = flight.local(node);
+    let (height, gain, b2) = expand(k, &local, offset);
+    let rate = local.slope + gain;
+    let curvature = b2 + b2;
+    let lowest = height - 0.5 * rate * rate / curvature;
+    let bracket = (lowest <= 0.0).then(|| Bracket {
+        low: 0.0,
+        high: time,
+        start: time - root(-2.0 * lowest / curvature),
+    });
+    (bracket, abs(lowest) < F::ROUNDING)
+}
+
+/// The root in `bracket`, nearly, by Cauchy's step on nodes.
+#[inline(always)]
+fn solve(shape: &Shape, launch: &Launch, bracket: Bracket) -> (i32, f32) {
+    let Bracket {
+        mut low,
+        mut high,
+        start: mut x,
+    } = bracket;
+    let v = launch.velocity + launch.cosine;
+    let mut round = 0;
+    loop {
+        let (node, offset) = node_of(launch.phase, x);
+        let time = x - offset;
+        let (sine, cosine) = sine_cosine_at(node);
+        let u0 = (launch.sine - sine) + time * (v - shape.half_k * time);
+        let u1 = v - shape.k * time - cosine;
+        let b2 = 0.5 * (sine - shape.k);
+        let (mut step, square) = down_crossing(u0, u1, b2);
+        if square > 1e-3 {
+            let cubic = step * step * step * cosine * (1.0 / 6.0) / square;
+            if abs(cubic) < 0.5 * abs(step) {
+                step += cubic;
+            }
+        }
+        if time > low && time < high {
+            if u0 > 0.0 && (u1 < 0.0 || b2 < 0.0) {
+                low = time;
+            } else {
+                high = time;
+            }
+        }
+        let mut next = time + step;
+        if !(next >= low - 1e-4 && next <= high + 1e-4) {
+            next = 0.5 * (low + high);
+            step = next - time;
+        }
+        let moved = abs(next - x);
+        x = next;
+        round += 1;
+        if (square > 0.0 && abs(step) < 0.1 * square && abs(step) < 0.15)
+            || moved < 2e-3
+            || round >= 24
+        {
+            let (jump, count) = nearest(step * PER_RADIAN);
+            return (node.wrapping_add(jump), step - count * SPACING);
+        }
+    }
+}

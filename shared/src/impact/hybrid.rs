@@ -1,0 +1,267 @@
+//! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
+
+use super::anchor::{
+    Flight, Found, Launch, Local, PER_STEP, SetUp, Settled, Shape, fall, is_high, search, settle,
+    settle_carefully,
+};
+use super::{Impact, Kernel, Landing, State};
+use crate::arithmetic::{Phase, Velocity, node, sine_cosine_fixed};
+use crate::feeder::{OutOfRange, accept};
+
+/// A state of [`Hybrid`] and of the integer kernel: 8 bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct HybridState {
+    /// Phase of the drive (symbol t), steps of 2^-32 turns.
+    pub phase: Phase,
+    /// Velocity relative to the track (symbol psi), steps of 2^-26 `b w`.
+    pub velocity: Velocity,
+}
+
+/// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
+///
+/// Phase and velocity are integers; the height at a table node is computed in 64-bit integers, exactly
+/// but for the last places, and only the correction from that node, below 0.0123 rad, in f32. So the
+/// state format, not the arithmetic, limits the error. Range: k 0.005..=4, restitution 0..=1, velocity
+/// 0..=60; an orbit that would leave it (only with a restitution above 0.96) is held at the top.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hybrid {
+    shape: Shape,
+    /// The lesser of k and 1, steps of 2^-30.
+    threshold: i32,
+    /// What of k is above 1.
+    excess: f32,
+    /// k pi, steps of 2^-48.
+    half_turn_fall: u64,
+    /// Restitution, steps of 2^-32, 1 as 2^32 - 1.
+    restitution: u32,
+}
+
+const TOP: f64 = 60.0;
+const TOP_BITS: u32 = 60 << 26;
+const PER_30: f32 = 1.0 / 1_073_741_824.0;
+const PER_26: f32 = 1.0 / 67_108_864.0;
+const PER_24: f32 = 1.0 / 16_777_216.0;
+/// 2 pi, steps of 2^-29.
+const TURN: i64 = 3_373_259_426;
+
+impl Hybrid {
+    /// One flight and the impact that ends it. A resting part stays: flight 0.
+    ///
+    /// Measured on a Cortex-M4F: see the manual's table of instruction counts.
+    #[must_use]
+    #[inline]
+    pub fn land(&self, state: HybridState) -> Landing<HybridState> {
+        let (sine, cosine) = sine_cosine_fixed(state.phase);
+        let phase = state.phase.bits();
+        let flight = Ballistic {
+            kernel: self,
+            phase,
+            sine,
+            rise: (i64::from(state.velocity.bits()) << 22) + (i64::from(cosine) << 18),
+        };
+        let mut launch = Launch {
+            phase,
+            velocity: state.velocity.bits() as f32 * PER_26,
+            sine: sine as f32 * PER_30,
+            cosine: cosine as f32 * PER_30,
+            pull: 0.0,
+        };
+        if is_high(&self.shape, &launch) {
+            let (node, offset) = fall(&self.shape, &launch);
+            let (local, slope) = flight.exact(node);
+            let settled = settle(&self.shape, &local, offset);
+            return self.impact_at(&flight, node, slope, settled, false);
+        }
+        let throws = self.shape.throws(phase);
+        if state.velocity == Velocity::ZERO && !throws {
+            return Landing {
+                steps: 0,
+                next: state,
+                grazes: false,
+            };
+        }
+        // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+        let pull = self.threshold.saturating_sub(sine);
+        let pull = if throws { pull.min(-1) } else { pull.max(1) };
+        launch.pull = pull as f32 * PER_30 + self.excess;
+        self.low(&flight, &launch)
+    }
+
+    #[inline(never)]
+    fn low(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
+        let (found, grazes) = search(&self.shape, launch, flight);
+        match found {
+            Found::Short {
+                flight: time,
+                arrival,
+            } => {
+                let steps = (time * PER_STEP) as u32;
+                self.landing(
+                    flight.phase,
+                    i64::from(steps),
+                    (arrival * 67_108_864.0) as u32,
+                    grazes,
+                )
+            }
+            Found::Near { node, offset } => {
+                let (local, slope) = flight.exact(node);
+                let settled = settle_carefully(&self.shape, &local, offset);
+                // At a graze the arrival speed may round below 0.
+                if settled.speed_gain <= local.slope {
+                    let steps =
+                        flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32);
+                    return self.landing(flight.phase, steps, 0, true);
+                }
+                self.impact_at(flight, node, slope, settled, grazes)
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn impact_at(
+        &self,
+        flight: &Ballistic<'_>,
+        node: i32,
+        slope: u32,
+        settled: Settled,
+        grazes: bool,
+    ) -> Landing<HybridState> {
+        let steps = flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32);
+        let gain = (settled.speed_gain * 67_108_864.0) as i32;
+        self.landing(
+            flight.phase,
+            steps,
+            (gain as u32).wrapping_sub(slope),
+            grazes,
+        )
+    }
+
+    /// The state after an impact at `speed`, steps of 2^-26.
+    #[inline(always)]
+    fn landing(&self, phase: u32, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
+        let product = u64::from(speed) * u64::from(self.restitution) + (1 << 31);
+        let velocity = (product >> 32) as u32;
+        Landing {
+            steps,
+            next: HybridState {
+                phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
+                velocity: Velocity::from_bits(velocity.min(TOP_BITS)),
+            },
+            grazes,
+        }
+    }
+}
+
+/// A flight in integers.
+struct Ballistic<'a> {
+    kernel: &'a Hybrid,
+    phase: u32,
+    /// Sine of the phase of launch, steps of 2^-30.
+    sine: i32,
+    /// Launch velocity in the frame of the feeder, psi + cos t, steps of 2^-48.
+    rise: i64,
+}
+
+impl Ballistic<'_> {
+    #[inline(always)]
+    fn steps_to(&self, node: i32) -> i64 {
+        (i64::from(node) << 24) - i64::from(self.phase)
+    }
+
+    /// Mean velocity `v - k d / 2` and velocity `v - k d` after `steps`, steps of 2^-48.
+    #[inline(always)]
+    fn velocities(&self, steps: i64) -> (i64, i64) {
+        let fall = product_32(steps, self.kernel.half_turn_fall as i64);
+        let mean = self.rise.wrapping_sub(fall);
+        (mean, mean.wrapping_sub(fall))
+    }
+
+    /// The flight at a node, with its slope in steps of 2^-26 modulo 2^32.
+    #[inline(always)]
+    fn exact(&self, node: i32) -> (Local, u32) {
+        let steps = self.steps_to(node);
+        let (mean, velocity) = self.velocities(steps);
+        // Near an impact the height is within 2, so that only these bits of it matter.
+        let turns = (product_32(steps, mean) >> 16) as i32;
+        let rise = ((i64::from(turns) * TURN) >> 31) as i32;
+        let [sine, cosine] = node::FIXED[(node & 255) as usize];
+        let slope = velocity.wrapping_sub(i64::from(cosine) << 18);
+        (
+            Local {
+                height: rise.wrapping_add(self.sine).wrapping_sub(sine) as f32 * PER_30,
+                slope: (slope >> 24) as i32 as f32 * PER_24,
+                sine: sine as f32 * PER_30,
+                cosine: cosine as f32 * PER_30,
+            },
+            (slope >> 22) as u32,
+        )
+    }
+}
+
+/// `a b / 2^32`, modulo 2^64.
+#[inline(always)]
+fn product_32(a: i64, b: i64) -> i64 {
+    let (low, high) = (a as u32, a >> 32);
+    let product = (u64::from(low) * u64::from(b as u32)) >> 32;
+    (product as i64)
+        .wrapping_add(i64::from(low).wrapping_mul(b >> 32))
+        .wrapping_add(high.wrapping_mul(b))
+}
+
+impl Flight for Ballistic<'_> {
+    const SHORT: f32 = 0.06;
+    const ROUNDING: f32 = 1e-8;
+
+    fn local(&self, node: i32) -> Local {
+        self.exact(node).0
+    }
+
+    #[inline(always)]
+    fn above_k(&self, steps: i64, _: f32) -> f32 {
+        let rise = product_32(steps, self.velocities(steps).0) >> 16;
+        let rise = (rise.clamp(-(1 << 31), (1 << 31) - 1) * TURN) >> 31;
+        (rise + i64::from(self.sine) - i64::from(self.kernel.threshold)) as f32 * PER_30
+    }
+}
+
+impl Kernel for Hybrid {
+    type State = HybridState;
+
+    const NAME: &'static str = "hybrid";
+
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        let set_up = SetUp::build(k, restitution)?;
+        Ok(Self {
+            shape: Shape::new(&set_up),
+            threshold: libm::round(k.min(1.0) * 1_073_741_824.0) as i32,
+            excess: (k - 1.0).max(0.0) as f32,
+            half_turn_fall: libm::round(k * core::f64::consts::PI * 281_474_976_710_656.0) as u64,
+            restitution: libm::round(restitution * 4_294_967_296.0) as u32,
+        })
+    }
+
+    fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
+        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        Ok(HybridState {
+            phase: Phase::from_radians(phase),
+            velocity: Velocity::build(velocity, TOP, "0..60 (units of b w)")?,
+        })
+    }
+
+    fn observe(state: HybridState) -> State {
+        State {
+            phase: state.phase.radians(),
+            velocity: state.velocity.value(),
+        }
+    }
+
+    #[inline]
+    fn impact(&self, state: HybridState) -> Impact<HybridState> {
+        let landing = self.land(state);
+        Impact {
+            flight: landing.flight(),
+            next: landing.next,
+            grazes: landing.grazes,
+        }
+    }
+}

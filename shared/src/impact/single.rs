@@ -1,0 +1,213 @@
+//! The impact map in f32.
+
+use super::anchor::{
+    Flight, Found, Launch, Local, PER_STEP, STEP, SetUp, Settled, Shape, fall, is_high, larger,
+    search, settle, settle_carefully, smaller,
+};
+use super::{Impact, Kernel, Landing, State};
+use crate::arithmetic::{Phase, node, sine_cosine_single};
+use crate::feeder::{OutOfRange, accept};
+
+/// A state of [`Single`]: 8 bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SingleState {
+    /// Phase of the drive (symbol t), steps of 2^-32 turns.
+    pub phase: Phase,
+    /// Velocity relative to the track (symbol psi) in units of `b w`.
+    pub velocity: f32,
+}
+
+/// The impact map in f32, for displays and pictures (`f32`).
+///
+/// The phase is an integer, so that it never drifts; everything else is f32, whose step at the flight
+/// time limits the error. Range: k 0.005..=4, restitution 0..=1, velocity 0..=60; an orbit that would
+/// leave it (only with a restitution above 0.96) is held at the top.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Single {
+    shape: Shape,
+    restitution: f32,
+}
+
+const TOP: f64 = 60.0;
+
+impl Single {
+    /// One flight and the impact that ends it. A resting part stays: flight 0.
+    #[must_use]
+    #[inline]
+    pub fn land(&self, state: SingleState) -> Landing<SingleState> {
+        let (sine, cosine) = sine_cosine_single(state.phase);
+        let phase = state.phase.bits();
+        let flight = Ballistic {
+            k: self.shape.k,
+            phase,
+            sine,
+            rise: state.velocity + cosine,
+        };
+        let mut launch = Launch {
+            phase,
+            velocity: state.velocity,
+            sine,
+            cosine,
+            pull: 0.0,
+        };
+        if is_high(&self.shape, &launch) {
+            let (node, offset) = fall(&self.shape, &launch);
+            let local = flight.local(node);
+            let settled = settle(&self.shape, &local, offset);
+            return self.impact_at(phase, node, &local, settled, false);
+        }
+        let throws = self.shape.throws(phase);
+        if state.velocity == 0.0 && !throws {
+            return Landing {
+                steps: 0,
+                next: state,
+                grazes: false,
+            };
+        }
+        // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+        let pull = self.shape.k - sine;
+        launch.pull = if throws {
+            smaller(pull, -1e-9)
+        } else {
+            larger(pull, 1e-9)
+        };
+        self.low(&flight, &launch)
+    }
+
+    #[inline(never)]
+    fn low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
+        let (found, grazes) = search(&self.shape, launch, flight);
+        match found {
+            Found::Short {
+                flight: time,
+                arrival,
+            } => self.landing(
+                flight.phase,
+                i64::from((time * PER_STEP) as u32),
+                arrival,
+                grazes,
+            ),
+            Found::Near { node, offset } => {
+                let local = flight.local(node);
+                let settled = settle_carefully(&self.shape, &local, offset);
+                self.impact_at(flight.phase, node, &local, settled, grazes)
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn impact_at(
+        &self,
+        phase: u32,
+        node: i32,
+        local: &Local,
+        settled: Settled,
+        grazes: bool,
+    ) -> Landing<SingleState> {
+        let speed = settled.speed_gain - local.slope;
+        // At a graze the arrival speed may round below 0.
+        let speed = if speed > 0.0 { speed } else { 0.0 };
+        let steps = steps_to(phase, node) + i64::from((settled.offset * PER_STEP) as i32);
+        self.landing(phase, steps, speed, grazes)
+    }
+
+    #[inline(always)]
+    fn landing(&self, phase: u32, steps: i64, speed: f32, grazes: bool) -> Landing<SingleState> {
+        let velocity = speed * self.restitution;
+        Landing {
+            steps,
+            next: SingleState {
+                phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
+                velocity: if velocity < TOP as f32 {
+                    velocity
+                } else {
+                    TOP as f32
+                },
+            },
+            grazes,
+        }
+    }
+}
+
+#[inline(always)]
+fn steps_to(phase: u32, node: i32) -> i64 {
+    (i64::from(node) << 24) - i64::from(phase)
+}
+
+/// A flight in f32.
+struct Ballistic {
+    k: f32,
+    phase: u32,
+    sine: f32,
+    rise: f32,
+}
+
+impl Flight for Ballistic {
+    const SHORT: f32 = 0.25;
+    const ROUNDING: f32 = 1e-5;
+
+    #[inline(always)]
+    fn local(&self, node: i32) -> Local {
+        let steps = steps_to(self.phase, node);
+        // Whole turns and the rest, each rounded once.
+        let turns = ((steps + (1 << 31)) >> 32) as i32;
+        let time = steps as i32 as f32 * STEP + turns as f32 * core::f32::consts::TAU;
+        let [sine, cosine] = node::SINGLE[(node & 255) as usize];
+        Local {
+            height: (self.sine - sine) + time * (self.rise - 0.5 * self.k * time),
+            slope: self.rise - self.k * time - cosine,
+            sine,
+            cosine,
+        }
+    }
+
+    #[inline(always)]
+    fn above_k(&self, _: i64, time: f32) -> f32 {
+        time * (self.rise - 0.5 * self.k * time) - (self.k - self.sine)
+    }
+}
+
+impl Kernel for Single {
+    type State = SingleState;
+
+    const NAME: &'static str = "f32";
+
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        let set_up = SetUp::build(k, restitution)?;
+        Ok(Self {
+            shape: Shape::new(&set_up),
+            restitution: restitution as f32,
+        })
+    }
+
+    fn state(phase: f64, velocity: f64) -> Result<SingleState, OutOfRange> {
+        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        accept(
+            "velocity",
+            velocity,
+            (0.0..=TOP).contains(&velocity),
+            "0..60 (units of b w)",
+        )?;
+        Ok(SingleState {
+            phase: Phase::from_radians(phase),
+            velocity: velocity as f32,
+        })
+    }
+
+    fn observe(state: SingleState) -> State {
+        State {
+            phase: state.phase.radians(),
+            velocity: f64::from(state.velocity),
+        }
+    }
+
+    #[inline]
+    fn impact(&self, state: SingleState) -> Impact<SingleState> {
+        let landing = self.land(state);
+        Impact {
+            flight: landing.flight(),
+            next: landing.next,
+            grazes: landing.grazes,
+        }
+    }
+}
