@@ -8,6 +8,9 @@ use super::signal::{Command, Cycle, Signal, phase_step};
 use super::supervise::{Event, Events, Fault, Limits, State};
 use crate::feeder::OutOfRange;
 
+/// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
+pub const PLAN_SLICES: usize = 8;
+
 /// What the user wants of the parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {

@@ -25,7 +25,7 @@ mod sine;
 mod supervise;
 
 pub use amplitude::AmplitudeLoop;
-pub use controller::{Controller, Inputs, Report, Start, Target};
+pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start, Target};
 pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
 pub use settings::{Key, Settings};
 pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};

@@ -1,12 +1,10 @@
 //! The one closed loop that desk and emulated CPU run: sample, control once a cycle, plan in slices.
 
+use super::bench::Bench;
 use super::feeder::Plant;
-use super::scene::{Change, Scene};
-use crate::control::{Controller, Inputs, Report, SAMPLE_RATE, Signal, Start};
+use super::scene::Scene;
+use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal, Start};
 use crate::feeder::OutOfRange;
-
-/// Slices of planning that a cycle gets: as many as a board has time for.
-const PLAN_SLICES: usize = 8;
 
 /// One cycle of the closed loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,12 +22,7 @@ pub struct Moment {
 pub struct ClosedLoop {
     signal: Signal,
     controller: Controller,
-    plant: Plant,
-    inputs: Inputs,
-    linked: bool,
-    scene: Scene,
-    disturbance: usize,
-    samples: u64,
+    bench: Bench,
 }
 
 impl ClosedLoop {
@@ -38,29 +31,25 @@ impl ClosedLoop {
         Ok(Self {
             signal: Signal::build(&scene.settings)?,
             controller: Controller::build(&scene.settings, scene.target, Start::Ordinary)?,
-            plant: Plant::build(scene)?,
-            inputs: Inputs {
-                enable: true,
-                ..Inputs::default()
-            },
-            linked: true,
-            scene: *scene,
-            disturbance: 0,
-            samples: 0,
+            bench: Bench::build(scene)?,
         })
     }
 
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
-        let struck = self.plant.strikes();
+        let struck = self.bench.plant().strikes();
         // The slowest drive has 4000 samples a cycle; the bound only keeps a broken step from hanging.
         for _ in 0..2 * SAMPLE_RATE {
             if self.sample() {
                 break;
             }
         }
-        self.inputs.link_heard = self.linked;
-        let report = self.controller.cycle(self.signal.cycle(), &self.inputs);
+        if let Some(target) = self.bench.new_target() {
+            // A target out of range is refused, as over the link; the old one stays.
+            let _ = self.controller.set_target(target);
+        }
+        let inputs = self.bench.inputs();
+        let report = self.controller.cycle(self.signal.cycle(), &inputs);
         self.signal.command(report.command);
         for _ in 0..PLAN_SLICES {
             if !self.controller.plan_step() {
@@ -68,46 +57,19 @@ impl ClosedLoop {
             }
         }
         Moment {
-            time: self.samples as f32 / SAMPLE_RATE as f32,
+            time: self.bench.time(),
             report,
-            strikes: self.plant.strikes().wrapping_sub(struck),
+            strikes: self.bench.plant().strikes().wrapping_sub(struck),
         }
     }
 
     fn sample(&mut self) -> bool {
-        while let Some(Some(disturbance)) = self.scene.disturbances.get(self.disturbance) {
-            if (f64::from(disturbance.at) * f64::from(SAMPLE_RATE)) as u64 > self.samples {
-                break;
-            }
-            self.apply(disturbance.change);
-            self.disturbance += 1;
-        }
-        self.samples += 1;
-        let code = self.plant.sample();
+        let code = self.bench.sample();
         let before = self.signal.phase();
         let sampled = self.signal.sample(code);
         let step = (self.signal.phase() - before).bits();
-        self.plant.hold(sampled.output, step);
+        self.bench.hold(sampled.output, step);
         sampled.wrapped
-    }
-
-    fn apply(&mut self, change: Change) {
-        match change {
-            Change::Enable(enable) => self.inputs.enable = enable,
-            Change::Target(target) => {
-                // A target out of range is refused, as over the link; the old one stays.
-                let _ = self.controller.set_target(target);
-            }
-            Change::Gain(gain) => self.plant.set_gain(gain),
-            Change::Restitution(restitution) => self.plant.set_restitution(restitution),
-            Change::Noise(noise) => self.plant.set_noise(noise),
-            Change::SensorLost(lost) => self.plant.set_sensor_lost(lost),
-            Change::SensorInverted(inverted) => self.plant.set_sensor_inverted(inverted),
-            Change::Sensitivity(sensitivity) => self.plant.set_sensitivity(sensitivity),
-            Change::OverTemperature(hot) => self.inputs.over_temperature = hot,
-            Change::Link(linked) => self.linked = linked,
-            Change::StackLow(low) => self.inputs.stack_low = low,
-        }
     }
 
     /// The controller.
@@ -119,7 +81,7 @@ impl ClosedLoop {
     /// The plant.
     #[must_use]
     pub fn plant(&self) -> &Plant {
-        &self.plant
+        self.bench.plant()
     }
 }
 

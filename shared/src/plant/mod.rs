@@ -6,6 +6,7 @@
 //! at Q = 25) is left out. Integers, single precision and the map's own arithmetic only: the same
 //! bits at the desk and on the emulated CPU.
 
+mod bench;
 mod closed_loop;
 mod drive;
 mod feeder;
@@ -13,6 +14,7 @@ mod noise;
 mod part;
 mod scene;
 
+pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Moment};
 pub use feeder::Plant;
 pub use noise::Noise;
