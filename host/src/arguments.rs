@@ -7,8 +7,10 @@ use std::path::PathBuf;
 
 use kband::feeder::Restitution;
 
-use crate::picture::Theme;
-use crate::report::Format;
+use crate::file::Target;
+use crate::picture::{Picture, Theme};
+use crate::refusal::Refusal;
+use crate::report::{Format, Report};
 
 /// How the result is printed on standard output.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -28,6 +30,71 @@ pub struct Drawn {
     /// Colours of the picture.
     #[arg(long, value_enum, default_value_t = Theme::Light)]
     pub theme: Theme,
+}
+
+impl Drawn {
+    /// Where the picture or the numbers will go, checked before anything is computed.
+    pub fn output(&self) -> Result<Output, Refusal> {
+        let Some(path) = &self.out else {
+            return Ok(Output { kind: None });
+        };
+        let target = Target::check(path)?;
+        let kind = match target.ending().as_str() {
+            "svg" => Kind::Svg(self.theme),
+            "png" => Kind::Png(self.theme),
+            "csv" => Kind::Numbers(Format::Csv),
+            "json" => Kind::Numbers(Format::Json),
+            other => {
+                return Err(Refusal::value(
+                    "ending of --out",
+                    format!("'{other}'"),
+                    ".svg or .png for the picture, .csv or .json for the numbers",
+                    "give the file one of these endings",
+                ));
+            }
+        };
+        Ok(Output {
+            kind: Some((target, kind)),
+        })
+    }
+}
+
+/// The checked destination of a verb's `--out`.
+#[derive(Clone, Debug)]
+pub struct Output {
+    kind: Option<(Target, Kind)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Svg(Theme),
+    Png(Theme),
+    Numbers(Format),
+}
+
+impl Output {
+    /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
+    /// nothing without `--out`. The picture is drawn only when it is wanted.
+    pub fn write(&self, report: &Report, picture: impl FnOnce() -> Picture) -> Result<(), Refusal> {
+        let Some((target, kind)) = &self.kind else {
+            return Ok(());
+        };
+        match kind {
+            Kind::Svg(theme) => target.write_bytes(picture().to_svg(*theme).as_bytes())?,
+            Kind::Png(theme) => {
+                let bytes = picture().to_png(*theme).ok_or_else(|| {
+                    Refusal::new(
+                        "there is no memory for the picture",
+                        "write an .svg instead",
+                    )
+                })?;
+                target.write_bytes(&bytes)?;
+            }
+            Kind::Numbers(format) => report.save(*format, target)?,
+        }
+        eprintln!("wrote {}", target.path().display());
+        Ok(())
+    }
 }
 
 /// An evenly spaced range `LO..HI:N`, ends included.

@@ -1,4 +1,5 @@
-//! Colours.
+//! Colours: told apart by colour-blind readers (Okabe and Ito's set) and, by lightness, dash, marker
+//! and hatch, in a grey print.
 
 /// Colours of a picture: for paper or for a dark screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -8,4 +9,287 @@ pub enum Theme {
     Light,
     /// Light on dark.
     Dark,
+}
+
+/// An opaque or translucent colour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Colour {
+    pub red: u8,
+    pub green: u8,
+    pub blue: u8,
+    /// 0 is invisible, 1 opaque.
+    pub opacity: f32,
+}
+
+impl Colour {
+    pub(super) const fn hex(rgb: u32) -> Self {
+        Self {
+            red: (rgb >> 16) as u8,
+            green: (rgb >> 8) as u8,
+            blue: rgb as u8,
+            opacity: 1.0,
+        }
+    }
+
+    pub(super) const fn faint(self, opacity: f32) -> Self {
+        Self { opacity, ..self }
+    }
+
+    /// The colour a part of the way to another.
+    pub(super) fn towards(self, other: Self, part: f64) -> Self {
+        let mix =
+            |a: u8, b: u8| (f64::from(a) + (f64::from(b) - f64::from(a)) * part).round() as u8;
+        Self {
+            red: mix(self.red, other.red),
+            green: mix(self.green, other.green),
+            blue: mix(self.blue, other.blue),
+            opacity: 1.0,
+        }
+    }
+
+    /// Relative luminance, 0 black to 1 white (WCAG 2).
+    #[cfg(test)]
+    pub(super) fn luminance(self) -> f64 {
+        let linear = |value: u8| {
+            let value = f64::from(value) / 255.0;
+            if value <= 0.04045 {
+                value / 12.92
+            } else {
+                ((value + 0.055) / 1.055).powf(2.4)
+            }
+        };
+        0.2126 * linear(self.red) + 0.7152 * linear(self.green) + 0.0722 * linear(self.blue)
+    }
+}
+
+/// What a stretch of time or of k, or a point of a map, is: a colour with a hatch of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Tone {
+    /// Resting on the track, or the drive is off.
+    Rest,
+    /// Hops that end in rest and relaunch, or a transition of the drive.
+    HopAndRest,
+    /// Locked to the drive.
+    Locked,
+    /// Locked with a doubled period.
+    Doubled,
+    /// Periodic otherwise.
+    Periodic,
+    /// Chaotic.
+    Chaotic,
+    /// Not decided.
+    Undecided,
+    /// A fault.
+    Fault,
+}
+
+/// The lines of a hatch, as slopes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Hatch {
+    None,
+    Up,
+    Down,
+    Cross,
+    Upright,
+}
+
+impl Tone {
+    pub(super) fn colour(self, theme: Theme) -> Colour {
+        Colour::hex(match (self, theme) {
+            (Self::Rest, Theme::Light) => 0xF2F2F2,
+            (Self::HopAndRest, Theme::Light) => 0xC4C9CE,
+            (Self::Locked, Theme::Light) => 0x0B5C94,
+            (Self::Doubled, Theme::Light) => 0x6FC0EE,
+            (Self::Periodic, Theme::Light) => 0x009E73,
+            (Self::Chaotic, Theme::Light) => 0xF0B23A,
+            (Self::Undecided, Theme::Light) => 0xCC79A7,
+            (Self::Fault, Theme::Light) => 0xB03A00,
+            (Self::Rest, Theme::Dark) => 0x262C33,
+            (Self::HopAndRest, Theme::Dark) => 0x59636E,
+            (Self::Locked, Theme::Dark) => 0x3FA0DC,
+            (Self::Doubled, Theme::Dark) => 0xA5DBFA,
+            (Self::Periodic, Theme::Dark) => 0x12B886,
+            (Self::Chaotic, Theme::Dark) => 0xFFD166,
+            (Self::Undecided, Theme::Dark) => 0xE39AC4,
+            (Self::Fault, Theme::Dark) => 0xFF6B2C,
+        })
+    }
+
+    pub(super) fn hatch(self) -> Hatch {
+        match self {
+            Self::Rest | Self::HopAndRest | Self::Locked => Hatch::None,
+            Self::Doubled => Hatch::Up,
+            Self::Periodic => Hatch::Down,
+            Self::Chaotic => Hatch::Cross,
+            Self::Undecided => Hatch::Upright,
+            Self::Fault => Hatch::Cross,
+        }
+    }
+}
+
+/// Shape of the marker of a series.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Marker {
+    Circle,
+    Square,
+    Triangle,
+    Diamond,
+    Cross,
+}
+
+impl Theme {
+    pub(super) fn background(self) -> Colour {
+        Colour::hex(match self {
+            Self::Light => 0xFFFFFF,
+            Self::Dark => 0x14181D,
+        })
+    }
+
+    pub(super) fn text(self) -> Colour {
+        Colour::hex(match self {
+            Self::Light => 0x1A1A1A,
+            Self::Dark => 0xECECEC,
+        })
+    }
+
+    pub(super) fn muted(self) -> Colour {
+        Colour::hex(match self {
+            Self::Light => 0x565B61,
+            Self::Dark => 0xAAB2BB,
+        })
+    }
+
+    pub(super) fn grid(self) -> Colour {
+        Colour::hex(match self {
+            Self::Light => 0xE4E6E8,
+            Self::Dark => 0x2A3037,
+        })
+    }
+
+    pub(super) fn axis(self) -> Colour {
+        Colour::hex(match self {
+            Self::Light => 0x44494F,
+            Self::Dark => 0x9AA3AD,
+        })
+    }
+
+    /// Shade of a strip that marks a band.
+    pub(super) fn strip(self) -> Colour {
+        match self {
+            Self::Light => Colour::hex(0x0B5C94).faint(0.13),
+            Self::Dark => Colour::hex(0x3FA0DC).faint(0.22),
+        }
+    }
+
+    /// Colour, dash and marker of the n-th series.
+    pub(super) fn series(self, n: usize) -> (Colour, &'static [f64], Marker) {
+        const LIGHT: [u32; 7] = [
+            0x0072B2, 0xD55E00, 0x007A59, 0xB07800, 0x9C4A78, 0x3A9AD9, 0x222222,
+        ];
+        const DARK: [u32; 7] = [
+            0x56B4E9, 0xF08A3C, 0x2FC79A, 0xF0E442, 0xE39AC4, 0x9AD7FF, 0xECECEC,
+        ];
+        const DASHES: [&[f64]; 7] = [
+            &[],
+            &[7.0, 3.0],
+            &[2.0, 2.5],
+            &[9.0, 3.0, 2.0, 3.0],
+            &[12.0, 4.0],
+            &[4.0, 2.0],
+            &[1.5, 1.5],
+        ];
+        const MARKERS: [Marker; 5] = [
+            Marker::Circle,
+            Marker::Square,
+            Marker::Triangle,
+            Marker::Diamond,
+            Marker::Cross,
+        ];
+        let colours = match self {
+            Self::Light => LIGHT,
+            Self::Dark => DARK,
+        };
+        (Colour::hex(colours[n % 7]), DASHES[n % 7], MARKERS[n % 5])
+    }
+
+    /// A scale whose lightness grows (on paper: falls) steadily from 0 to 1; anchors of cividis,
+    /// which reads alike with and without red-green vision.
+    pub(super) fn scale(self, part: f64) -> Colour {
+        const ANCHORS: [u32; 9] = [
+            0x00224E, 0x123570, 0x3B496C, 0x575D6D, 0x707173, 0x8A8678, 0xA59C74, 0xC3B369,
+            0xFEE838,
+        ];
+        let part = if part.is_finite() {
+            part.clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        let place = part * 8.0;
+        let n = (place as usize).min(7);
+        Colour::hex(ANCHORS[n]).towards(Colour::hex(ANCHORS[n + 1]), place - n as f64)
+    }
+
+    /// Ink of a density: few points to many, both well off the background.
+    pub(super) fn ink(self, part: f64) -> Colour {
+        let (few, many) = match self {
+            Self::Light => (0x8DB4D3, 0x06243D),
+            Self::Dark => (0x2F6C98, 0xE8F4FC),
+        };
+        Colour::hex(few).towards(Colour::hex(many), part)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_is_monotone_in_lightness() {
+        let light: Vec<f64> = (0..=64)
+            .map(|n| Theme::Light.scale(f64::from(n) / 64.0).luminance())
+            .collect();
+        assert!(light.windows(2).all(|pair| pair[0] < pair[1]));
+    }
+
+    #[test]
+    fn text_and_series_stand_out_from_the_background() {
+        // WCAG 2: 4.5 for text, 3 for graphics.
+        for theme in [Theme::Light, Theme::Dark] {
+            let contrast = |colour: Colour| {
+                let (a, b) = (colour.luminance(), theme.background().luminance());
+                (a.max(b) + 0.05) / (a.min(b) + 0.05)
+            };
+            assert!(contrast(theme.text()) > 7.0);
+            assert!(contrast(theme.muted()) > 4.5);
+            for n in 0..7 {
+                assert!(contrast(theme.series(n).0) > 3.0, "{theme:?} {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn tones_that_meet_differ_in_lightness_or_hatch() {
+        let all = [
+            Tone::Rest,
+            Tone::HopAndRest,
+            Tone::Locked,
+            Tone::Doubled,
+            Tone::Periodic,
+            Tone::Chaotic,
+            Tone::Undecided,
+            Tone::Fault,
+        ];
+        for theme in [Theme::Light, Theme::Dark] {
+            for (n, a) in all.iter().enumerate() {
+                for b in &all[n + 1..] {
+                    let (la, lb) = (a.colour(theme).luminance(), b.colour(theme).luminance());
+                    let contrast = (la.max(lb) + 0.05) / (la.min(lb) + 0.05);
+                    assert!(
+                        contrast > 1.25 || a.hatch() != b.hatch(),
+                        "{theme:?} {a:?} {b:?}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -1,0 +1,277 @@
+//! Axes: a quantity with its unit, a range, round ticks.
+
+use std::f64::consts::PI;
+
+use crate::report::number;
+
+/// The unit of an axis. Every axis has one; a pure number says so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unit(&'static str);
+
+impl Unit {
+    /// A pure number, shown as (–).
+    pub const NONE: Self = Self("–");
+    /// Radians.
+    pub const RADIANS: Self = Self("rad");
+    /// Millimetres.
+    pub const MILLIMETRES: Self = Self("mm");
+    /// Millimetres a second.
+    pub const MILLIMETRES_A_SECOND: Self = Self("mm/s");
+    /// Seconds.
+    pub const SECONDS: Self = Self("s");
+    /// The velocity unit of the map, amplitude times angular frequency.
+    pub const VELOCITY: Self = Self("b·ω");
+
+    /// Another unit.
+    #[must_use]
+    pub const fn new(symbol: &'static str) -> Self {
+        Self(symbol)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Division {
+    Decimal,
+    Decades,
+    Pi,
+}
+
+/// An axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    label: String,
+    unit: Unit,
+    low: f64,
+    high: f64,
+    division: Division,
+}
+
+impl Axis {
+    /// An axis from `low` to `high`; a range that is empty or not finite is widened to be drawn.
+    #[must_use]
+    pub fn new(label: impl Into<String>, unit: Unit, low: f64, high: f64) -> Self {
+        let low = if low.is_finite() { low } else { 0.0 };
+        let high = if high.is_finite() && high > low {
+            high
+        } else {
+            low + low.abs().max(1.0) * 0.1
+        };
+        Self {
+            label: label.into(),
+            unit,
+            low,
+            high,
+            division: Division::Decimal,
+        }
+    }
+
+    /// The axis that holds all `values` with a little room at both ends.
+    #[must_use]
+    pub fn around(
+        label: impl Into<String>,
+        unit: Unit,
+        values: impl IntoIterator<Item = f64>,
+    ) -> Self {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for value in values.into_iter().filter(|value| value.is_finite()) {
+            low = low.min(value);
+            high = high.max(value);
+        }
+        let room = 0.04 * (high - low);
+        Self::new(label, unit, low - room, high + room)
+    }
+
+    /// The axis in decades; its range must be positive, else it stays linear.
+    #[must_use]
+    pub fn logarithmic(mut self) -> Self {
+        if self.low > 0.0 {
+            self.division = Division::Decades;
+        }
+        self
+    }
+
+    /// The axis with ticks at parts of pi.
+    #[must_use]
+    pub fn in_pi(mut self) -> Self {
+        self.division = Division::Pi;
+        self
+    }
+
+    pub(super) fn title(&self) -> String {
+        format!("{} ({})", self.label, self.unit.0)
+    }
+
+    /// Where `value` stands on the axis: 0 at its low end, 1 at its high end; NaN for no place.
+    pub(super) fn part(&self, value: f64) -> f64 {
+        match self.division {
+            Division::Decades => {
+                if value > 0.0 {
+                    (value / self.low).log10() / (self.high / self.low).log10()
+                } else {
+                    f64::NAN
+                }
+            }
+            _ => (value - self.low) / (self.high - self.low),
+        }
+    }
+
+    /// Ticks with their labels, about `wanted` of them.
+    pub(super) fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
+        match self.division {
+            Division::Decimal => decimal(self.low, self.high, wanted.max(2)),
+            Division::Decades => decades(self.low, self.high, wanted.max(2)),
+            Division::Pi => parts_of_pi(self.low, self.high, wanted.max(2)),
+        }
+    }
+}
+
+fn decimal(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
+    let rough = (high - low) / wanted as f64;
+    let decade = 10_f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|round| round * decade)
+        .find(|step| *step >= rough)
+        .unwrap_or(10.0 * decade);
+    let decimals = (-(step * 1.000_001).log10().floor()).clamp(0.0, 12.0) as usize;
+    multiples(low, high, step)
+        .map(|n| {
+            let value = n as f64 * step;
+            let label = if (1e-4..1e6).contains(&step) || value == 0.0 {
+                format!("{value:.decimals$}")
+            } else {
+                number(value, 6)
+            };
+            (value, label.replace('-', "−"))
+        })
+        .collect()
+}
+
+fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
+    let (first, last) = (low.log10().ceil() as i32, high.log10().floor() as i32);
+    let count = (last - first + 1).max(0) as usize;
+    let power = |n: i32| {
+        let label = match n {
+            -3..=4 => number(10_f64.powi(n), 6),
+            _ => format!("10{}", superscript(n)),
+        };
+        (10_f64.powi(n), label)
+    };
+    if count >= 2 {
+        let every = count.div_ceil(wanted).max(1) as i32;
+        return (first..=last)
+            .filter(|n| n.rem_euclid(every) == 0)
+            .map(power)
+            .collect();
+    }
+    let mut ticks = Vec::new();
+    for n in first - 1..=last + 1 {
+        for round in [1.0, 2.0, 5.0] {
+            let value = round * 10_f64.powi(n);
+            if (low..=high).contains(&value) {
+                ticks.push((value, number(value, 6)));
+            }
+        }
+    }
+    ticks
+}
+
+fn parts_of_pi(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
+    let rough = (high - low) / wanted as f64 / PI;
+    let Some((over, under)) = [
+        (1_i64, 12_i64),
+        (1, 6),
+        (1, 4),
+        (1, 3),
+        (1, 2),
+        (1, 1),
+        (2, 1),
+    ]
+    .into_iter()
+    .find(|(over, under)| *over as f64 / *under as f64 >= rough) else {
+        return decimal(low, high, wanted);
+    };
+    let step = over as f64 / under as f64 * PI;
+    multiples(low, high, step)
+        .map(|n| {
+            let (mut over, mut under) = (n * over, under);
+            for divisor in [2, 3, 2] {
+                if over % divisor == 0 && under % divisor == 0 {
+                    (over, under) = (over / divisor, under / divisor);
+                }
+            }
+            let sign = if over < 0 { "−" } else { "" };
+            let label = match (over.abs(), under) {
+                (0, _) => "0".to_string(),
+                (1, 1) => format!("{sign}π"),
+                (over, 1) => format!("{sign}{over}π"),
+                (1, under) => format!("{sign}π/{under}"),
+                (over, under) => format!("{sign}{over}π/{under}"),
+            };
+            (n as f64 * step, label)
+        })
+        .collect()
+}
+
+/// Whole multiples of `step` within the range, a rounding error beyond its ends allowed.
+fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = i64> {
+    let slack = 1e-9;
+    let first = (low / step - slack).ceil() as i64;
+    let last = (high / step + slack).floor() as i64;
+    first..=last.min(first.saturating_add(100))
+}
+
+fn superscript(n: i32) -> String {
+    n.to_string()
+        .chars()
+        .map(|digit| match digit {
+            '-' => '⁻',
+            '1' => '¹',
+            '2' => '²',
+            '3' => '³',
+            other => char::from_u32(0x2070 + other.to_digit(10).unwrap_or(0)).unwrap_or(other),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(axis: &Axis, wanted: usize) -> Vec<String> {
+        axis.ticks(wanted)
+            .into_iter()
+            .map(|(_, label)| label)
+            .collect()
+    }
+
+    #[test]
+    fn ticks_are_round() {
+        let axis = |low, high| Axis::new("k", Unit::NONE, low, high);
+        assert_eq!(
+            labels(&axis(0.3, 0.5), 5),
+            ["0.30", "0.35", "0.40", "0.45", "0.50"]
+        );
+        assert_eq!(
+            labels(&axis(-1.0, 1.0), 4),
+            ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
+        );
+        assert_eq!(labels(&axis(0.0, 2e7), 2), ["0", "1e7", "2e7"]);
+        let log = axis(1e-12, 1.0).logarithmic();
+        assert_eq!(labels(&log, 4), ["10⁻¹²", "10⁻⁸", "10⁻⁴", "1"]);
+        assert_eq!(log.part(1e-6), 0.5);
+        let turn = Axis::new("phase", Unit::RADIANS, 0.0, 2.0 * PI).in_pi();
+        assert_eq!(labels(&turn, 4), ["0", "π/2", "π", "3π/2", "2π"]);
+    }
+
+    #[test]
+    fn an_empty_range_is_widened() {
+        let axis = Axis::new("k", Unit::NONE, 1.0, 1.0);
+        assert!(axis.part(1.0).is_finite() && !axis.ticks(5).is_empty());
+        assert!(
+            Axis::around("k", Unit::NONE, [f64::NAN])
+                .part(0.0)
+                .is_finite()
+        );
+    }
+}

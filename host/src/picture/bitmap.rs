@@ -1,0 +1,237 @@
+//! Shapes as PNG.
+
+use ab_glyph::OutlineCurve;
+use tiny_skia::{
+    FillRule, FilterQuality, Mask, Paint, Path, PathBuilder, Pixmap, PixmapPaint,
+    PremultipliedColorU8, StrokeDash, Transform,
+};
+
+use super::font;
+use super::shape::{Anchor, Raster, Rect, Shape, Text};
+use super::theme::Colour;
+
+/// Pixels of the PNG for one pixel of the sheet: sharp on today's screens and in print.
+const SCALE: f32 = 2.0;
+
+/// The PNG of shapes on a sheet of this size; `None` only where memory for it is refused.
+pub(super) fn png(
+    width: f64,
+    height: f64,
+    background: Colour,
+    shapes: &[Shape],
+) -> Option<Vec<u8>> {
+    let size = |length: f64| (length * f64::from(SCALE)).round() as u32;
+    let mut sheet = Pixmap::new(size(width), size(height))?;
+    sheet.fill(colour(background));
+    let mut clip: Option<(Rect, Mask)> = None;
+    for shape in shapes {
+        match shape {
+            Shape::Path {
+                pieces,
+                closed,
+                fill,
+                stroke,
+                clip: wanted,
+            } => {
+                let mask = match wanted {
+                    None => None,
+                    Some(rect) => {
+                        if clip.as_ref().is_none_or(|(known, _)| known != rect) {
+                            let mut mask = Mask::new(sheet.width(), sheet.height())?;
+                            mask.fill_path(
+                                &outline(&[rect.corners()], true)?,
+                                FillRule::Winding,
+                                true,
+                                scale(),
+                            );
+                            clip = Some((*rect, mask));
+                        }
+                        clip.as_ref().map(|(_, mask)| mask)
+                    }
+                };
+                let Some(path) = outline(pieces, *closed) else {
+                    continue;
+                };
+                if let Some(fill) = fill {
+                    sheet.fill_path(&path, &paint(*fill), FillRule::Winding, scale(), mask);
+                }
+                if let Some(stroke) = stroke {
+                    let dash: Vec<f32> = stroke.dash.iter().map(|length| *length as f32).collect();
+                    let line = tiny_skia::Stroke {
+                        width: stroke.width as f32,
+                        line_join: tiny_skia::LineJoin::Round,
+                        dash: if dash.is_empty() {
+                            None
+                        } else {
+                            StrokeDash::new(dash, 0.0)
+                        },
+                        ..tiny_skia::Stroke::default()
+                    };
+                    sheet.stroke_path(&path, &paint(stroke.colour), &line, scale(), mask);
+                }
+            }
+            Shape::Text(text) => words(&mut sheet, text),
+            Shape::Image { place, raster } => image(&mut sheet, place, raster),
+        }
+    }
+    encode(&sheet)
+}
+
+/// A raster as a PNG with its palette, for SVG to embed.
+pub(super) fn indexed_png(raster: &Raster) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, raster.width as u32, raster.height as u32);
+    encoder.set_color(png::ColorType::Indexed);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_palette(
+        raster
+            .palette
+            .iter()
+            .flat_map(|colour| [colour.red, colour.green, colour.blue])
+            .collect::<Vec<_>>(),
+    );
+    encoder.set_trns(
+        raster
+            .palette
+            .iter()
+            .map(|colour| (colour.opacity * 255.0).round() as u8)
+            .collect::<Vec<_>>(),
+    );
+    encoder.set_compression(png::Compression::High);
+    // Writing to a Vec cannot fail; a raster of the wrong size would leave an empty image.
+    if let Ok(mut writer) = encoder.write_header() {
+        let _ = writer.write_image_data(&raster.pixels);
+    }
+    bytes
+}
+
+fn scale() -> Transform {
+    Transform::from_scale(SCALE, SCALE)
+}
+
+fn colour(colour: Colour) -> tiny_skia::Color {
+    let mut made = tiny_skia::Color::from_rgba8(colour.red, colour.green, colour.blue, 255);
+    made.set_alpha(colour.opacity);
+    made
+}
+
+fn paint(fill: Colour) -> Paint<'static> {
+    let mut paint = Paint::default();
+    paint.set_color(colour(fill));
+    paint.anti_alias = true;
+    paint
+}
+
+fn outline(pieces: &[Vec<(f64, f64)>], closed: bool) -> Option<Path> {
+    let mut path = PathBuilder::new();
+    for piece in pieces {
+        for (n, (x, y)) in piece.iter().enumerate() {
+            if n == 0 {
+                path.move_to(*x as f32, *y as f32);
+            } else {
+                path.line_to(*x as f32, *y as f32);
+            }
+        }
+        if closed {
+            path.close();
+        }
+    }
+    path.finish()
+}
+
+fn words(sheet: &mut Pixmap, text: &Text) {
+    let mut path = PathBuilder::new();
+    let mut end = None;
+    font::outline(&text.words, text.size, text.bold, |curve| {
+        let (OutlineCurve::Line(start, _)
+        | OutlineCurve::Quad(start, ..)
+        | OutlineCurve::Cubic(start, ..)) = curve;
+        if end != Some(start) {
+            path.move_to(start.x, start.y);
+        }
+        end = Some(match curve {
+            OutlineCurve::Line(_, b) => {
+                path.line_to(b.x, b.y);
+                b
+            }
+            OutlineCurve::Quad(_, b, c) => {
+                path.quad_to(b.x, b.y, c.x, c.y);
+                c
+            }
+            OutlineCurve::Cubic(_, b, c, d) => {
+                path.cubic_to(b.x, b.y, c.x, c.y, d.x, d.y);
+                d
+            }
+        });
+    });
+    let Some(path) = path.finish() else { return };
+    let width = font::width(&text.words, text.size, text.bold) as f32;
+    let shift = match text.anchor {
+        Anchor::Start => 0.0,
+        Anchor::Middle => -0.5 * width,
+        Anchor::End => -width,
+    };
+    let (x, y) = (text.at.0 as f32, text.at.1 as f32);
+    let turn = if text.upright {
+        Transform::from_rotate(-90.0)
+    } else {
+        Transform::identity()
+    };
+    let place = Transform::from_translate(shift, 0.0)
+        .post_concat(turn)
+        .post_translate(x, y)
+        .post_concat(scale());
+    sheet.fill_path(&path, &paint(text.colour), FillRule::Winding, place, None);
+}
+
+fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster) {
+    let Some(mut source) = Pixmap::new(raster.width as u32, raster.height as u32) else {
+        return;
+    };
+    let palette: Vec<PremultipliedColorU8> = raster
+        .palette
+        .iter()
+        .map(|entry| colour(*entry).premultiply().to_color_u8())
+        .collect();
+    for (pixel, number) in source.pixels_mut().iter_mut().zip(&raster.pixels) {
+        if let Some(entry) = palette.get(usize::from(*number)) {
+            *pixel = *entry;
+        }
+    }
+    let (across, down) = (
+        place.width / raster.width as f64,
+        place.height / raster.height as f64,
+    );
+    let transform = Transform::from_scale(across as f32, down as f32)
+        .post_translate(place.left as f32, place.top as f32)
+        .post_concat(scale());
+    let quality = if across * f64::from(SCALE) > 1.0 {
+        FilterQuality::Nearest
+    } else {
+        FilterQuality::Bilinear
+    };
+    let paint = PixmapPaint {
+        quality,
+        ..PixmapPaint::default()
+    };
+    sheet.draw_pixmap(0, 0, source.as_ref(), &paint, transform, None);
+}
+
+fn encode(sheet: &Pixmap) -> Option<Vec<u8>> {
+    let mut pixels = Vec::with_capacity(3 * sheet.pixels().len());
+    for pixel in sheet.pixels() {
+        // The sheet was filled with an opaque colour, and nothing drawn over it takes that away.
+        pixels.extend([pixel.red(), pixel.green(), pixel.blue()]);
+    }
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, sheet.width(), sheet.height());
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Balanced);
+    encoder
+        .write_header()
+        .ok()?
+        .write_image_data(&pixels)
+        .ok()?;
+    Some(bytes)
+}

@@ -1,0 +1,83 @@
+//! Widths and outlines of letters, from the font that comes with the source.
+
+use std::sync::LazyLock;
+
+use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
+
+static REGULAR: LazyLock<Option<FontRef<'static>>> =
+    LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans.ttf")).ok());
+static BOLD: LazyLock<Option<FontRef<'static>>> = LazyLock::new(|| {
+    FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans-bold.ttf")).ok()
+});
+
+fn font(bold: bool) -> Option<&'static FontRef<'static>> {
+    if bold {
+        BOLD.as_ref()
+    } else {
+        REGULAR.as_ref()
+    }
+}
+
+/// Width of `words` at a size in pixels.
+pub(super) fn width(words: &str, size: f64, bold: bool) -> f64 {
+    let Some(font) = font(bold) else {
+        return 0.6 * size * words.chars().count() as f64;
+    };
+    glyphs(font, words).map(|(_, advance)| advance).sum::<f64>() * size
+}
+
+/// Outlines of `words` at a size in pixels, beginning at (0, 0) of the baseline, y downwards.
+pub(super) fn outline(words: &str, size: f64, bold: bool, mut draw: impl FnMut(OutlineCurve)) {
+    let Some(font) = font(bold) else { return };
+    let em = f64::from(font.units_per_em().unwrap_or(1000.0));
+    let scale = (size / em) as f32;
+    let mut left = 0.0;
+    for (glyph, advance) in glyphs(font, words) {
+        let offset = (left * size) as f32;
+        let place =
+            |point: ab_glyph::Point| ab_glyph::point(offset + point.x * scale, -point.y * scale);
+        for curve in font
+            .outline(glyph)
+            .map(|outline| outline.curves)
+            .unwrap_or_default()
+        {
+            draw(match curve {
+                OutlineCurve::Line(a, b) => OutlineCurve::Line(place(a), place(b)),
+                OutlineCurve::Quad(a, b, c) => OutlineCurve::Quad(place(a), place(b), place(c)),
+                OutlineCurve::Cubic(a, b, c, d) => {
+                    OutlineCurve::Cubic(place(a), place(b), place(c), place(d))
+                }
+            });
+        }
+        left += advance;
+    }
+}
+
+/// The glyphs of `words` and their advance in em.
+fn glyphs<'a>(
+    font: &'a FontRef<'static>,
+    words: &'a str,
+) -> impl Iterator<Item = (GlyphId, f64)> + 'a {
+    let em = f64::from(font.units_per_em().unwrap_or(1000.0));
+    words.chars().map(move |letter| {
+        let glyph = font.glyph_id(letter);
+        (glyph, f64::from(font.h_advance_unscaled(glyph)) / em)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_font_has_every_sign_that_pictures_use() {
+        for bold in [false, true] {
+            let font = font(bold).unwrap();
+            for letter in "aZ09 ψφτγηαωΓπλ·−–×≤≥≈∞√²³₀₁₂₃₄°µ".chars()
+            {
+                assert_ne!(font.glyph_id(letter).0, 0, "{letter}");
+            }
+        }
+        assert!(width("MM", 10.0, false) > 1.9 * width("n", 10.0, false));
+    }
+}

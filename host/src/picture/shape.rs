@@ -1,0 +1,134 @@
+//! A picture as a list of shapes, in pixels of its own size, before it becomes SVG or PNG.
+
+use super::theme::Colour;
+
+/// A rectangle: left, top, width, height in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rect {
+    pub left: f64,
+    pub top: f64,
+    pub width: f64,
+    pub height: f64,
+}
+
+impl Rect {
+    pub(super) fn right(&self) -> f64 {
+        self.left + self.width
+    }
+
+    pub(super) fn bottom(&self) -> f64 {
+        self.top + self.height
+    }
+
+    pub(super) fn corners(&self) -> Vec<(f64, f64)> {
+        vec![
+            (self.left, self.top),
+            (self.right(), self.top),
+            (self.right(), self.bottom()),
+            (self.left, self.bottom()),
+        ]
+    }
+}
+
+/// A line's colour, width in pixels and dash.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Stroke {
+    pub colour: Colour,
+    pub width: f64,
+    pub dash: &'static [f64],
+}
+
+/// Where a text begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+/// Words at a point of their baseline.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Text {
+    pub at: (f64, f64),
+    pub words: String,
+    pub size: f64,
+    pub bold: bool,
+    pub colour: Colour,
+    pub anchor: Anchor,
+    /// Whether it reads from below to above.
+    pub upright: bool,
+}
+
+/// Pixels by number in a palette, rows from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Raster {
+    pub width: usize,
+    pub height: usize,
+    pub palette: Vec<Colour>,
+    pub pixels: Vec<u8>,
+}
+
+impl Raster {
+    /// Every pixel repeated across and down; a raster that is finer than the picture stays.
+    pub(super) fn repeated(&self, across: usize, down: usize) -> Self {
+        let enough = |times: usize| if times > 2 { times } else { 1 };
+        let (across, down) = (enough(across), enough(down));
+        let pixels = self
+            .pixels
+            .chunks(self.width.max(1))
+            .flat_map(|row| {
+                let wide: Vec<u8> = row
+                    .iter()
+                    .flat_map(|pixel| std::iter::repeat_n(*pixel, across))
+                    .collect();
+                std::iter::repeat_n(wide, down).flatten()
+            })
+            .collect();
+        Self {
+            width: self.width * across,
+            height: self.height * down,
+            palette: self.palette.clone(),
+            pixels,
+        }
+    }
+}
+
+/// One thing to draw.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Shape {
+    /// Lines and areas; several pieces share fill and stroke, so that many markers are one shape.
+    Path {
+        pieces: Vec<Vec<(f64, f64)>>,
+        closed: bool,
+        fill: Option<Colour>,
+        stroke: Option<Stroke>,
+        clip: Option<Rect>,
+    },
+    Text(Text),
+    Image {
+        place: Rect,
+        raster: Raster,
+    },
+}
+
+impl Shape {
+    pub(super) fn line(points: Vec<(f64, f64)>, stroke: Stroke) -> Self {
+        Self::Path {
+            pieces: vec![points],
+            closed: false,
+            fill: None,
+            stroke: Some(stroke),
+            clip: None,
+        }
+    }
+
+    pub(super) fn area(rect: Rect, fill: Colour) -> Self {
+        Self::Path {
+            pieces: vec![rect.corners()],
+            closed: true,
+            fill: Some(fill),
+            stroke: None,
+            clip: None,
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! Shapes as SVG.
+
+use std::fmt::Write;
+
+use super::bitmap;
+use super::shape::{Anchor, Rect, Shape, Stroke, Text};
+use super::theme::Colour;
+
+/// The SVG document of shapes on a sheet of this size.
+pub(super) fn document(width: f64, height: f64, title: &str, shapes: &[Shape]) -> String {
+    let mut clips: Vec<Rect> = Vec::new();
+    let mut body = String::new();
+    for shape in shapes {
+        // Writing to a String cannot fail.
+        let _ = draw(&mut body, &mut clips, shape);
+    }
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+         viewBox=\"0 0 {width} {height}\" font-family=\"'DejaVu Sans', Verdana, sans-serif\">\n\
+         <title>{}</title>\n",
+        escape(title)
+    );
+    if !clips.is_empty() {
+        text.push_str("<defs>\n");
+        for (n, clip) in clips.iter().enumerate() {
+            let _ = writeln!(
+                text,
+                "<clipPath id=\"c{n}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath>",
+                short(clip.left),
+                short(clip.top),
+                short(clip.width),
+                short(clip.height)
+            );
+        }
+        text.push_str("</defs>\n");
+    }
+    text + &body + "</svg>\n"
+}
+
+fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Result {
+    match shape {
+        Shape::Path {
+            pieces,
+            closed,
+            fill,
+            stroke,
+            clip,
+        } => {
+            out.push_str("<path d=\"");
+            for piece in pieces {
+                for (n, (x, y)) in piece.iter().enumerate() {
+                    write!(
+                        out,
+                        "{}{} {}",
+                        if n == 0 { 'M' } else { 'L' },
+                        short(*x),
+                        short(*y)
+                    )?;
+                }
+                if *closed {
+                    out.push('Z');
+                }
+            }
+            out.push('"');
+            match fill {
+                Some(colour) => paint(out, "fill", *colour)?,
+                None => out.push_str(" fill=\"none\""),
+            }
+            if let Some(Stroke {
+                colour,
+                width,
+                dash,
+            }) = stroke
+            {
+                paint(out, "stroke", *colour)?;
+                write!(
+                    out,
+                    " stroke-width=\"{}\" stroke-linejoin=\"round\"",
+                    short(*width)
+                )?;
+                if !dash.is_empty() {
+                    let dash: Vec<String> = dash.iter().map(|length| short(*length)).collect();
+                    write!(out, " stroke-dasharray=\"{}\"", dash.join(" "))?;
+                }
+            }
+            if let Some(clip) = clip {
+                let known = clips.iter().position(|other| other == clip);
+                let n = known.unwrap_or_else(|| {
+                    clips.push(*clip);
+                    clips.len() - 1
+                });
+                write!(out, " clip-path=\"url(#c{n})\"")?;
+            }
+            out.push_str("/>\n");
+            Ok(())
+        }
+        Shape::Text(text) => words(out, text),
+        Shape::Image { place, raster } => {
+            // Viewers differ in how they enlarge an image; cells drawn large keep their edges in all.
+            let repeat =
+                |place: f64, cells: usize| (2.0 * place / cells as f64).ceil().max(1.0) as usize;
+            let large = raster.repeated(
+                repeat(place.width, raster.width),
+                repeat(place.height, raster.height),
+            );
+            writeln!(
+                out,
+                "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
+                 href=\"data:image/png;base64,{}\"/>",
+                short(place.left),
+                short(place.top),
+                short(place.width),
+                short(place.height),
+                base64(&bitmap::indexed_png(&large)),
+            )
+        }
+    }
+}
+
+fn words(out: &mut String, text: &Text) -> std::fmt::Result {
+    let (x, y) = (short(text.at.0), short(text.at.1));
+    if text.upright {
+        write!(out, "<text transform=\"translate({x} {y}) rotate(-90)\"")?;
+    } else {
+        write!(out, "<text x=\"{x}\" y=\"{y}\"")?;
+    }
+    write!(out, " font-size=\"{}\"", short(text.size))?;
+    if text.bold {
+        out.push_str(" font-weight=\"bold\"");
+    }
+    match text.anchor {
+        Anchor::Start => {}
+        Anchor::Middle => out.push_str(" text-anchor=\"middle\""),
+        Anchor::End => out.push_str(" text-anchor=\"end\""),
+    }
+    paint(out, "fill", text.colour)?;
+    writeln!(out, ">{}</text>", escape(&text.words))
+}
+
+fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
+    let Colour {
+        red,
+        green,
+        blue,
+        opacity,
+    } = colour;
+    write!(out, " {what}=\"#{red:02x}{green:02x}{blue:02x}\"")?;
+    if opacity < 1.0 {
+        write!(out, " {what}-opacity=\"{}\"", short(f64::from(opacity)))?;
+    }
+    Ok(())
+}
+
+/// A coordinate in at most two decimals.
+fn short(value: f64) -> String {
+    let text = format!("{value:.2}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" {
+        "0".into()
+    } else {
+        text.into()
+    }
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let word = chunk.iter().enumerate().fold(0_u32, |word, (n, byte)| {
+            word | u32::from(*byte) << (16 - 8 * n)
+        });
+        for n in 0..4 {
+            text.push(if n <= chunk.len() {
+                char::from(LETTERS[(word >> (18 - 6 * n)) as usize & 63])
+            } else {
+                '='
+            });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_of_the_vectors_of_rfc_4648() {
+        for (plain, coded) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+
+    #[test]
+    fn coordinates_are_short() {
+        assert_eq!(short(1.0), "1");
+        assert_eq!(short(-0.001), "0");
+        assert_eq!(short(100.126), "100.13");
+    }
+}
