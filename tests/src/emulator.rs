@@ -1,0 +1,177 @@
+//! One image on the emulated CPU, under a wall-clock limit.
+
+use std::io::{Read, Seek};
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::root;
+
+/// The emulated machine.
+#[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
+pub enum Machine {
+    /// Olimex STM32-H405: Cortex-M4F with 1 MiB of flash and 128 KiB of RAM.
+    CortexM4F,
+    /// BBC micro:bit: Cortex-M0 with 256 KiB of flash and 16 KiB of RAM, no FPU, no divider.
+    CortexM0,
+}
+
+impl Machine {
+    /// The Rust target that it runs.
+    #[must_use]
+    pub fn target(self) -> &'static str {
+        match self {
+            Self::CortexM4F => "thumbv7em-none-eabihf",
+            Self::CortexM0 => "thumbv6m-none-eabi",
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::CortexM4F => "olimex-stm32-h405",
+            Self::CortexM0 => "microbit",
+        }
+    }
+}
+
+/// What the emulated clock follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Clock {
+    /// The desk's clock: fastest, not repeatable in time.
+    Free,
+    /// Instructions executed, waiting skipped: every run gives the same output.
+    Steady,
+    /// One nanosecond for one instruction, so that SysTick counts instructions.
+    Instructions,
+}
+
+/// How an image is run.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// The machine.
+    pub machine: Machine,
+    /// Its clock.
+    pub clock: Clock,
+    /// Whether what the serial port sends (USART2 of the Cortex-M4F) is kept.
+    pub serial: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            machine: Machine::CortexM4F,
+            clock: Clock::Steady,
+            serial: false,
+        }
+    }
+}
+
+/// What became of a run.
+#[derive(Clone, Debug)]
+pub struct Output {
+    /// Exit status of the image, 0 if it passed; `None` where the limit cut it.
+    pub status: Option<i32>,
+    /// What it printed by semihosting.
+    pub text: String,
+    /// What its serial port sent.
+    pub serial: String,
+}
+
+impl Output {
+    /// The text of an image that passed.
+    ///
+    /// # Panics
+    /// Where the image failed or was cut.
+    #[must_use]
+    pub fn passed(self) -> String {
+        match self.status {
+            Some(0) => self.text,
+            Some(status) => panic!("the image failed with exit status {status}:\n{}", self.text),
+            None => panic!("the image was cut by its time limit:\n{}", self.text),
+        }
+    }
+}
+
+/// The command that runs an image for at most `limit`; standard input is empty unless `input`.
+///
+/// It ends by itself at the limit even if the test that started it is gone.
+#[must_use]
+pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> Command {
+    let mut command = Command::new(root().join("tests/emulator"));
+    command.args(["--machine", options.machine.name()]);
+    command.args(["--limit", &limit.as_secs_f64().to_string()]);
+    command.args([
+        "--clock",
+        match options.clock {
+            Clock::Free => "free",
+            Clock::Steady => "steady",
+            Clock::Instructions => "instructions",
+        },
+    ]);
+    command.args(["--serial", if options.serial { "stdio" } else { "null" }]);
+    if input {
+        command.arg("--input");
+    } else {
+        command.stdin(Stdio::null());
+    }
+    command.arg(image);
+    command
+}
+
+/// Runs an image for at most `limit` of wall-clock time.
+///
+/// # Panics
+/// Where there is no emulator: one line that names the command which brings it.
+#[must_use]
+pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
+    // Files, not pipes: nothing that outlives the emulator can keep this from ending.
+    let mut text = scratch_file();
+    let mut serial = scratch_file();
+    let mut child = command(image, options, limit, false)
+        .stdout(serial.try_clone().expect("a file handle is copied"))
+        .stderr(text.try_clone().expect("a file handle is copied"))
+        .spawn()
+        .expect("tests/emulator starts");
+    // The emulator's own limit comes first; this one is for a broken `timeout` command.
+    let last = Instant::now() + limit + Duration::from_secs(15);
+    let status = loop {
+        if let Some(status) = child.try_wait().expect("the emulator can be waited for") {
+            // Ended by a signal, it crashed: reported as the shell does.
+            break status.code().or(status.signal().map(|signal| 128 + signal));
+        }
+        if Instant::now() > last {
+            let _ = child.kill();
+            let _ = child.wait();
+            break None;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    let read = |file: &mut std::fs::File| {
+        let mut bytes = Vec::new();
+        file.rewind()
+            .and_then(|()| file.read_to_end(&mut bytes))
+            .expect("the output is read");
+        String::from_utf8_lossy(&bytes).into_owned()
+    };
+    let (text, serial) = (read(&mut text), read(&mut serial));
+    match status {
+        Some(127) => panic!("no QEMU (qemu-system-arm) here; run tests/setup.sh"),
+        // 124: the limit; 137: it had to be killed.
+        Some(124 | 137) | None => Output {
+            status: None,
+            text,
+            serial,
+        },
+        Some(status) => Output {
+            status: Some(status),
+            text,
+            serial,
+        },
+    }
+}
+
+/// A file without a name: gone with its last handle.
+fn scratch_file() -> std::fs::File {
+    tempfile::tempfile().expect("a temporary file can be made")
+}

@@ -1,0 +1,98 @@
+//! The images: built on demand for a target, in a target folder of their own.
+//!
+//! A folder of their own, because the cargo that runs the tests may hold the lock of its folder.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::{Mutex, PoisonError};
+
+use crate::emulator::Machine;
+use crate::root;
+
+// The name that tests/setup.sh gives Debian's toolchain where rustup cannot bring the targets.
+const LINKED: &str = "kband-thumb";
+
+type Key = (String, String, Machine);
+
+static BUILT: Mutex<Option<HashMap<Key, PathBuf>>> = Mutex::new(None);
+
+/// The binary `bin` of `package` for a machine, built if it is not up to date.
+///
+/// # Panics
+/// Where the target is missing (one line that names the command which brings it) or where the
+/// build fails.
+#[must_use]
+pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    let key = (package.to_owned(), bin.to_owned(), machine);
+    built
+        .get_or_insert_default()
+        .entry(key)
+        .or_insert_with(|| compile(package, bin, machine))
+        .clone()
+}
+
+fn compile(package: &str, bin: &str, machine: Machine) -> PathBuf {
+    let target = machine.target();
+    let mut arguments = Vec::new();
+    if !compiles_for(&[], target) {
+        let linked = format!("+{LINKED}");
+        assert!(
+            compiles_for(&[&linked], target),
+            "no Rust target {target} here; run tests/setup.sh"
+        );
+        arguments.push(linked);
+    }
+    let folder = target_folder();
+    arguments.extend(["build", "--quiet", "--locked", "--profile", "firmware"].map(str::to_owned));
+    for (option, value) in [("--package", package), ("--bin", bin), ("--target", target)] {
+        arguments.extend([option.to_owned(), value.to_owned()]);
+    }
+    let output = limited("900", "cargo", |cargo| {
+        cargo.args(&arguments).arg("--target-dir").arg(&folder);
+        // Flags meant for the desk's CPU do not fit this one.
+        for flags in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
+            cargo.env_remove(flags);
+        }
+    });
+    assert!(
+        output.status.success(),
+        "image {bin} does not build for {target}:\n{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    folder.join(target).join("firmware").join(bin)
+}
+
+fn compiles_for(toolchain: &[&str], target: &str) -> bool {
+    let output = limited("60", "rustc", |rustc| {
+        rustc
+            .args(toolchain)
+            .args(["--print", "target-libdir", "--target", target]);
+    });
+    let library = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    output.status.success()
+        && Path::new(&library).read_dir().is_ok_and(|mut files| {
+            files.any(|file| {
+                file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
+            })
+        })
+}
+
+fn target_folder() -> PathBuf {
+    let shared = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
+    root().join(shared).join("emulated")
+}
+
+/// Runs a command of the toolchain at the workspace's root, at most so many seconds, on empty input.
+fn limited(seconds: &str, program: &str, arguments: impl FnOnce(&mut Command)) -> Output {
+    let mut command = Command::new("timeout");
+    command
+        .args(["--kill-after=5", seconds, program])
+        .current_dir(root())
+        .stdin(Stdio::null());
+    arguments(&mut command);
+    command
+        .output()
+        .expect("the commands timeout, cargo and rustc are on the path")
+}

@@ -1,0 +1,56 @@
+//! The gate itself: what fails, hangs or faults on the emulated CPU is seen, and nothing is left over.
+
+use std::path::Path;
+use std::time::Duration;
+
+use kband_tests::emulator::{self, Machine, Options, Output};
+use kband_tests::images;
+
+fn run(bin: &str, limit: Duration) -> Output {
+    let built = images::build("kband-emulated", bin, Machine::CortexM4F);
+    // A name of its own tells the emulator of this test from those of other tests.
+    let image = built.with_file_name(format!("{bin}-{}", std::process::id()));
+    std::fs::copy(built, &image).expect("the image is copied");
+    let output = emulator::run(&image, Options::default(), limit);
+    assert_eq!(emulators_of(&image), 0, "an emulator of {bin} is left over");
+    std::fs::remove_file(&image).expect("the copy is removed");
+    output
+}
+
+/// Processes that have the image on their command line.
+fn emulators_of(image: &Path) -> usize {
+    let image = image.to_str().expect("a UTF-8 path").as_bytes();
+    let processes = std::fs::read_dir("/proc").expect("/proc is there");
+    processes
+        .flatten()
+        .filter_map(|process| std::fs::read(process.path().join("cmdline")).ok())
+        .filter(|line| {
+            line.split(|&byte| byte == 0)
+                .any(|argument| argument == image)
+        })
+        .count()
+}
+
+#[test]
+fn a_failing_image_fails() {
+    let output = run("failing", Duration::from_secs(60));
+    assert_eq!(output.status, Some(1), "{output:?}");
+    assert!(
+        output.text.contains("this image always fails"),
+        "{output:?}"
+    );
+}
+
+#[test]
+fn a_faulting_image_fails() {
+    let output = run("faulting", Duration::from_secs(60));
+    assert_eq!(output.status, Some(1), "{output:?}");
+    assert!(output.text.contains("hard fault at 0x08"), "{output:?}");
+}
+
+#[test]
+fn a_hanging_image_is_cut() {
+    let output = run("hanging", Duration::from_secs(3));
+    assert_eq!(output.status, None, "{output:?}");
+    assert!(output.text.contains("never ends"), "{output:?}");
+}
