@@ -3,10 +3,16 @@
 use core::f32::consts::{PI, TAU};
 
 use super::amplitude::AmplitudeLoop;
+use super::angle::{phase_of, radians_of};
+use super::capture::{Capture, Progress};
+use super::hearing::Hearing;
 use super::settings::Settings;
 use super::signal::{Command, Cycle, Signal, phase_step};
 use super::supervise::{Event, Events, Fault, Limits, State};
-use crate::feeder::OutOfRange;
+use crate::arithmetic::Phase;
+use crate::feeder::{OutOfRange, Restitution};
+use crate::regime::band::BandError;
+use crate::regime::{Band, Lock, NoBand};
 
 /// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
 pub const PLAN_SLICES: usize = 8;
@@ -69,6 +75,16 @@ pub struct Report {
     pub reference: f32,
     /// Amplitude chosen for the target, in m; 0 where there is none.
     pub setpoint: f32,
+    /// Impacts heard per cycle, over the last 16.
+    pub rate: f32,
+    /// Mean phase of the track (symbol t) at the impacts heard, in rad, -pi..pi.
+    pub phase: f32,
+    /// Concentration of these phases, 0..1.
+    pub concentration: f32,
+    /// Confidence that the parts are in the wanted lock, 0..1.
+    pub confidence: f32,
+    /// Kicks begun for the present target.
+    pub attempts: u8,
     /// What the controller is doing.
     pub state: State,
     /// What stopped it.
@@ -89,6 +105,15 @@ enum Move {
     /// By this share of the distance each cycle.
     Envelope(f32),
 }
+
+/// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked.
+const PATIENCE: u32 = 40;
+/// Confidence from which a lock is believed, and below which it is no longer.
+const BELIEVED: f32 = 0.9;
+const DOUBTED: f32 = 0.6;
+/// Half width of the phases that a lock is heard at, beyond those that the interval of restitution
+/// explains, in rad: amplitude error, doubling not yet resolved, error of the stamps.
+const LOCK_WIDTH: f32 = 0.35;
 
 /// Cycles after which a suspicion is a fault.
 #[derive(Clone, Copy, Debug, Default)]
@@ -130,6 +155,13 @@ pub struct Controller {
     amplitude: AmplitudeLoop,
     target: Target,
     setpoint: f32,
+    /// Phase of the wanted lock and the half width that counts for it, in rad.
+    lock: Option<(Phase, f32)>,
+    no_band: Option<NoBand>,
+    hearing: Hearing,
+    capture: Capture,
+    /// Events that happened between two cycles.
+    news: Events,
     state: State,
     fault: Option<Fault>,
     /// Whether the enable input must be withdrawn before the drive may start.
@@ -141,6 +173,11 @@ pub struct Controller {
     expected: f32,
     in_state: u32,
     arrived: u8,
+    /// Cycles that the output has stood at its limit.
+    strained: u32,
+    doubts: u8,
+    /// Whether every kick allowed has failed for the present target.
+    given_up: bool,
     link_silence: u32,
     link_known: bool,
     suspicions: Suspicions,
@@ -174,6 +211,11 @@ impl Controller {
             amplitude,
             target,
             setpoint: 0.0,
+            lock: None,
+            no_band: None,
+            hearing: Hearing::default(),
+            capture: Capture::new(settings.capture_attempts as u8),
+            news: Events::default(),
             state: if fault.is_some() {
                 State::Fault
             } else {
@@ -187,12 +229,16 @@ impl Controller {
             expected: 0.0,
             in_state: 0,
             arrived: 0,
+            strained: 0,
+            doubts: 0,
+            given_up: false,
             link_silence: 0,
             link_known: false,
             suspicions: Suspicions::default(),
             count: 0,
         };
         controller.set_target(target)?;
+        controller.news = Events::default();
         Ok(controller)
     }
 
@@ -211,14 +257,25 @@ impl Controller {
                 accepted,
             })
         };
+        let mut lock = None;
+        let mut no_band = None;
         let setpoint = match target {
             Target::Locked { order } => {
                 if !(1..=8).contains(&order) {
                     return refuse("target locked order", f32::from(order), "1..8");
                 }
-                let r = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
-                let (low, high) = band(r, f32::from(order));
-                self.amplitude_of(0.5 * (low + high))
+                match Band::common(self.restitution()?, u32::from(order)) {
+                    Ok(band) => {
+                        let k = band.setpoint();
+                        lock = self.lock_phase(k, u32::from(order))?;
+                        self.amplitude_of(k as f32)
+                    }
+                    Err(BandError::Empty(none)) => {
+                        no_band = Some(none);
+                        0.0
+                    }
+                    Err(BandError::OutOfRange(refused)) => return Err(refused),
+                }
             }
             Target::Chaotic => self.amplitude_of(0.34),
             Target::K(k) => {
@@ -242,14 +299,53 @@ impl Controller {
         };
         self.target = target;
         self.setpoint = setpoint;
+        self.lock = lock;
+        self.no_band = no_band;
         self.arrived = 0;
-        if matches!(
-            self.state,
-            State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting
-        ) {
+        self.given_up = false;
+        self.hearing.reset();
+        self.capture.stop();
+        self.news.push(Event::TargetSet);
+        if no_band.is_some() {
+            self.news.push(Event::NoSetpoint);
+        }
+        if self.settled_state() {
             self.enter(State::Starting);
         }
         Ok(())
+    }
+
+    /// Why the target has no setpoint, and which bounds of restitution would allow one.
+    #[must_use]
+    pub fn no_band(&self) -> Option<NoBand> {
+        self.no_band
+    }
+
+    fn restitution(&self) -> Result<Restitution, OutOfRange> {
+        Restitution::interval(
+            f64::from(self.settings.restitution_low),
+            f64::from(self.settings.restitution_high),
+        )
+    }
+
+    /// Middle and half width of the phases at which the lot's parts strike in lock at k.
+    fn lock_phase(&self, k: f64, order: u32) -> Result<Option<(Phase, f32)>, OutOfRange> {
+        let lot = self.restitution()?;
+        let at = |r| Lock::at(k, r, order).map(|lock| lock.map(|lock| lock.state().phase as f32));
+        let (Some(low), Some(high)) = (at(lot.low())?, at(lot.high())?) else {
+            return Ok(None);
+        };
+        Ok(Some((
+            phase_of(0.5 * (low + high)),
+            0.5 * (high - low).abs() + LOCK_WIDTH,
+        )))
+    }
+
+    fn settled_state(&self) -> bool {
+        matches!(
+            self.state,
+            State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting
+        )
     }
 
     /// The target.
@@ -266,39 +362,37 @@ impl Controller {
 
     /// Takes a cycle of the signal path and the board's inputs; what was seen, and what the drive is to do.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
-        let mut events = Events::default();
+        let mut events = core::mem::take(&mut self.news);
         self.count = self.count.wrapping_add(1);
         self.in_state = self.in_state.saturating_add(1);
         let sine = -cycle.quadrature / self.square;
         let cosine = -cycle.in_phase / self.square;
         let measured = libm::sqrtf(sine * sine + cosine * cosine);
-        let lead = libm::atan2f(cosine, sine);
-        let blind = self.watch(cycle, inputs, measured, lead, &mut events);
+        let lead = phase_of(libm::atan2f(cosine, sine));
+        let held_back = !self.limits.is_empty();
+        let blind = self.watch(cycle, inputs, measured, radians_of(lead), &mut events);
         self.obey(inputs, measured, &mut events);
-        self.follow_link(inputs, &mut events);
-        let limits_before = self.limits;
-        let (goal, pace) = self.goal();
-        let goal = self.within_limits(goal);
-        self.reference = match pace {
-            Move::Ramp(rate) => self.reference + (goal - self.reference).clamp(-rate, rate),
-            Move::Envelope(share) => self.reference + share * (goal - self.reference),
-        };
+        self.limit(inputs);
+        let goal = self.move_reference();
         if self.running() {
             // A sensor that may be lost is not followed: the output waits for the verdict.
             if !blind {
                 self.output = self.amplitude.cycle(measured, self.reference);
+                self.hearing.cycle(cycle, lead, self.lock);
             }
-            self.limits.set(Limits::OUTPUT, self.amplitude.saturated());
             self.progress(goal, measured, &mut events);
         } else {
             self.output = 0.0;
             self.reference = 0.0;
+            self.strained = 0;
             self.amplitude.reset();
+            self.hearing.reset();
+            self.capture.stop();
             self.limits = Limits::default();
         }
-        if limits_before.is_empty() && !self.limits.is_empty() {
+        if !held_back && !self.limits.is_empty() {
             events.push(Event::Limited);
-        } else if !limits_before.is_empty() && self.limits.is_empty() {
+        } else if held_back && self.limits.is_empty() && self.running() {
             events.push(Event::Freed);
         }
         let keep = libm::expf(-PI / self.settings.quality);
@@ -308,9 +402,14 @@ impl Controller {
             cycle: self.count,
             k: self.pull / (measured * self.square),
             amplitude: measured,
-            lead,
+            lead: radians_of(lead),
             reference: self.reference,
             setpoint: self.setpoint,
+            rate: self.hearing.rate(),
+            phase: self.hearing.phase(),
+            concentration: self.hearing.concentration(),
+            confidence: self.confidence(),
+            attempts: self.capture.attempts(),
             state: self.state,
             fault: self.fault,
             limits: self.limits,
@@ -430,7 +529,8 @@ impl Controller {
         }
     }
 
-    fn follow_link(&mut self, inputs: &Inputs, _events: &mut Events) {
+    /// What holds the drive back in this cycle.
+    fn limit(&mut self, inputs: &Inputs) {
         if inputs.link_heard {
             self.link_known = true;
             self.link_silence = 0;
@@ -441,56 +541,144 @@ impl Controller {
         let lost = self.link_known
             && timeout > 0.0
             && self.link_silence as f32 > timeout * self.settings.frequency;
-        self.limits.set(Limits::LINK_LOST, lost && self.running());
+        // Short stays at the limit belong to every start and kick.
+        self.strained = if self.amplitude.saturated() {
+            self.strained.saturating_add(1)
+        } else {
+            0
+        };
+        let running = self.running();
+        self.limits.set(Limits::LINK_LOST, running && lost);
+        self.limits
+            .set(Limits::NO_SETPOINT, running && self.no_band.is_some());
+        self.limits
+            .set(self.ceiling_limit, running && self.setpoint > self.ceiling);
+        self.limits
+            .set(Limits::OUTPUT, running && self.strained > 25);
     }
 
-    /// Where the reference is to go, in m, and how.
-    fn goal(&self) -> (f32, Move) {
-        let setpoint = self.setpoint.max(self.settings.safe_amplitude * 1e-3);
-        let up = Move::Ramp(setpoint / (self.settings.soft_start * self.settings.frequency));
-        let down = Move::Ramp(setpoint / (self.settings.soft_stop * self.settings.frequency));
-        if self.limits.contains(Limits::LINK_LOST) {
-            return (self.settings.safe_amplitude * 1e-3, down);
-        }
-        match self.state {
+    /// Moves the reference by one cycle; where it goes, in m.
+    fn move_reference(&mut self) -> f32 {
+        let safe = self.settings.safe_amplitude * 1e-3;
+        let scale = self.setpoint.max(safe) / self.settings.frequency;
+        let up = Move::Ramp(scale / self.settings.soft_start);
+        let down = Move::Ramp(scale / self.settings.soft_stop);
+        let (goal, pace) = match self.state {
             State::Off | State::Fault => (0.0, Move::Envelope(1.0)),
             State::Stopping => (0.0, down),
+            _ if self.limits.contains(Limits::LINK_LOST) => (safe, down),
+            _ if self.limits.contains(Limits::NO_SETPOINT) => (safe, up),
+            State::Capturing => (
+                self.setpoint * self.capture.command(),
+                Move::Envelope(1.0 - libm::expf(-1.0 / self.settings.envelope)),
+            ),
             _ => (self.setpoint, up),
-        }
+        };
+        let goal = goal.min(self.ceiling);
+        self.reference = match pace {
+            Move::Ramp(rate) => self.reference + (goal - self.reference).clamp(-rate, rate),
+            Move::Envelope(share) => {
+                let next = self.reference + share * (goal - self.reference);
+                // The last thousandth is no use to the parts.
+                if (next - goal).abs() < 1e-3 * goal {
+                    goal
+                } else {
+                    next
+                }
+            }
+        };
+        goal
     }
 
-    fn within_limits(&mut self, goal: f32) -> f32 {
-        let cut = goal > self.ceiling;
-        self.limits.set(self.ceiling_limit, cut);
-        goal.min(self.ceiling)
+    fn confidence(&self) -> f32 {
+        match self.target {
+            Target::Locked { order } if self.lock.is_some() => self.hearing.lock_confidence(order),
+            _ => 0.0,
+        }
     }
 
     /// Moves between the states of a running drive.
     fn progress(&mut self, goal: f32, measured: f32, events: &mut Events) {
-        let near = (measured - goal).abs() < 0.01 * goal && self.reference == goal;
+        let near = self.reference == goal && (measured - goal).abs() < 0.01 * goal;
+        let locked = self.confidence() >= BELIEVED;
+        if self.settled_state() && self.state != State::Limiting && !self.limits.is_empty() {
+            self.capture.stop();
+            self.enter(State::Limiting);
+            return;
+        }
         match self.state {
             State::Starting => {
-                self.arrived = if near { self.arrived + 1 } else { 0 };
-                if self.arrived >= 3 {
-                    self.enter(State::Holding);
-                    events.push(Event::SetpointReached);
+                self.arrived = if near {
+                    self.arrived.saturating_add(1)
+                } else {
+                    0
+                };
+                let strained = self.limits.contains(Limits::OUTPUT);
+                if self.arrived >= 3 || strained {
+                    self.hearing.reset();
+                    if self.limits.is_empty() {
+                        self.enter(State::Holding);
+                        events.push(Event::SetpointReached);
+                    } else {
+                        self.enter(State::Limiting);
+                    }
                 }
             }
-            State::Holding if !self.limits.is_empty() && self.in_state > 10 => {
-                self.enter(State::Limiting);
+            State::Limiting if self.limits.is_empty() => {
+                self.arrived = 0;
+                self.enter(State::Starting);
             }
-            State::Limiting if self.limits.is_empty() => self.enter(State::Starting),
+            State::Holding if self.lock.is_some() => {
+                if locked {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                } else if self.in_state >= PATIENCE && !self.given_up {
+                    self.capture.begin();
+                    self.enter(State::Capturing);
+                }
+            }
+            State::Capturing => match self.capture.cycle(locked, near) {
+                Progress::Going => {}
+                Progress::Begun => {
+                    events.push(Event::KickBegun);
+                    self.hearing.reset();
+                }
+                Progress::Ended => events.push(Event::KickEnded),
+                Progress::Captured => {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                }
+                Progress::Failed => {
+                    self.given_up = true;
+                    self.enter(State::Holding);
+                    events.push(Event::NotCaptured);
+                }
+            },
+            State::Locked => {
+                let doubted = self.confidence() < DOUBTED;
+                self.doubts = if doubted {
+                    self.doubts.saturating_add(1)
+                } else {
+                    0
+                };
+                if self.doubts >= 10 {
+                    self.doubts = 0;
+                    self.enter(State::Lost);
+                    events.push(Event::LockLost);
+                }
+            }
+            State::Lost => {
+                if locked {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                } else if self.in_state >= PATIENCE {
+                    self.capture.begin();
+                    self.enter(State::Capturing);
+                }
+            }
             _ => {}
         }
     }
-}
-
-/// Band of the period-1 orbit of order r: (k2, k1), physics section 5.
-fn band(restitution: f32, order: f32) -> (f32, f32) {
-    let ratio = (1.0 - restitution) / (1.0 + restitution);
-    let a = PI * order * ratio;
-    let b = 2.0 * (1.0 + restitution * restitution) / ((1.0 + restitution) * (1.0 + restitution));
-    (1.0 / libm::sqrtf(a * a + b * b), 1.0 / a)
 }
 
 impl Signal {

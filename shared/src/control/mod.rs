@@ -17,17 +17,20 @@
 //! | fault | it stopped |
 
 mod amplitude;
+mod angle;
+mod capture;
 mod controller;
+mod hearing;
 mod listen;
 mod settings;
 mod signal;
-mod sine;
 mod supervise;
 
 pub use amplitude::AmplitudeLoop;
+pub use angle::{phase_of, radians_of};
 pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start, Target};
+pub use hearing::Hearing;
 pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
 pub use settings::{Key, Settings};
 pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};
-pub use sine::{phase_of, radians_of, sine_cosine};
 pub use supervise::{Event, Events, Fault, Limits, State};

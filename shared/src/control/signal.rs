@@ -2,8 +2,7 @@
 
 use super::listen::{Ear, HEARD_PER_CYCLE, Heard};
 use super::settings::Settings;
-use super::sine::sine_cosine;
-use crate::arithmetic::Phase;
+use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
 /// Samples per second of the signal path.
@@ -153,7 +152,7 @@ impl Signal {
         self.phase += Phase::from_bits(self.step);
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
-        let (sine, cosine) = sine_cosine(self.phase);
+        let (sine, cosine) = sine_cosine_single(self.phase);
         let swing = acceleration - self.mean;
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
@@ -189,8 +188,9 @@ impl Signal {
         if let Some(strength) = self.ear.sample(acceleration) {
             let index = usize::from(cycle.heard_count);
             if let Some(slot) = cycle.heard.get_mut(index) {
+                // The ringing rises over the threshold within its first two samples: half of them on average.
                 *slot = Heard {
-                    phase: self.phase,
+                    phase: before,
                     strength,
                 };
             }

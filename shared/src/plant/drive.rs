@@ -150,7 +150,8 @@ impl Ringing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{phase_step, sine_cosine};
+    use crate::arithmetic::sine_cosine_single;
+    use crate::control::phase_step;
 
     fn steady(frequency: f32) -> Swing {
         let model = DriveModel::default();
@@ -159,7 +160,7 @@ mod tests {
         let step = phase_step(frequency);
         // 3 s are 19 time constants of the envelope.
         for _ in 0..60_000 {
-            let (sine, _) = sine_cosine(phase);
+            let (sine, _) = sine_cosine_single(phase);
             drive.step(0.2 * sine);
             phase += Phase::from_bits(step);
         }
