@@ -1,7 +1,11 @@
-//! What the cross-crate tests share: the emulator and the images that run on it.
+//! What the cross-crate tests share: the emulator and the images that run on it, launches that try
+//! a kernel and the oracle that judges it.
 
 pub mod emulator;
 pub mod images;
+pub mod oracle;
+pub mod states;
+pub mod verdict;
 
 use std::path::{Path, PathBuf};
 

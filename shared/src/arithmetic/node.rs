@@ -12,6 +12,15 @@ pub(crate) const COUNT: usize = 256;
 /// Distance of two nodes in rad.
 pub(crate) const SPACING: f64 = TAU / COUNT as f64;
 
+/// The upper 26 bits of the distance of two nodes: its product with up to 2^27 is exact.
+pub(crate) const SPACING_HIGH: f64 = f64::from_bits(SPACING.to_bits() & !((1 << 27) - 1));
+
+/// What [`SPACING_HIGH`] lacks of the exact distance.
+pub(crate) const SPACING_LOW: f64 = (SPACING - SPACING_HIGH) + PI_REST / 128.0;
+
+/// What `PI` lacks of pi.
+const PI_REST: f64 = 1.224_646_799_147_353_2e-16;
+
 /// (sine, cosine) at each node, nearest f64.
 pub(crate) static DOUBLE: [[f64; 2]; COUNT] = {
     let mut table = [[0.0; 2]; COUNT];
@@ -147,7 +156,7 @@ const NODES: [[Twofold; 2]; COUNT] = {
     // pi to 107 bits; division by 128 is exact.
     let spacing = Twofold {
         high: PI / 128.0,
-        low: 1.224_646_799_147_353_2e-16 / 128.0,
+        low: PI_REST / 128.0,
     };
     let mut table = [[Twofold::from(0.0); 2]; COUNT];
     let mut j = 0;

@@ -36,3 +36,36 @@ core::arch::global_asm!(
 unsafe extern "C" {
     fn kband_square_root_single(x: f32) -> f32;
 }
+
+/// Square root in f64, correctly rounded; NaN below 0.
+#[inline(always)]
+pub(crate) fn square_root(x: f64) -> f64 {
+    // The `libm` crate's answer is the same; the intrinsic lets the compiler schedule it.
+    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
+    {
+        use core::arch::x86_64::{_mm_cvtsd_f64, _mm_set_sd, _mm_sqrt_sd};
+        // SAFETY: the target has SSE2.
+        unsafe {
+            let x = _mm_set_sd(x);
+            _mm_cvtsd_f64(_mm_sqrt_sd(x, x))
+        }
+    }
+    #[cfg(not(all(target_arch = "x86_64", target_feature = "sse2")))]
+    libm::sqrt(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_the_correctly_rounded_root() {
+        let mut x = 1e-310;
+        while x < 1e300 {
+            assert_eq!(square_root(x).to_bits(), libm::sqrt(x).to_bits(), "{x:e}");
+            x *= 1.618_033_988_749_895;
+        }
+        assert!(square_root(-1.0).is_nan());
+        assert_eq!(square_root(0.0), 0.0);
+    }
+}

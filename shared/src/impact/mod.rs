@@ -10,6 +10,7 @@ mod accuracy;
 mod anchor;
 mod contact;
 mod double;
+mod flight;
 mod hybrid;
 mod orbit;
 mod single;

@@ -1,0 +1,192 @@
+//! Flights that end near the track's stroke: which stretch of the track they meet, in closed form.
+//!
+//! Where `sin = k` going up (a hump of the track begins) and going down (it ends) the gap is
+//! `y - k`, in the middle of the hump it is `y - 1`: no trigonometry. Of the turn in which the parabola
+//! falls through height 0 these three signs say which of its stretches holds the impact, each with one
+//! root, provided that no hump before it pokes through the parabola.
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use super::{Landing, Launch, Local, Track, finish, householder};
+use crate::arithmetic::lane::{Lane, floor};
+
+/// The track about the middle of a half turn, `sin(pi/2 + x) ~ TOP - BEND x^2`, within 0.028.
+const TOP: f64 = 0.972;
+/// See [`TOP`].
+const BEND: f64 = 0.4177;
+
+/// Flights shorter than this are left to the search, which keeps their relative accuracy.
+const SHORTEST: f64 = 0.125;
+
+/// Signs of the gap at a hump's begin, middle and end, from one turn's edge at `begin`.
+struct Hump<L: Lane> {
+    begin_above: L::Mask,
+    begin_below: L::Mask,
+    middle_above: L::Mask,
+    middle_below: L::Mask,
+    end_above: L::Mask,
+    end_below: L::Mask,
+    /// Given that all three are above: whether the whole hump is.
+    clear: L::Mask,
+}
+
+impl<L: Lane> Hump<L> {
+    /// The hump of the turn that begins `turn` after the launch.
+    #[inline(always)]
+    fn at(track: &Track<L>, launch: &Launch<L>, turn: L, margin: L) -> Self {
+        let zero = L::splat(0.0);
+        let v = launch.rise();
+        let begin = turn + track.edge;
+        let middle = turn + L::splat(FRAC_PI_2);
+        let end = turn + track.hump_end();
+        let u_begin = launch.height(track, begin) - track.edge_sine();
+        let u_middle = launch.height(track, middle) - L::splat(1.0);
+        let u_end = launch.height(track, end) - track.edge_sine();
+        let slope_begin = (v - track.k * begin) - track.edge_cosine;
+        let slope_middle = v - track.k * middle;
+        let slope_end = (v - track.k * end) + track.edge_cosine;
+        // u is convex here: it lies above its tangents, and 1 - cos x >= 4 x^2/pi^2.
+        let bend = L::splat(4.0 / (PI * PI)) - track.half();
+        let above_parabola =
+            zero.below(bend) & (slope_middle * slope_middle).below(L::splat(4.0) * bend * u_middle);
+        let half_width = middle - begin;
+        // Where the tangents at the middle and at one end cross, times the difference of the slopes.
+        let left = u_begin * slope_middle - slope_begin * u_middle
+            + slope_begin * slope_middle * half_width;
+        let right =
+            u_middle * slope_end - slope_middle * u_end + slope_middle * slope_end * half_width;
+        let falling = slope_middle.below(zero);
+        let tangents = L::select(falling, right, left);
+        let monotone = !(slope_begin.below(zero)) | !(zero.below(slope_end));
+        Self {
+            begin_above: margin.below(u_begin),
+            begin_below: u_begin.below(-margin),
+            middle_above: margin.below(u_middle),
+            middle_below: u_middle.below(-margin),
+            end_above: margin.below(u_end),
+            end_below: u_end.below(-margin),
+            clear: above_parabola | monotone | margin.below(tangents),
+        }
+    }
+
+    /// Whether the parabola certainly passes over it.
+    #[inline(always)]
+    fn passed(&self) -> L::Mask {
+        self.begin_above & self.middle_above & self.end_above & self.clear
+    }
+}
+
+/// The end of a low flight; the mask says where it is certain to be the first impact.
+#[inline(always)]
+pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
+    let (zero, one, turn) = (L::splat(0.0), L::splat(1.0), L::splat(TAU));
+    let v = launch.rise();
+    let leaving = launch.leaving(track);
+    let level = v * v + (track.k + track.k) * launch.sine;
+    let crossing = (v + level.max(zero).sqrt()) * track.per_k;
+    let crossing = L::select(level.below(zero), zero, crossing.max(zero));
+    // The turn of the crossing begins at `base`; its hump at `begin`.
+    let base = floor((launch.phase + crossing) * L::splat(1.0 / TAU)) * turn - launch.phase;
+    let begin = base + track.edge;
+    let end = base + track.hump_end();
+    let lower = !(crossing - base).below(L::splat(PI));
+
+    // 30 times the rounding of a height at the apex.
+    let margin = L::splat(6e-14) * (one + v * v * track.per_k);
+    let certified = (one + margin).below(leaving) & zero.below(v);
+    let mut centre = base + L::select(lower, L::splat(1.5 * PI), L::splat(FRAC_PI_2));
+    let mut upper = !lower;
+    let mut low = L::select(lower, crossing, base);
+    let mut high = L::select(lower, base + turn, crossing);
+    let mut certain = certified;
+
+    if L::any(!certified) {
+        let ahead = zero.below(begin);
+        let hump = Hump::at(track, launch, base, margin);
+        let before = !certified & ahead & hump.begin_below;
+        let rising = !certified & ahead & hump.begin_above & hump.middle_below;
+        let falling = !certified & ahead & hump.begin_above & hump.middle_above & hump.end_below;
+        let after = !certified & (!ahead | hump.passed());
+        certain = certified | before | rising | falling | after;
+
+        let middle = base + L::splat(FRAC_PI_2);
+        let early = before & !zero.below(launch.height(track, base));
+        let late = before | rising | falling;
+        upper = (upper | late) & !early;
+        centre = L::select(late, middle, centre);
+        centre = L::select(early, base - L::splat(FRAC_PI_2), centre);
+        low = L::select(before, end - turn, low);
+        low = L::select(rising, begin, low);
+        low = L::select(falling, middle, low);
+        low = L::select(after, end, low).max(zero);
+        high = L::select(before, begin, high);
+        high = L::select(rising, middle, high);
+        high = L::select(falling, end, high);
+        high = L::select(after, begin + turn, high);
+
+        // The humps that the flight passes before this turn.
+        let passes = !certified & turn.below(begin);
+        if L::any(passes) {
+            let first = L::select(
+                launch.phase.below(track.edge),
+                -launch.phase,
+                turn - launch.phase,
+            );
+            let last = base - turn;
+            let over = |from: L, to: L| {
+                let bar = one + margin;
+                !launch.height(track, from + track.edge).below(bar)
+                    & !launch.height(track, to + track.hump_end()).below(bar)
+            };
+            let mut clear = over(first, last);
+            if L::any(passes & !clear) {
+                // Between the first and the last the parabola is highest.
+                let inner = last.below(first + turn + one) | over(first + turn, last - turn);
+                clear = clear
+                    | (inner
+                        & Hump::at(track, launch, first, margin).passed()
+                        & Hump::at(track, launch, last, margin).passed());
+            }
+            certain = certain & (clear | !passes);
+        }
+    }
+
+    // Parabola against parabola, then steps anchored on nodes.
+    let top = L::select(upper, L::splat(TOP), L::splat(-TOP));
+    let bend = L::select(upper, L::splat(BEND), L::splat(-BEND)) - track.half();
+    let gap = launch.height(track, centre) - top;
+    let mut d = centre + down_crossing(gap, v - track.k * centre, bend);
+    d = d.max(low).min(high);
+    let mut open = certain;
+    for _ in 0..3 {
+        let local = Local::near(track, launch, d);
+        let (f, g) = (local.value, local.slope);
+        let (b2, b3) = (local.second(track), local.third());
+        let gg = g * g;
+        let fair = g.below(zero) & (f * b2).abs().below(gg * L::splat(0.06));
+        let mut step = householder(f, g, b2, b3);
+        if L::any(open & !fair) {
+            step = L::select(fair, step, down_crossing(f, g, b2));
+        }
+        let next = (local.node.distance + step).max(low).min(high);
+        d = L::select(open, next, d);
+        open = open & !fair;
+        if !L::any(open) {
+            break;
+        }
+    }
+    let (landing, exact) = finish(track, launch, d);
+    (
+        landing,
+        certain & exact & L::splat(SHORTEST).below(landing.flight),
+    )
+}
+
+/// Where `f + g x + b x^2` crosses zero going down; its extremum where it does not.
+#[inline(always)]
+fn down_crossing<L: Lane>(f: L, g: L, b: L) -> L {
+    let zero = L::splat(0.0);
+    let root = (g * g - L::splat(4.0) * (b * f)).max(zero).sqrt();
+    let rising = zero.below(g);
+    L::select(rising, -(g + root), f + f) / L::select(rising, b + b, root - g)
+}

@@ -1,0 +1,177 @@
+//! Launch states that try a kernel: ordinary ones and the hardest that were thought of.
+
+use std::f64::consts::{PI, TAU};
+
+/// A launch: what is put into a kernel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Launch {
+    /// k of the track.
+    pub k: f64,
+    /// Restitution.
+    pub restitution: f64,
+    /// Phase in rad, 0..2 pi.
+    pub phase: f64,
+    /// Velocity relative to the track.
+    pub velocity: f64,
+}
+
+/// A small reproducible generator of random numbers (SplitMix64).
+#[derive(Clone, Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// The sequence of `seed`.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// The next 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in `from..to`.
+    pub fn between(&mut self, from: f64, to: f64) -> f64 {
+        let unit = (self.bits() >> 11) as f64 / (1_u64 << 53) as f64;
+        from + (to - from) * unit
+    }
+
+    /// Log-uniform in `from..to`.
+    pub fn scale(&mut self, from: f64, to: f64) -> f64 {
+        self.between(from.ln(), to.ln()).exp()
+    }
+
+    /// +1 or -1.
+    pub fn sign(&mut self) -> f64 {
+        if self.bits() & 1 == 0 { 1.0 } else { -1.0 }
+    }
+}
+
+/// The kinds of launch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// psi uniform in 0..20, k in 0.02..0.98.
+    High,
+    /// psi uniform in 0..3, k in 0.02..0.98.
+    Low,
+    /// psi log-uniform in 1e-30..3.
+    Chatter,
+    /// Phases within 1e-15..0.1 of where `sin t = k`, psi = 0 or tiny.
+    Edge,
+    /// Flights that touch a hump within 1e-17..1e-2.
+    Grazing,
+    /// Phases at the wrap.
+    Wrap,
+    /// k log-uniform in 0.005..3, psi log-uniform in 1e-30..100.
+    Wide,
+}
+
+impl Kind {
+    /// Every kind.
+    pub const ALL: [Self; 7] = [
+        Self::High,
+        Self::Low,
+        Self::Chatter,
+        Self::Edge,
+        Self::Grazing,
+        Self::Wrap,
+        Self::Wide,
+    ];
+
+    /// A random launch of this kind.
+    pub fn draw(self, random: &mut Random) -> Launch {
+        let restitution = match random.bits() % 8 {
+            0 => 0.0,
+            1 => 1.0,
+            _ => random.between(0.0, 1.0),
+        };
+        let mut k = random.between(0.02, 0.98);
+        let mut phase = random.between(0.0, TAU);
+        let velocity = match self {
+            Self::High => random.between(0.0, 20.0),
+            Self::Low => random.between(0.0, 3.0),
+            Self::Chatter => random.scale(1e-30, 3.0),
+            Self::Edge => {
+                k = random.between(0.005, 1.0);
+                let edge = if random.sign() > 0.0 {
+                    k.asin()
+                } else {
+                    PI - k.asin()
+                };
+                phase = edge + random.sign() * random.scale(1e-16, 0.1);
+                if random.sign() > 0.0 {
+                    0.0
+                } else {
+                    random.scale(1e-30, 0.1)
+                }
+            }
+            Self::Grazing => {
+                k = random.between(0.005, 0.98);
+                return grazing(random, k, restitution);
+            }
+            Self::Wrap => {
+                phase = match random.bits() % 4 {
+                    0 => 0.0,
+                    1 => f64::from_bits(TAU.to_bits() - 1 - random.bits() % 8),
+                    2 => random.scale(1e-300, 1e-3),
+                    _ => TAU - random.scale(1e-15, 1e-3),
+                };
+                random.scale(1e-30, 20.0)
+            }
+            Self::Wide => {
+                k = random.scale(0.005, 3.0);
+                random.scale(1e-30, 100.0)
+            }
+        };
+        let phase = phase.rem_euclid(TAU);
+        Launch {
+            k,
+            restitution,
+            phase: if phase < TAU { phase } else { 0.0 },
+            velocity,
+        }
+    }
+}
+
+/// A launch whose parabola touches a hump, but for 1e-17..1e-2 of velocity: from a touch at a random
+/// place of the hump back to where the parabola left the track.
+fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
+    loop {
+        let edge = k.asin();
+        let touch = random.between(edge, PI - edge);
+        let (s, c) = touch.sin_cos();
+        let gap = |past: f64| s - c * past - 0.5 * k * past * past - (touch - past).sin();
+        let mut past = random.between(0.05, 12.0);
+        let Some(bracket) = (0..2000).find_map(|_| {
+            past += 0.05;
+            (gap(past - 0.05) > 0.0 && gap(past) <= 0.0).then_some((past - 0.05, past))
+        }) else {
+            continue;
+        };
+        let (mut near, mut far) = bracket;
+        for _ in 0..60 {
+            let middle = 0.5 * (near + far);
+            if gap(middle) > 0.0 {
+                near = middle;
+            } else {
+                far = middle;
+            }
+        }
+        let phase = touch - far;
+        let velocity = c + k * far - phase.cos() + random.sign() * random.scale(1e-17, 1e-2);
+        let phase = phase.rem_euclid(TAU);
+        if (0.0..20.0).contains(&velocity) && phase < TAU {
+            return Launch {
+                k,
+                restitution,
+                phase,
+                velocity,
+            };
+        }
+    }
+}
