@@ -1,0 +1,216 @@
+//! How a drive's amplitude follows its command.
+
+use super::Kick;
+use crate::feeder::{OutOfRange, accept};
+
+/// What the planner must know of a drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveSettings {
+    /// Time constant of the amplitude in drive cycles, 0..=1000; `Q / pi` for an uncontrolled resonance.
+    pub time_constant: f64,
+    /// Amplitude before the kick over the target amplitude, 0..=1. Below the target k the part rests.
+    pub start: f64,
+    /// Highest amplitude the drive may be asked for, over the target amplitude, 1..=10.
+    pub limit: f64,
+}
+
+impl DriveSettings {
+    /// The design's drive: 5 cycles, from standstill, 2.5 times the target at most.
+    pub const DEFAULT: Self = Self {
+        time_constant: 5.0,
+        start: 0.0,
+        limit: 2.5,
+    };
+}
+
+/// A drive of first order: after a step of the command the amplitude error falls as
+/// `exp(-cycles / time constant)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drive {
+    decay: f32,
+    start: f32,
+    limit: f32,
+}
+
+impl Drive {
+    /// The drive these settings describe; the refusal names the parameter.
+    pub fn build(settings: DriveSettings) -> Result<Self, OutOfRange> {
+        let DriveSettings {
+            time_constant,
+            start,
+            limit,
+        } = settings;
+        accept(
+            "time_constant",
+            time_constant,
+            (0.0..=1000.0).contains(&time_constant),
+            "0..1000 drive cycles",
+        )?;
+        accept("start", start, (0.0..=1.0).contains(&start), "0..1")?;
+        accept("limit", limit, (1.0..=10.0).contains(&limit), "1..10")?;
+        Ok(Self {
+            decay: if time_constant > 0.0 {
+                libm::exp(-1.0 / time_constant) as f32
+            } else {
+                0.0
+            },
+            start: start as f32,
+            limit: limit as f32,
+        })
+    }
+
+    /// Highest amplitude over the target amplitude.
+    #[must_use]
+    pub fn limit(&self) -> f32 {
+        self.limit
+    }
+}
+
+/// Below this distance from a constant command the amplitude counts as arrived.
+const SETTLED: f32 = 2e-3;
+
+/// The amplitude of the track over the target amplitude through one kick.
+///
+/// The command changes once a cycle, at phase 0; the amplitude between two cycle starts is the straight
+/// line between their exact values, which is within `step / (8 tau^2)` of the exponential.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Envelope {
+    drive: Drive,
+    kick: Kick,
+    cycle: u32,
+    now: f32,
+    next: f32,
+}
+
+impl Envelope {
+    /// The envelope of `kick` on `drive`, at the start of cycle 0; the command is held at the limit of
+    /// the drive.
+    #[must_use]
+    pub fn new(drive: Drive, kick: Kick) -> Self {
+        let mut envelope = Self {
+            drive,
+            kick,
+            cycle: 0,
+            now: drive.start,
+            next: drive.start,
+        };
+        envelope.next = envelope.after(drive.start, 0);
+        envelope
+    }
+
+    fn after(&self, amplitude: f32, cycle: u32) -> f32 {
+        let command = self.kick.command(cycle).min(self.drive.limit);
+        let error = (amplitude - command) * self.drive.decay;
+        if error > -SETTLED && error < SETTLED {
+            command
+        } else {
+            command + error
+        }
+    }
+
+    /// Amplitude over target at `time` in drive cycles since the start of the kick; `time` must not run
+    /// backwards by more than the cycle it is in.
+    pub fn amplitude(&mut self, time: f32) -> f32 {
+        let cycle = time as u32;
+        while self.cycle < cycle && !self.is_settled() {
+            self.cycle += 1;
+            self.now = self.next;
+            self.next = self.after(self.now, self.cycle);
+        }
+        if self.is_settled() {
+            return 1.0;
+        }
+        let part = (time - self.cycle as f32).clamp(0.0, 1.0);
+        self.now + (self.next - self.now) * part
+    }
+
+    /// Whether the command is back at the target for good.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.cycle >= self.kick.length()
+    }
+
+    /// Whether the kick is over and the amplitude has arrived at the target.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        self.is_over() && self.now == 1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_envelope_is_the_exponential_of_its_time_constant() {
+        let drive = Drive::build(DriveSettings {
+            time_constant: 5.0,
+            start: 1.0,
+            limit: 3.0,
+        })
+        .unwrap();
+        let kick = Kick::rectangle(2.0, 20).unwrap();
+        let mut envelope = Envelope::new(drive, kick);
+        for step in 0..2000 {
+            let time = step as f32 * 0.05;
+            let rise = |time: f32| 2.0 - libm::exp(f64::from(-time) / 5.0);
+            let exact = if time < 20.0 {
+                rise(time)
+            } else {
+                1.0 + (rise(20.0) - 1.0) * libm::exp(-(f64::from(time) - 20.0) / 5.0)
+            };
+            let amplitude = f64::from(envelope.amplitude(time));
+            // The chord of the exponential over one cycle: step / (8 tau^2) = 1/200; then SETTLED.
+            assert!(
+                (amplitude - exact).abs() < 0.0051,
+                "{time} {amplitude} {exact}"
+            );
+        }
+        assert!(envelope.is_settled() && envelope.amplitude(200.0) == 1.0);
+    }
+
+    #[test]
+    fn a_drive_without_lag_follows_at_the_next_cycle_and_holds_its_limit() {
+        let drive = Drive::build(DriveSettings {
+            time_constant: 0.0,
+            start: 0.0,
+            limit: 1.5,
+        })
+        .unwrap();
+        let mut envelope = Envelope::new(drive, Kick::rectangle(2.0, 3).unwrap());
+        assert_eq!(envelope.amplitude(0.0), 0.0);
+        assert_eq!(envelope.amplitude(1.0), 1.5);
+        assert_eq!(envelope.amplitude(3.0), 1.5);
+        assert_eq!(envelope.amplitude(4.0), 1.0);
+        assert!(envelope.is_settled());
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        for (settings, parameter) in [
+            (
+                DriveSettings {
+                    time_constant: -1.0,
+                    ..DriveSettings::DEFAULT
+                },
+                "time_constant",
+            ),
+            (
+                DriveSettings {
+                    start: 1.1,
+                    ..DriveSettings::DEFAULT
+                },
+                "start",
+            ),
+            (
+                DriveSettings {
+                    limit: f64::NAN,
+                    ..DriveSettings::DEFAULT
+                },
+                "limit",
+            ),
+        ] {
+            assert_eq!(Drive::build(settings).unwrap_err().parameter, parameter);
+        }
+    }
+}

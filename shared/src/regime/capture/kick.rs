@@ -1,0 +1,192 @@
+//! The shape of a kick.
+
+use crate::feeder::{OutOfRange, accept};
+
+/// A kick: the amplitude commanded over the cycles of a capture, in units of the target amplitude.
+///
+/// `factor` for `hold` cycles, then straight to `release` within `descent` cycles, then 1. A rectangular
+/// kick (no descent) throws the part straight onto the orbit; a slow descent carries a hopping part
+/// through the cascade until its attractor takes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KickSettings {
+    /// Highest commanded amplitude over the target amplitude, 1..=10.
+    pub factor: f32,
+    /// Cycles at it, 0..=10000.
+    pub hold: u16,
+    /// Cycles of the straight line that follows, 0..=10000.
+    pub descent: u16,
+    /// Where that line ends, over the target amplitude, 1..=`factor`.
+    pub release: f32,
+}
+
+/// A kick within its ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kick {
+    settings: KickSettings,
+}
+
+impl Kick {
+    /// No kick: the target amplitude from the first cycle on.
+    pub const NONE: Self = Self {
+        settings: KickSettings {
+            factor: 1.0,
+            hold: 0,
+            descent: 0,
+            release: 1.0,
+        },
+    };
+
+    /// The kick these settings describe; the refusal names the parameter.
+    pub fn build(settings: KickSettings) -> Result<Self, OutOfRange> {
+        let KickSettings {
+            factor,
+            hold,
+            descent,
+            release,
+        } = settings;
+        accept(
+            "factor",
+            f64::from(factor),
+            (1.0..=10.0).contains(&factor),
+            "1..10 times the target amplitude",
+        )?;
+        for (parameter, cycles) in [("hold", hold), ("descent", descent)] {
+            accept(
+                parameter,
+                f64::from(cycles),
+                cycles <= 10_000,
+                "0..10000 drive cycles",
+            )?;
+        }
+        accept(
+            "release",
+            f64::from(release),
+            (1.0..=factor).contains(&release),
+            "1..factor times the target amplitude",
+        )?;
+        Ok(Self { settings })
+    }
+
+    /// A rectangular kick: `factor` for `hold` cycles.
+    pub fn rectangle(factor: f32, hold: u16) -> Result<Self, OutOfRange> {
+        Self::build(KickSettings {
+            factor,
+            hold,
+            descent: 0,
+            release: 1.0,
+        })
+    }
+
+    /// What it was built from.
+    #[must_use]
+    pub fn settings(&self) -> KickSettings {
+        self.settings
+    }
+
+    /// Cycles until the command is at the target for good.
+    #[must_use]
+    pub fn length(&self) -> u32 {
+        u32::from(self.settings.hold) + u32::from(self.settings.descent)
+    }
+
+    /// The commanded amplitude over the target amplitude in drive cycle `cycle`, counted from 0.
+    #[must_use]
+    pub fn command(&self, cycle: u32) -> f32 {
+        let KickSettings {
+            factor,
+            hold,
+            descent,
+            release,
+        } = self.settings;
+        if cycle < u32::from(hold) {
+            factor
+        } else if cycle < self.length() {
+            let left = (self.length() - cycle) as f32 / f32::from(descent);
+            release + (factor - release) * left
+        } else {
+            1.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kick_starts_at_its_factor_falls_along_its_line_and_ends_at_the_target() {
+        for (hold, descent, release) in [
+            (12, 0, 1.0),
+            (3, 40, 1.2),
+            (0, 7, 1.0),
+            (10_000, 10_000, 1.5),
+        ] {
+            let kick = Kick::build(KickSettings {
+                factor: 1.5,
+                hold,
+                descent,
+                release,
+            })
+            .unwrap();
+            let mut last = 1.5;
+            for cycle in 0..kick.length() {
+                let command = kick.command(cycle);
+                let slope = (1.5 - release) / f32::from(descent.max(1));
+                assert!(command <= last && last - command <= slope + 1e-6);
+                assert_eq!(command == 1.5, cycle <= u32::from(hold) || release == 1.5);
+                last = command;
+            }
+            assert_eq!(kick.command(kick.length()), 1.0);
+        }
+        assert_eq!(Kick::NONE.command(0), 1.0);
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        let good = KickSettings {
+            factor: 1.5,
+            hold: 1,
+            descent: 1,
+            release: 1.0,
+        };
+        for (settings, parameter) in [
+            (
+                KickSettings {
+                    factor: 0.9,
+                    ..good
+                },
+                "factor",
+            ),
+            (
+                KickSettings {
+                    factor: f32::NAN,
+                    ..good
+                },
+                "factor",
+            ),
+            (
+                KickSettings {
+                    hold: 10_001,
+                    ..good
+                },
+                "hold",
+            ),
+            (
+                KickSettings {
+                    descent: 10_001,
+                    ..good
+                },
+                "descent",
+            ),
+            (
+                KickSettings {
+                    release: 1.6,
+                    ..good
+                },
+                "release",
+            ),
+        ] {
+            assert_eq!(Kick::build(settings).unwrap_err().parameter, parameter);
+        }
+    }
+}

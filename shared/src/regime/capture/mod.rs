@@ -1,0 +1,16 @@
+//! Capture: bringing a part from rest onto the locked orbit by a kick of the amplitude.
+//!
+//! A band is not enough: from rest a part reaches the locked orbit only in a small piece of the band at
+//! low restitution, and nowhere above R = 0.26 (physics, section 7). A kick raises the amplitude for
+//! some cycles and lets it come back; which kick works is computed with the impact map itself, for every
+//! part of a lot, by the desk and by the board alike.
+
+mod drive;
+mod follow;
+mod kick;
+mod plan;
+
+pub use drive::{Drive, DriveSettings, Envelope};
+pub use follow::{Follow, Outcome, Trial};
+pub use kick::{Kick, KickSettings};
+pub use plan::{Lot, Plan, PlanSettings, Planner, Progress, SET_UP, Scored};

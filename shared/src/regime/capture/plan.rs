@@ -1,0 +1,510 @@
+//! Which kick captures the parts of a lot: a search bounded in time and memory.
+
+use super::{Drive, Follow, Kick, KickSettings, Outcome, Trial};
+use crate::feeder::{OutOfRange, Restitution, accept};
+use crate::impact::Kernel;
+use crate::regime::band;
+
+/// The parts that one kick must capture, and how well their amplitude is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lot {
+    /// k at the target amplitude.
+    pub k: f64,
+    /// Restitution of the parts.
+    pub restitution: Restitution,
+    /// Lock order that is wanted, 1..=100.
+    pub order: u32,
+    /// The true amplitude is within this fraction of the one commanded, 0..=0.2.
+    pub amplitude_error: f64,
+}
+
+impl Lot {
+    /// Part number `index` of the lot: the four corners of restitution and amplitude error first, then
+    /// an evenly filling sequence (Roberts' R2, additive recurrence of the plastic number).
+    #[must_use]
+    pub fn part(&self, index: u32) -> Trial {
+        let (a, b) = match index {
+            0 => (0.0, 1.0),
+            1 => (1.0, 0.0),
+            2 => (1.0, 1.0),
+            3 => (0.0, 0.0),
+            _ => {
+                let turn = |step: f64| {
+                    let x = f64::from(index - 4) * step + 0.5;
+                    x - libm::floor(x)
+                };
+                (turn(0.754_877_666_246_692_8), turn(0.569_840_290_998_053_2))
+            }
+        };
+        let (low, high) = (self.restitution.low(), self.restitution.high());
+        Trial {
+            k: self.k / (1.0 + self.amplitude_error * (2.0 * b - 1.0)),
+            restitution: low + (high - low) * a,
+            order: self.order,
+        }
+    }
+}
+
+/// What a planner is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanSettings {
+    /// The parts.
+    pub lot: Lot,
+    /// The drive.
+    pub drive: Drive,
+    /// Time constant of the drive in cycles, which scales the holds that are tried.
+    pub time_constant: f64,
+    /// Effort after which the search ends with the best kick so far, in impacts; a set-up of the map
+    /// counts as [`SET_UP`] impacts.
+    pub effort: u32,
+}
+
+impl PlanSettings {
+    /// What 84 million instructions buy on a Cortex-M4F at 480 an impact, less a reserve of 14 %.
+    pub const EFFORT: u32 = 150_000;
+}
+
+/// What a set-up of the map for another amplitude costs, in impacts: an arcsine and a square root in
+/// soft double precision.
+pub const SET_UP: u32 = 12;
+
+/// A kick and how it did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scored {
+    /// The kick.
+    pub kick: Kick,
+    /// Parts it was tried on.
+    pub tried: u32,
+    /// Parts it captured.
+    pub locked: u32,
+}
+
+impl Scored {
+    /// Share of the parts that it captured, 0..=1.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        f64::from(self.locked) / f64::from(self.tried.max(1))
+    }
+
+    /// Expected share on further parts (Laplace's rule), which does not trust a few lucky trials.
+    fn expected(&self) -> f64 {
+        f64::from(self.locked + 1) / f64::from(self.tried + 2)
+    }
+}
+
+/// Kicks that are kept for further attempts.
+const KEPT: usize = 4;
+
+/// The kicks of a finished search, best first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    ranked: [Option<Scored>; KEPT],
+    /// Impacts computed, waits of resting parts included.
+    pub impacts: u32,
+    /// Set-ups of the map for another amplitude or part.
+    pub set_ups: u32,
+    /// Kicks tried.
+    pub kicks: u32,
+}
+
+impl Plan {
+    /// What the search cost, in impacts.
+    #[must_use]
+    pub fn effort(&self) -> u32 {
+        self.impacts + SET_UP * self.set_ups
+    }
+
+    /// The best kick; `None` where no kick captured anything.
+    #[must_use]
+    pub fn best(&self) -> Option<Scored> {
+        self.ranked[0]
+    }
+
+    /// The kick for attempt number `attempt`, counted from 0: each the next best, and held some cycles
+    /// longer once all have had their turn, so that no attempt repeats an earlier one.
+    #[must_use]
+    pub fn attempt(&self, attempt: u32) -> Option<Kick> {
+        let known = self.ranked.iter().flatten().count() as u32;
+        if known == 0 {
+            return None;
+        }
+        let mut settings = self.ranked[(attempt % known) as usize]?.kick.settings();
+        settings.hold = settings
+            .hold
+            .saturating_add((attempt / known).min(1000) as u16)
+            .min(10_000);
+        Kick::build(settings).ok()
+    }
+}
+
+/// What a slice of planning came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// More slices are needed.
+    Working,
+    /// The search is over.
+    Done(Plan),
+}
+
+/// A search for kicks, resumable in slices.
+///
+/// It tries rectangular kicks and slow descents, those that suit the restitution and shorter ones first,
+/// gives a kick up as soon as it cannot beat the ones that are kept, and ends with the first that captures
+/// 48 parts of 48, or with the best when the kicks or the effort run out. All its memory is in itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Planner<K: Kernel> {
+    settings: PlanSettings,
+    flip: f64,
+    candidate: u16,
+    running: Option<(Scored, Option<Follow<K>>)>,
+    plan: Plan,
+    done: bool,
+}
+
+/// Parts on which a kick is screened.
+const SCREENED: u32 = 16;
+
+/// Misses among them that end the screening of a kick while there is nothing to compare it with.
+const ALLOWED: u32 = 3;
+
+/// Parts on which a kick that passed the screen is confirmed.
+const CONFIRMED: u32 = 48;
+
+/// Impacts of one trial after which it counts as missed, so that no trial eats the budget.
+const LONGEST: u32 = 6_000;
+
+/// Commanded k of rectangular kicks over the lot's highest flip.
+const DEPTHS: [f64; 8] = [0.93, 0.88, 0.82, 0.75, 0.65, 0.55, 0.45, 0.35];
+
+/// Holds of rectangular kicks in time constants of the drive.
+const HOLDS: [f64; 3] = [2.5, 4.0, 6.5];
+
+/// Descents after them in cycles.
+const SHORT_DESCENTS: [u16; 2] = [0, 30];
+
+/// Cycles of the slow descents.
+const SLOW_DESCENTS: [u16; 4] = [60, 120, 240, 400];
+
+/// High bounds of restitution for which slow descents are tried first in order 1: below, rectangular
+/// kicks are surer and shorter; above, both capture by luck and the shorter ones buy more attempts.
+const LIVELY: core::ops::Range<f64> = 0.35..0.58;
+
+/// Commanded k, over the lot's highest flip, where a slow descent begins and where it ends.
+const SLOW_SPANS: [(f64, f64); 4] = [(0.82, 1.0), (0.80, 0.90), (0.82, 0.88), (0.70, 0.90)];
+
+impl<K: Kernel> Planner<K> {
+    /// The planner for these settings; the refusal names the parameter.
+    pub fn new(settings: PlanSettings) -> Result<Self, OutOfRange> {
+        let lot = settings.lot;
+        accept(
+            "amplitude_error",
+            lot.amplitude_error,
+            (0.0..=0.2).contains(&lot.amplitude_error),
+            "0..0.2",
+        )?;
+        K::build(lot.k, lot.restitution.high())?;
+        Ok(Self {
+            settings,
+            flip: band::flip(lot.restitution.high(), lot.order)?,
+            candidate: 0,
+            running: None,
+            plan: Plan {
+                ranked: [None; KEPT],
+                impacts: 0,
+                set_ups: 0,
+                kicks: 0,
+            },
+            done: false,
+        })
+    }
+
+    /// Kick number `index`; `Err` past the last, `Ok(None)` where the drive cannot give it.
+    fn candidate(&self, index: u16) -> Result<Option<Kick>, ()> {
+        let mut index = usize::from(index);
+        if index == 0 {
+            return Ok(Some(Kick::NONE));
+        }
+        index -= 1;
+        let factor = |depth: f64| (self.settings.lot.k / (depth * self.flip)) as f32;
+        let hold = |constants: f64| {
+            libm::round(constants * self.settings.time_constant + 2.0).min(10_000.0) as u16
+        };
+        let rectangles = DEPTHS.len() * HOLDS.len() * SHORT_DESCENTS.len();
+        let slow = SLOW_SPANS.len() * SLOW_DESCENTS.len();
+        if index >= rectangles + slow {
+            return Err(());
+        }
+        let lot = self.settings.lot;
+        if lot.order == 1 && LIVELY.contains(&lot.restitution.high()) {
+            index = (index + rectangles) % (rectangles + slow);
+        }
+        let settings = if index < rectangles {
+            let depth = DEPTHS[index % DEPTHS.len()];
+            index /= DEPTHS.len();
+            KickSettings {
+                factor: factor(depth),
+                hold: hold(HOLDS[index % HOLDS.len()]),
+                descent: SHORT_DESCENTS[index / HOLDS.len()],
+                release: 1.0,
+            }
+        } else {
+            index -= rectangles;
+            let (from, to) = SLOW_SPANS[index % SLOW_SPANS.len()];
+            KickSettings {
+                factor: factor(from),
+                hold: hold(4.0),
+                descent: SLOW_DESCENTS[index / SLOW_SPANS.len()],
+                release: factor(to).max(1.0),
+            }
+        };
+        Ok(if settings.factor > self.settings.drive.limit() {
+            None
+        } else {
+            Kick::build(settings).ok()
+        })
+    }
+
+    /// Computes at most `slice` further impacts.
+    pub fn advance(&mut self, slice: u32) -> Progress {
+        for _ in 0..slice {
+            if self.done || self.plan.effort() >= self.settings.effort || !self.step() {
+                self.done = true;
+                return Progress::Done(self.plan);
+            }
+        }
+        Progress::Working
+    }
+
+    /// One impact; `false` when the search is over.
+    fn step(&mut self) -> bool {
+        let Some((mut scored, follow)) = self.running.take() else {
+            return match self.candidate(self.candidate) {
+                Err(()) => false,
+                Ok(kick) => {
+                    self.candidate += 1;
+                    if let Some(kick) = kick {
+                        self.plan.kicks += 1;
+                        let scored = Scored {
+                            kick,
+                            tried: 0,
+                            locked: 0,
+                        };
+                        self.running = Some((scored, None));
+                    }
+                    true
+                }
+            };
+        };
+        let part = self.settings.lot.part(scored.tried);
+        let Some(mut follow) =
+            follow.or_else(|| Follow::new(part, self.settings.drive, scored.kick).ok())
+        else {
+            return false;
+        };
+        self.plan.impacts += 1;
+        let set_ups = follow.set_ups();
+        let outcome = follow.step();
+        self.plan.set_ups += follow.set_ups() - set_ups + u32::from(follow.steps() == 1);
+        let outcome = outcome.or((follow.steps() >= LONGEST).then_some(Outcome::Missed));
+        let Some(outcome) = outcome else {
+            self.running = Some((scored, Some(follow)));
+            return true;
+        };
+        scored.tried += 1;
+        scored.locked += u32::from(outcome == Outcome::Locked);
+        let missed = scored.tried - scored.locked;
+        let enough = if missed > 1 { SCREENED } else { CONFIRMED };
+        // Even if it captured all the rest of the screen it would not be kept.
+        let hopeless = match self.plan.ranked[KEPT - 1] {
+            None => missed > ALLOWED,
+            Some(last) => {
+                let best = Scored {
+                    locked: SCREENED.saturating_sub(missed),
+                    tried: SCREENED,
+                    ..scored
+                };
+                scored.tried <= SCREENED && best.expected() <= last.expected()
+            }
+        };
+        if scored.tried < enough && !hopeless {
+            self.running = Some((scored, None));
+            return true;
+        }
+        self.keep(scored);
+        missed > 0 || scored.tried < CONFIRMED
+    }
+
+    /// Puts a scored kick into its rank; of equals the earlier, shorter one stays ahead.
+    fn keep(&mut self, scored: Scored) {
+        let mut next = (scored.locked > 0).then_some(scored);
+        for rank in &mut self.plan.ranked {
+            match (*rank, next) {
+                (None, Some(_)) => {
+                    *rank = next.take();
+                }
+                (Some(held), Some(new)) if new.expected() > held.expected() => {
+                    *rank = Some(new);
+                    next = Some(held);
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::DriveSettings;
+    use super::*;
+    use crate::impact::Hybrid;
+    use crate::regime::Band;
+
+    fn settings(low: f64, high: f64, time_constant: f64) -> PlanSettings {
+        let restitution = Restitution::interval(low, high).unwrap();
+        PlanSettings {
+            lot: Lot {
+                k: Band::common(restitution, 1).unwrap().setpoint(),
+                restitution,
+                order: 1,
+                amplitude_error: 0.02,
+            },
+            drive: drive(time_constant, 0.0),
+            time_constant,
+            effort: PlanSettings::EFFORT,
+        }
+    }
+
+    fn drive(time_constant: f64, start: f64) -> Drive {
+        Drive::build(DriveSettings {
+            time_constant,
+            start,
+            limit: 2.5,
+        })
+        .unwrap()
+    }
+
+    fn plan(settings: PlanSettings) -> Plan {
+        let mut planner = Planner::<Hybrid>::new(settings).unwrap();
+        for _ in 0..1000 {
+            if let Progress::Done(plan) = planner.advance(1000) {
+                return plan;
+            }
+        }
+        panic!("a plan ends within its effort");
+    }
+
+    fn captured(part: Trial, drive: Drive, kick: Kick) -> bool {
+        let mut follow = Follow::<Hybrid>::new(part, drive, kick).unwrap();
+        for _ in 0..LONGEST {
+            if let Some(outcome) = follow.step() {
+                return outcome == Outcome::Locked;
+            }
+        }
+        false
+    }
+
+    /// Parts captured out of `runs` other than those the plan was made on, with `attempts` kicks.
+    fn rate(settings: PlanSettings, plan: &Plan, runs: u32, attempts: u32) -> f64 {
+        let mut held = 0;
+        for run in 0..runs {
+            let part = settings.lot.part(1000 + run);
+            held += u32::from((0..attempts).any(|attempt| {
+                let start = if attempt == 0 { 0.0 } else { 1.0 };
+                let drive = drive(settings.time_constant, start);
+                plan.attempt(attempt)
+                    .is_some_and(|kick| captured(part, drive, kick))
+            }));
+        }
+        f64::from(held) / f64::from(runs)
+    }
+
+    #[test]
+    fn planned_kicks_capture_where_the_band_alone_does_not() {
+        // The controller's goals are 0.99, 0.99, 0.97 and 0.90; measured with 1000 runs and 6 attempts:
+        // 1.000, 1.000, 1.000, 0.998. With 100 runs two standard deviations of 0.9 are 0.06.
+        for (low, high, time_constant, least) in [
+            (0.18, 0.22, 5.0, 0.99),
+            (0.28, 0.32, 5.0, 0.99),
+            (0.38, 0.42, 8.0, 0.97),
+            (0.48, 0.52, 5.0, 0.90),
+        ] {
+            let settings = settings(low, high, time_constant);
+            let plan = plan(settings);
+            // The last step may set the map up once or twice beyond the limit.
+            assert!(plan.effort() <= settings.effort + 3 * SET_UP);
+            let captured = rate(settings, &plan, 100, 6);
+            assert!(captured >= least, "{low}..{high}: {captured}");
+            if low > 0.26 {
+                let alone = (0..100)
+                    .filter(|&run| {
+                        self::captured(settings.lot.part(run), settings.drive, Kick::NONE)
+                    })
+                    .count();
+                assert!(alone <= 2, "{low}..{high}: {alone} % by the band alone");
+            }
+        }
+    }
+
+    #[test]
+    fn a_plan_made_in_slices_is_the_plan_made_at_once() {
+        let settings = settings(0.28, 0.32, 5.0);
+        let at_once = plan(settings);
+        for slice in [1, 7] {
+            let mut planner = Planner::<Hybrid>::new(settings).unwrap();
+            let mut slices = 0;
+            let in_slices = loop {
+                slices += 1;
+                assert!(slices < 1_000_000);
+                if let Progress::Done(plan) = planner.advance(slice) {
+                    break plan;
+                }
+            };
+            assert_eq!(in_slices, at_once);
+        }
+    }
+
+    #[test]
+    fn its_memory_is_in_itself_and_small() {
+        assert!(
+            size_of::<Planner<Hybrid>>() <= 1024,
+            "{}",
+            size_of::<Planner<Hybrid>>()
+        );
+    }
+
+    #[test]
+    fn the_limit_of_the_drive_is_kept_and_no_kick_is_an_answer() {
+        let mut weak = settings(0.28, 0.32, 5.0);
+        weak.drive = Drive::build(DriveSettings {
+            limit: 1.1,
+            ..DriveSettings::DEFAULT
+        })
+        .unwrap();
+        let plan = plan(weak);
+        assert_eq!(plan.best(), None);
+        assert_eq!(plan.attempt(0), None);
+    }
+
+    #[test]
+    fn attempts_differ() {
+        let plan = plan(settings(0.18, 0.22, 5.0));
+        for attempt in 1..20 {
+            for earlier in 0..attempt {
+                assert_ne!(plan.attempt(attempt), plan.attempt(earlier));
+            }
+        }
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        let mut bad = settings(0.18, 0.22, 5.0);
+        bad.lot.amplitude_error = 0.3;
+        assert_eq!(
+            Planner::<Hybrid>::new(bad).unwrap_err().parameter,
+            "amplitude_error"
+        );
+        bad.lot.amplitude_error = 0.02;
+        bad.lot.order = 0;
+        assert_eq!(Planner::<Hybrid>::new(bad).unwrap_err().parameter, "order");
+    }
+}
