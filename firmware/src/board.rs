@@ -1,23 +1,39 @@
 //! What the application asks of a board.
 
+use kband::control::{AdcCode, Inputs, Report, Target};
+
 /// The power stage of the drive.
 pub trait Drive {
-    /// Sets the output to `duty` of the rail, -1..=1 (symbol u).
+    /// Sets the output as a share of full output, -1..1, and switches the power stage on.
     ///
     /// This is the last actuator stage: a value beyond the range is held at its end.
-    fn set(&mut self, duty: f32);
+    fn set(&mut self, output: f32);
 
     /// Switches the power stage off; it stays off until the next [`Drive::set`].
     fn off(&mut self);
 }
 
-/// The accelerometer and the enable input, read once a sample.
+/// The accelerometer.
 pub trait Sense {
-    /// The newest sample of the accelerometer in converter steps.
-    fn sample(&mut self) -> u16;
+    /// The newest reading of the converter.
+    fn sample(&mut self) -> AdcCode;
+}
 
-    /// Whether the enable input is active.
-    fn enabled(&mut self) -> bool;
+/// The inputs that are looked at once a drive cycle.
+pub trait Panel {
+    /// What they say now.
+    fn inputs(&mut self) -> Inputs;
+
+    /// A target that was asked for since the last cycle.
+    fn new_target(&mut self) -> Option<Target> {
+        None
+    }
+}
+
+/// Whoever wants to know what the controller does.
+pub trait Monitor {
+    /// One drive cycle.
+    fn report(&mut self, report: &Report);
 }
 
 /// The independent watchdog.

@@ -141,3 +141,52 @@ pub fn stack_use() -> (u32, u32) {
     }
     (top - clean, top - bottom)
 }
+
+/// Whether less than an eighth of the stack was never used.
+#[must_use]
+pub fn stack_low() -> bool {
+    let (used, size) = stack_use();
+    size - used < size / 8
+}
+
+/// What one interrupt handler owns: put there before the interrupt is let through, the handler's alone
+/// from then on.
+pub struct Owned<T>(UnsafeCell<Option<T>>);
+
+// SAFETY: `put` is called before the interrupt is let through and `get` by its handler alone, as both
+// demand of their callers.
+unsafe impl<T: Send> Sync for Owned<T> {}
+
+impl<T> Default for Owned<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<T> Owned<T> {
+    /// Nothing yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(UnsafeCell::new(None))
+    }
+
+    /// Hands `value` to the handler.
+    ///
+    /// # Safety
+    /// The interrupt of the handler must be masked.
+    pub unsafe fn put(&self, value: T) {
+        // SAFETY: the handler cannot run, as the caller guarantees.
+        unsafe { *self.0.get() = Some(value) };
+    }
+
+    /// The handler's own.
+    ///
+    /// # Safety
+    /// For one interrupt handler only, which may not hold it twice.
+    #[allow(clippy::mut_from_ref)]
+    #[inline]
+    pub unsafe fn get(&self) -> Option<&mut T> {
+        // SAFETY: nobody else has a reference, as the caller guarantees.
+        unsafe { (*self.0.get()).as_mut() }
+    }
+}

@@ -8,11 +8,16 @@
 //! | sample interrupt | 20 kHz | 50 us | drive phase, sample, demodulation, drive output; nothing else |
 //! | cycle task | each drive cycle | one drive cycle (20 ms at 50 Hz) | control, supervision, report |
 //! | planning, link, supervision of the tasks | when the others rest | none | may be late, never hinders the others |
-#![cfg_attr(target_os = "none", no_std)]
+#![no_std]
 
+#[cfg(test)]
+extern crate std;
+
+pub mod application;
 pub mod board;
 #[cfg(target_os = "none")]
 pub mod cortex;
 pub mod last_words;
 pub mod start;
+pub mod trial;
 pub mod watch;

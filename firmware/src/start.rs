@@ -1,4 +1,6 @@
-//! Why the processor started, and when the drive may run again.
+//! Why the processor started, and whether the drive may run at once.
+
+use kband::control::Start;
 
 /// The cause of the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,51 +16,48 @@ pub enum Cause {
     Software,
 }
 
-/// Passes the enable input on, but for a start that was not the operator's doing.
-///
-/// A feeder that stopped by itself must not start by itself (IEC 60204-1, 7.5): after any reset but
-/// power-on the input has to be seen inactive once before it counts.
-#[derive(Clone, Copy, Debug)]
-pub struct EnableGate {
-    open: bool,
-}
-
-impl EnableGate {
-    /// The gate after a reset of this cause.
+impl Cause {
+    /// How the controller has to start.
+    ///
+    /// A feeder that stopped by itself must not start by itself (IEC 60204-1, 7.5): after any reset
+    /// but power-on the drive stays off until it is enabled anew.
     #[must_use]
-    pub fn after(cause: Cause) -> Self {
-        Self {
-            open: cause == Cause::Power,
+    pub fn start(self) -> Start {
+        match self {
+            Self::Power => Start::Ordinary,
+            Self::BrownOut | Self::Watchdog | Self::Software => Start::Reset,
         }
-    }
-
-    /// Whether the drive is enabled, given the input.
-    pub fn pass(&mut self, input: bool) -> bool {
-        self.open |= !input;
-        self.open && input
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kband::control::{Controller, Cycle, Inputs, Settings, State, Target};
 
     #[test]
-    fn power_on_obeys_the_input_at_once() {
-        let mut gate = EnableGate::after(Cause::Power);
-        assert!(gate.pass(true));
-        assert!(!gate.pass(false));
-        assert!(gate.pass(true));
-    }
-
-    #[test]
-    fn any_other_start_waits_for_a_new_enable() {
-        for cause in [Cause::BrownOut, Cause::Watchdog, Cause::Software] {
-            let mut gate = EnableGate::after(cause);
-            assert!(!gate.pass(true), "{cause:?}");
-            assert!(!gate.pass(true), "{cause:?}");
-            assert!(!gate.pass(false), "{cause:?}");
-            assert!(gate.pass(true), "{cause:?}");
+    fn only_power_on_obeys_an_enable_input_that_was_there_before() {
+        for cause in [
+            Cause::Power,
+            Cause::BrownOut,
+            Cause::Watchdog,
+            Cause::Software,
+        ] {
+            let target = Target::Locked { order: 1 };
+            let mut controller =
+                Controller::build(&Settings::default(), target, cause.start()).unwrap();
+            let mut state = |enable| {
+                let inputs = Inputs {
+                    enable,
+                    ..Inputs::default()
+                };
+                controller.cycle(&Cycle::default(), &inputs).state
+            };
+            let starts = state(true) == State::Starting;
+            assert_eq!(starts, cause == Cause::Power, "{cause:?}");
+            state(true);
+            state(false);
+            assert_eq!(state(true) == State::Starting, cause != Cause::Power);
         }
     }
 }

@@ -53,6 +53,8 @@ pub struct Options {
     pub machine: Machine,
     /// Its clock.
     pub clock: Clock,
+    /// What the image is asked to do, by its semihosting command line.
+    pub word: Option<&'static str>,
     /// Whether what the serial port sends (USART2 of the Cortex-M4F) is kept.
     pub serial: bool,
 }
@@ -62,6 +64,7 @@ impl Default for Options {
         Self {
             machine: Machine::CortexM4F,
             clock: Clock::Steady,
+            word: None,
             serial: false,
         }
     }
@@ -110,6 +113,9 @@ pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> 
         },
     ]);
     command.args(["--serial", if options.serial { "stdio" } else { "null" }]);
+    if let Some(word) = options.word {
+        command.args(["--word", word]);
+    }
     if input {
         command.arg("--input");
     } else {

@@ -2,6 +2,7 @@
 //! a kernel and the oracle that judges it.
 
 pub mod emulator;
+pub mod footprint;
 pub mod images;
 pub mod oracle;
 pub mod states;

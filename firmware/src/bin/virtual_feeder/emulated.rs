@@ -1,44 +1,56 @@
-//! The emulated board: semihosting in place of pins.
+//! The emulated board: the bench in place of converter and power stage, semihosting in place of pins.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
-use cortex_m_semihosting::{debug, hio, hprintln, syscall1};
+use cortex_m_semihosting::{debug, heprintln, hio, syscall1};
 use embassy_executor::Spawner;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
-use kband_firmware::board::Watchdog;
-use kband_firmware::cortex::{IDENTITY, stack_use, take_last_words};
+use kband::control::{AdcCode, Controller, Inputs, Report, Signal, Target};
+use kband::plant::Bench;
+use kband_firmware::application::{Exchange, Sampler, control};
+use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
+use kband_firmware::cortex::{IDENTITY, Owned, stack_low, stack_use, take_last_words};
 use kband_firmware::start::Cause;
+use kband_firmware::trial::{Line, Trial};
 use kband_firmware::watch::{Roll, Watched};
 use systick_timer::SystickDriver;
 
 /// QEMU clocks the machine's SysTick at 168 MHz.
 const CORE_CLOCK: u64 = 168_000_000;
-/// Samples after which the emulated watchdog bites.
+/// QEMU clocks the machine's timers at 1 GHz: 25 us, for the emulated time is not what samples count.
+const SAMPLE_TICKS: u16 = 25_000 - 1;
+/// Samples after which the emulated watchdog bites: a quarter of a second.
 const WATCHDOG_SAMPLES: u32 = 5_000;
+/// Semihosting operation that gives the command line.
+const GET_CMDLINE: usize = 0x15;
 
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(CORE_CLOCK, (CORE_CLOCK / 1_000 - 1) as u32));
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
+static EXCHANGE: Exchange = Exchange::new();
 static HUNGRY: AtomicU32 = AtomicU32::new(0);
-static HANG: AtomicBool = AtomicBool::new(false);
+static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
+static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
+    Mutex::new(RefCell::new(None));
 
 /// The emulated reset cause, in RAM that a reset leaves alone as the chip's register would be.
 #[unsafe(link_section = ".uninit.cause")]
 static CAUSE: AtomicU32 = AtomicU32::new(0);
-/// Semihosting operation that gives the command line.
-const GET_CMDLINE: usize = 0x15;
 const CAUSE_WATCHDOG: u32 = 0x5744_4f47;
 const CAUSE_SOFTWARE: u32 = 0x534f_4654;
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_drive_off() {
-    // A stream of its own: the one of `hprintln` has state that a fault may have left half-way.
-    if let Ok(mut stream) = hio::hstdout() {
+    // A stream of its own: the one of `heprintln` has state that a fault may have left half-way.
+    if let Ok(mut stream) = hio::hstderr() {
         // Nothing can be done about an emulator that does not listen.
         let _ = stream.write_all(b"drive off\n");
     }
@@ -50,6 +62,58 @@ extern "Rust" fn kband_halt() -> ! {
     SCB::sys_reset()
 }
 
+/// The bench as converter, power stage and inputs.
+struct Bed;
+
+impl Bed {
+    fn with<T>(work: impl FnOnce(&mut Bench, &mut f32) -> T) -> Option<T> {
+        BENCH.lock(|cell| cell.borrow_mut().as_mut().map(|(b, o)| work(b, o)))
+    }
+}
+
+impl Sense for Bed {
+    fn sample(&mut self) -> AdcCode {
+        Self::with(|bench, _| bench.sample()).unwrap_or_default()
+    }
+}
+
+impl Drive for Bed {
+    fn set(&mut self, output: f32) {
+        Self::with(|_, held| *held = output);
+    }
+
+    fn off(&mut self) {
+        Self::with(|_, held| *held = 0.0);
+    }
+}
+
+impl Panel for Bed {
+    fn inputs(&mut self) -> Inputs {
+        let mut inputs = Self::with(|bench, _| bench.inputs()).unwrap_or_default();
+        inputs.stack_low |= stack_low();
+        inputs
+    }
+
+    fn new_target(&mut self) -> Option<Target> {
+        Self::with(|bench, _| bench.new_target()).flatten()
+    }
+}
+
+/// Prints the trace and ends the run with it.
+struct Trace {
+    left: u32,
+}
+
+impl Monitor for Trace {
+    fn report(&mut self, report: &Report) {
+        heprintln!("{}", Line(report));
+        self.left -= 1;
+        if self.left == 0 {
+            finish(true);
+        }
+    }
+}
+
 /// The watchdog as samples count it.
 struct SampleWatchdog;
 
@@ -59,16 +123,25 @@ impl Watchdog for SampleWatchdog {
     }
 }
 
-/// Time counted in samples; deadline in the emulator: none, for the next one waits.
+/// One sample; deadline in the emulator: none, for the next one waits.
 #[interrupt]
 fn TIM3() {
     pac::TIM3.sr().modify(|status| status.set_uif(false));
-    ROLL.check_in(Watched::Samples);
     if HUNGRY.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
         kband_drive_off();
-        hprintln!("watchdog bites");
+        heprintln!("watchdog bites");
         CAUSE.store(CAUSE_WATCHDOG, Ordering::Relaxed);
         SCB::sys_reset();
+    }
+    if EXCHANGE.owed() {
+        return;
+    }
+    // SAFETY: this handler alone, once a call.
+    if let Some(sampler) = unsafe { SAMPLER.get() } {
+        let before = sampler.phase();
+        sampler.interrupt();
+        let step = (sampler.phase() - before).bits();
+        Bed::with(|bench, held| bench.hold(*held, step));
     }
 }
 
@@ -79,40 +152,24 @@ fn SysTick() {
 }
 
 #[embassy_executor::task]
-async fn cycle() {
-    while !HANG.load(Ordering::Relaxed) {
-        ROLL.check_in(Watched::Cycle);
-        Timer::after_millis(1).await;
-    }
-    core::future::pending::<()>().await;
+async fn drive_cycle(controller: Controller, cycles: u32) {
+    control(controller, &EXCHANGE, &ROLL, Bed, Trace { left: cycles }).await;
 }
 
 #[embassy_executor::task]
 async fn supervise() {
     let mut watchdog = SampleWatchdog;
-    let mut fed = 0;
     loop {
         if ROLL.complete() {
             watchdog.feed();
-            fed += 1;
-            if fed == 20 && !HANG.load(Ordering::Relaxed) {
-                finish(true);
-            }
         }
-        Timer::after_millis(1).await;
+        Timer::after_millis(10).await;
     }
-}
-
-/// Recurses until the stack has left the RAM.
-#[allow(unconditional_recursion)]
-fn deepen(depth: u32) -> u32 {
-    let room = core::hint::black_box([depth; 64]);
-    deepen(depth + 1).wrapping_add(core::hint::black_box(room)[7])
 }
 
 fn finish(good: bool) -> ! {
     let (used, size) = stack_use();
-    hprintln!("stack {} of {} bytes", used, size);
+    heprintln!("stack {} of {} bytes", used, size);
     debug::exit(if good {
         debug::EXIT_SUCCESS
     } else {
@@ -121,6 +178,13 @@ fn finish(good: bool) -> ! {
     loop {
         cortex_m::asm::wfi();
     }
+}
+
+/// Recurses until the stack has left the RAM.
+#[allow(unconditional_recursion)]
+fn deepen(depth: u32) -> u32 {
+    let room = core::hint::black_box([depth; 64]);
+    deepen(depth + 1).wrapping_add(core::hint::black_box(room)[7])
 }
 
 /// The words after the image's name on the semihosting command line.
@@ -151,14 +215,18 @@ fn reset_cause() -> Cause {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let mut buffer = [0; 256];
-    let words = arguments(&mut buffer);
+    let word = arguments(&mut buffer);
     let cause = reset_cause();
-    hprintln!("kband {} {:?}", IDENTITY, cause);
+    heprintln!("kband {} {:?}", IDENTITY, cause);
+    let last_words =
+        take_last_words(|words| words.map(|words| heprintln!("last words: {}", words)));
     if cause != Cause::Power {
-        take_last_words(|words| hprintln!("last words: {}", words.unwrap_or("none")));
+        if last_words.is_none() {
+            heprintln!("no last words");
+        }
         finish(false);
     }
-    match words {
+    match word {
         "identity" => finish(true),
         "panic" => panic!("asked to"),
         "fault" => {
@@ -166,26 +234,47 @@ async fn main(spawner: Spawner) {
             let _ = unsafe { (0xF000_0000 as *const u32).read_volatile() };
         }
         "overflow" => {
-            hprintln!("{}", deepen(0));
+            heprintln!("{}", deepen(0));
         }
-        "stray" => NVIC::pend(pac::Interrupt::TIM2),
-        "hang" => HANG.store(true, Ordering::Relaxed),
+        "stray" => {
+            NVIC::pend(pac::Interrupt::TIM2);
+            // SAFETY: no critical section relies on this interrupt's mask.
+            unsafe { NVIC::unmask(pac::Interrupt::TIM2) };
+        }
         _ => {}
     }
-    if words == "stray" {
-        // SAFETY: no critical section relies on this interrupt's mask.
-        unsafe { NVIC::unmask(pac::Interrupt::TIM2) };
-    }
-    let Some(mut core) = cortex_m::Peripherals::take() else {
-        finish(false)
+    let trial = match word {
+        "hang" => Trial::ALL.first().copied(),
+        name => Trial::named(name),
     };
+    let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
+        heprintln!("no trial {}", word);
+        finish(false);
+    };
+    let scene = trial.scene();
+    let built = Signal::build(&scene.settings).and_then(|signal| {
+        let controller = Controller::build(&scene.settings, scene.target, cause.start())?;
+        Ok((signal, controller, Bench::build(&scene)?))
+    });
+    let (signal, controller, bench) = match built {
+        Ok(parts) => parts,
+        Err(refusal) => {
+            heprintln!("{}", refusal);
+            finish(false);
+        }
+    };
+    BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
+    // SAFETY: the sample interrupt is still masked.
+    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
     TIME.start(&mut core.SYST);
-    pac::TIM3.arr().write(|reload| reload.set_arr(4_999));
+    pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
     pac::TIM3.dier().modify(|enable| enable.set_uie(true));
     pac::TIM3.cr1().modify(|control| control.set_cen(true));
     // SAFETY: no critical section relies on this interrupt's mask.
     unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
-    spawner.spawn(cycle().expect("spawned once"));
+    if word != "hang" {
+        spawner.spawn(drive_cycle(controller, trial.cycles).expect("spawned once"));
+    }
     spawner.spawn(supervise().expect("spawned once"));
     core::future::pending::<()>().await;
 }

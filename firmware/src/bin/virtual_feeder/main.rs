@@ -1,12 +1,13 @@
 //! The application on QEMU's `olimex-stm32-h405`, with the plant compiled in.
 //!
-//! Time is counted in samples. The timer's interrupt stands still while the control of a cycle is
-//! owed, so that the emulator's speed has no say in the result.
+//! The timer's interrupt stands still while the control of a cycle is owed, so that the emulator's
+//! speed has no say in the result: the trace equals the desk's, bit for bit.
 //!
-//! The first word of the semihosting command line says what to do:
+//! The word on the semihosting command line says what to do:
 //!
 //! | word | does |
 //! |---|---|
+//! | the name of a trial | runs it and prints its trace |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
 //! | `hang` | a task never returns: the watchdog has to bite |

@@ -1,0 +1,97 @@
+//! Trial scenes of the emulated board, and the trace that has to be the same at the desk, bit for bit.
+
+use core::fmt;
+
+use kband::control::{Report, Target};
+use kband::plant::{Change, Disturbance, Scene};
+
+/// A scene and how long it runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// Drive cycles until it ends.
+    pub cycles: u32,
+    scene: fn() -> Scene,
+}
+
+impl Trial {
+    /// Every trial.
+    pub const ALL: [Self; 2] = [
+        Self {
+            name: "default",
+            cycles: 500,
+            scene: Scene::default,
+        },
+        Self {
+            name: "eventful",
+            cycles: 500,
+            scene: eventful,
+        },
+    ];
+
+    /// The trial of this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|trial| trial.name == name)
+    }
+
+    /// Its scene.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        (self.scene)()
+    }
+}
+
+/// Everything that may happen, once: targets, drift, another lot of parts, a stop, a lost sensor.
+fn eventful() -> Scene {
+    let mut scene = Scene {
+        part_count: 3,
+        ..Scene::default()
+    };
+    scene.parts[1] = 0.18;
+    scene.parts[2] = 0.22;
+    let changes = [
+        (1.015, Change::Gain(0.8)),
+        (2.015, Change::Target(Target::Chaotic)),
+        (3.015, Change::Restitution(0.3)),
+        (3.515, Change::Noise(0.5)),
+        (4.015, Change::Target(Target::K(0.6))),
+        (5.015, Change::Enable(false)),
+        (6.015, Change::Enable(true)),
+        (7.015, Change::Link(false)),
+        (8.515, Change::Link(true)),
+        (9.015, Change::SensorLost(true)),
+        (9.515, Change::Enable(false)),
+    ];
+    for (slot, (at, change)) in scene.disturbances.iter_mut().zip(changes) {
+        *slot = Some(Disturbance { at, change });
+    }
+    scene
+}
+
+/// One line of the trace: cycle, k, lead, output of the drive, state, fault, limits and events; what
+/// is single precision as its bits.
+#[derive(Clone, Copy, Debug)]
+pub struct Line<'a>(pub &'a Report);
+
+impl fmt::Display for Line<'_> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.0;
+        write!(
+            formatter,
+            "{} {:08x} {:08x} {:08x} {} {} {:04x}",
+            report.cycle,
+            report.k.to_bits(),
+            report.lead.to_bits(),
+            report.command.amplitude.to_bits(),
+            report.state.number(),
+            report.fault.map_or(0, |fault| fault.number()),
+            report.limits.bits(),
+        )?;
+        for event in report.events.iter() {
+            write!(formatter, " {}", event.number())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,110 @@
+//! The firmware on the emulated CPU: what it does is what the desk says, and what goes wrong ends with
+//! the drive off.
+
+use std::time::Duration;
+
+use kband::plant::ClosedLoop;
+use kband_firmware::trial::{Line, Trial};
+use kband_tests::emulator::{self, Machine, Options, Output};
+use kband_tests::footprint::footprint;
+use kband_tests::images;
+
+fn virtual_feeder(word: &'static str, seconds: u64) -> Output {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let options = Options {
+        word: Some(word),
+        ..Options::default()
+    };
+    emulator::run(&image, options, Duration::from_secs(seconds))
+}
+
+fn trace_is_the_desks(name: &'static str) {
+    let trial = Trial::named(name).unwrap();
+    let mut desk = ClosedLoop::build(&trial.scene()).unwrap();
+    let text = virtual_feeder(name, 180).passed();
+    let trace: Vec<&str> = text
+        .lines()
+        .filter(|line| line.starts_with(|first: char| first.is_ascii_digit()))
+        .collect();
+    assert_eq!(trace.len(), trial.cycles as usize, "{text}");
+    for line in trace {
+        assert_eq!(line, Line(&desk.cycle().report).to_string());
+    }
+    let stack = text
+        .lines()
+        .find(|line| line.starts_with("stack "))
+        .unwrap();
+    println!("{name}: {stack}");
+}
+
+#[test]
+fn the_default_scene_is_the_desks_bit_for_bit() {
+    trace_is_the_desks("default");
+}
+
+#[test]
+fn an_eventful_scene_is_the_desks_bit_for_bit() {
+    trace_is_the_desks("eventful");
+}
+
+/// Runs into trouble: the drive goes off before anything else is said, and after the reset the last
+/// words are still there.
+fn trouble(word: &'static str, last_words: &str) {
+    let output = virtual_feeder(word, 60);
+    let lines: Vec<&str> = output.text.lines().collect();
+    assert_eq!(output.status, Some(1), "{}", output.text);
+    assert!(lines[0].ends_with(" Power"), "{}", output.text);
+    assert_eq!(lines[1], "drive off", "{}", output.text);
+    let identity = lines[0].split(' ').nth(1).unwrap();
+    let said = lines
+        .iter()
+        .find_map(|line| line.strip_prefix("last words: "))
+        .unwrap_or_else(|| panic!("no last words: {}", output.text));
+    assert!(said.starts_with(identity), "{said}");
+    assert!(said.contains(last_words), "{said}");
+}
+
+#[test]
+fn a_panic_switches_the_drive_off_first() {
+    trouble("panic", ": asked to");
+}
+
+#[test]
+fn a_fault_switches_the_drive_off_first() {
+    trouble("fault", ": hard fault at 0x08");
+}
+
+#[test]
+fn an_outgrown_stack_switches_the_drive_off_first() {
+    trouble("overflow", ": hard fault with the stack at 0x1fff");
+}
+
+#[test]
+fn an_unexpected_interrupt_switches_the_drive_off_first() {
+    trouble("stray", ": unexpected interrupt");
+}
+
+#[test]
+fn a_task_that_hangs_starves_the_watchdog() {
+    let text = virtual_feeder("hang", 60).text;
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[0].ends_with(" Power"), "{text}");
+    assert_eq!(lines[1..3], ["drive off", "watchdog bites"], "{text}");
+    assert!(lines[3].ends_with(" Watchdog"), "{text}");
+}
+
+#[test]
+fn images_fit_their_budget() {
+    for bin in ["feeder", "virtual_feeder"] {
+        let image = images::build("kband-firmware", bin, Machine::CortexM4F);
+        let size = footprint(&image);
+        println!(
+            "{bin}: {:.1} KiB of flash, {:.1} KiB of RAM, {:.1} KiB of them stack",
+            f64::from(size.flash) / 1024.0,
+            f64::from(size.memory) / 1024.0,
+            f64::from(size.stack) / 1024.0
+        );
+        assert!(size.flash > 1024 && size.stack > 1024);
+        assert!(size.flash <= 256 * 1024 && size.memory <= 64 * 1024);
+    }
+}
