@@ -12,16 +12,20 @@ mod contact;
 mod double;
 mod flight;
 mod hybrid;
+mod observe;
 mod orbit;
 mod single;
 mod tangent;
+mod tangential;
 
 pub use contact::Contact;
 pub use double::Map;
 pub use hybrid::{Hybrid, HybridState};
-pub use orbit::{Event, Orbit};
+pub use observe::{Count, Observer};
+pub use orbit::{Ended, Event, Orbit, Skips};
 pub use single::{Single, SingleState};
-pub use tangent::Tangent;
+pub use tangent::{Growth, Tangent};
+pub use tangential::{Tangential, TangentialSettings};
 
 use crate::feeder::OutOfRange;
 

@@ -1,61 +1,140 @@
 //! The stream of events of one part on one track.
 
-use super::{Contact, Impact, Kernel, Map, State};
+use super::contact::turned;
+use super::{Contact, Impact, Kernel, Map, Observer, State};
 
 /// What happens to a part next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// It flew and struck the track.
     Impact(Impact<State>),
-    /// It chattered to rest: the duration from the last impact to rest, in rad, and the phase then.
+    /// It chattered to rest.
     Rest {
         /// Duration of the chatter that the closure summed, in rad.
         chatter: f64,
         /// Phase at rest, in rad, 0..2 pi.
         phase: f64,
     },
-    /// It rested and was thrown off with velocity 0 at `arcsin k`.
+    /// It rested and was thrown off with velocity 0.
     LiftOff {
         /// Time at rest, in rad.
         wait: f64,
-        /// Phase of lift-off in rad.
+        /// Phase of lift-off in rad, `arcsin k` to rounding.
         phase: f64,
     },
 }
 
+/// Work that an orbit leaves out because the answer is known. None of them changes a bit of it; each
+/// can be switched off to prove that, and to measure what it saves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Skips {
+    /// A part at rest jumps to lift-off; off: the track is polled until it throws the part.
+    pub rest_jump: bool,
+    /// The flight that follows lift-off depends on k only and is computed once; off: every time.
+    pub release: bool,
+    /// [`Orbit::watch`] ends at the second lift-off, from which on the orbit repeats itself; off: it
+    /// goes on computing the same events.
+    pub repeat: bool,
+}
+
+impl Skips {
+    /// Nothing is left out.
+    pub const NONE: Self = Self {
+        rest_jump: false,
+        release: false,
+        repeat: false,
+    };
+}
+
+impl Default for Skips {
+    /// Everything that can be left out is.
+    fn default() -> Self {
+        Self {
+            rest_jump: true,
+            release: true,
+            repeat: true,
+        }
+    }
+}
+
+/// Why [`Orbit::watch`] stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The impacts asked for have been seen.
+    Counted,
+    /// The part was thrown off a second time: what was seen between the two lift-offs repeats for
+    /// ever, as velocity and motion along the track begin anew at each.
+    Repeats,
+    /// The part rests for ever (k >= 1).
+    RestsForEver,
+}
+
 /// The orbit of one part: an endless iterator of events, ended only by rest for ever (k >= 1).
+///
+/// On a kernel other than f64 give its contact explicitly, see [`Orbit::on`].
 #[derive(Clone, Copy, Debug)]
-pub struct Orbit<'a> {
-    map: &'a Map,
+pub struct Orbit<'a, K: Kernel<State = State> = Map> {
+    kernel: &'a K,
     contact: Contact,
+    skips: Skips,
     state: State,
-    resting: bool,
+    stage: Stage,
+    /// State and first flight of a part thrown off at `arcsin k`, once known.
+    release: Option<(State, Impact<State>)>,
+    /// Whether the part has ever been thrown off.
+    lifted: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// Just after an impact.
+    Hopping,
+    /// At rest.
+    Resting,
+    /// Just thrown off at `arcsin k`.
+    Released,
 }
 
 impl<'a> Orbit<'a> {
     /// The orbit that begins just after an impact with `start`.
     #[must_use]
     pub fn new(map: &'a Map, start: State) -> Self {
-        Self {
-            map,
-            contact: Contact::new(map),
-            state: start,
-            resting: false,
-        }
+        Self::on(map, Contact::new(map), start)
     }
 
     /// The orbit that begins at rest; it lifts off at `arcsin k`.
     #[must_use]
     pub fn from_rest(map: &'a Map) -> Self {
+        let origin = State {
+            phase: 0.0,
+            velocity: 0.0,
+        };
+        let mut orbit = Self::new(map, origin);
+        orbit.stage = Stage::Resting;
+        orbit
+    }
+}
+
+impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
+    /// The orbit of any kernel with an f64 state, on a track with this `contact`.
+    #[must_use]
+    pub fn on(kernel: &'a K, contact: Contact, start: State) -> Self {
         Self {
-            map,
-            contact: Contact::new(map),
-            state: State {
-                phase: 0.0,
-                velocity: 0.0,
-            },
-            resting: true,
+            kernel,
+            contact,
+            skips: Skips::default(),
+            state: start,
+            stage: Stage::Hopping,
+            release: None,
+            lifted: false,
         }
+    }
+
+    /// This orbit, leaving out only what `skips` says.
+    #[must_use]
+    pub fn with(mut self, skips: Skips) -> Self {
+        self.skips = skips;
+        self
     }
 
     /// The state after the last event.
@@ -63,37 +142,283 @@ impl<'a> Orbit<'a> {
     pub fn state(&self) -> State {
         self.state
     }
+
+    /// Whether the part has been thrown off from rest: from then on the orbit is periodic.
+    #[must_use]
+    pub fn has_lifted_off(&self) -> bool {
+        self.lifted
+    }
+
+    /// Runs the orbit until `impacts` more impacts have been seen, showing every event to `observer`.
+    ///
+    /// With [`Skips::repeat`] it ends at the second lift-off it sees; an observer of means that starts
+    /// anew at the first ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
+    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> Ended {
+        let mut seen = 0;
+        let mut lift_offs = 0;
+        while seen < impacts {
+            let before = self.state;
+            match self.next() {
+                None => return Ended::RestsForEver,
+                Some(Event::Impact(impact)) => {
+                    observer.impact(before, &impact);
+                    seen += 1;
+                }
+                Some(Event::Rest { chatter, phase }) => observer.rest(before, chatter, phase),
+                Some(Event::LiftOff { wait, phase }) => {
+                    observer.lift_off(wait, phase);
+                    lift_offs += 1;
+                    if lift_offs == 2 && self.skips.repeat {
+                        return Ended::Repeats;
+                    }
+                }
+            }
+        }
+        Ended::Counted
+    }
+
+    /// State of a part thrown off at `arcsin k` and its first flight; `None` where the kernel sees no
+    /// flight at all, which is k within rounding of 1.
+    fn released(&mut self) -> Option<(State, Impact<State>)> {
+        if let (true, Some(known)) = (self.skips.release, self.release) {
+            return Some(known);
+        }
+        // Rounding may put arcsin k before the crossing as the kernel sees it, where the part still
+        // rests; the flat top of the sine near k = 1 needs more than an ulp.
+        let lift_off = self.contact.lift_off()?;
+        let mut nudge = 0.0;
+        for _ in 0..30 {
+            let start = State {
+                phase: lift_off + nudge,
+                velocity: 0.0,
+            };
+            let impact = self.kernel.impact(start);
+            if impact.flight > 0.0 {
+                self.release = Some((start, impact));
+                return self.release;
+            }
+            nudge = if nudge == 0.0 {
+                f64::EPSILON * lift_off
+            } else {
+                2.0 * nudge
+            };
+        }
+        None
+    }
+
+    fn settle(&mut self, chatter: f64) -> Event {
+        let phase = turned(self.state.phase + chatter);
+        self.state = State {
+            phase,
+            velocity: 0.0,
+        };
+        self.stage = Stage::Resting;
+        Event::Rest { chatter, phase }
+    }
+
+    fn lift_off(&mut self) -> Option<Event> {
+        let wait = if self.skips.rest_jump {
+            self.contact.wait(self.state.phase)?
+        } else {
+            self.contact.wait_by_polling(self.state.phase)?
+        };
+        let (start, _) = self.released()?;
+        self.state = start;
+        self.stage = Stage::Released;
+        self.lifted = true;
+        Some(Event::LiftOff {
+            wait,
+            phase: start.phase,
+        })
+    }
 }
 
-impl Iterator for Orbit<'_> {
+impl<K: Kernel<State = State>> Iterator for Orbit<'_, K> {
     type Item = Event;
 
     fn next(&mut self) -> Option<Event> {
-        if self.resting {
-            let wait = self.contact.wait(self.state.phase)?;
-            self.resting = false;
-            let phase = if wait > 0.0 {
-                self.contact.lift_off()?
-            } else {
-                self.state.phase
-            };
-            self.state = State {
-                phase,
-                velocity: 0.0,
-            };
-            return Some(Event::LiftOff { wait, phase });
-        }
-        if let Some(chatter) = self.contact.time_to_rest(self.map, self.state) {
-            let State { phase, .. } = Map::state(self.state.phase + chatter, 0.0).ok()?;
-            self.resting = true;
-            self.state = State {
-                phase,
-                velocity: 0.0,
-            };
-            return Some(Event::Rest { chatter, phase });
-        }
-        let impact = self.map.impact(self.state);
+        let impact = match self.stage {
+            Stage::Resting => return self.lift_off(),
+            Stage::Released => self.released()?.1,
+            Stage::Hopping => {
+                if let Some(chatter) = self.contact.time_to_rest(self.state) {
+                    return Some(self.settle(chatter));
+                }
+                let impact = self.kernel.impact(self.state);
+                if impact.flight <= 0.0 {
+                    // The kernel's sine and this one's differ by an ulp at sin t = k: it rests.
+                    return Some(self.settle(0.0));
+                }
+                impact
+            }
+        };
+        self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(Event::Impact(impact))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::super::Count;
+    use super::*;
+
+    fn events(map: &Map, start: State, skips: Skips, count: usize) -> Vec<Event> {
+        Orbit::new(map, start).with(skips).take(count).collect()
+    }
+
+    #[test]
+    #[expect(
+        clippy::excessive_precision,
+        reason = "as many digits as the reference has"
+    )]
+    fn the_release_flight_is_the_reference() {
+        // Physics, section 11.
+        for (k, restitution, flight, velocity) in [
+            (
+                0.9,
+                0.5,
+                1.830_107_180_055_871_980_839,
+                0.114_763_926_107_405_765_918,
+            ),
+            (
+                0.43,
+                0.2,
+                5.156_113_809_800_277_891_936,
+                0.418_049_740_908_896_266_3,
+            ),
+        ] {
+            let map = Map::build(k, restitution).unwrap();
+            let mut orbit = Orbit::from_rest(&map);
+            let Some(Event::LiftOff { wait, phase }) = orbit.next() else {
+                panic!("a resting part lifts off");
+            };
+            assert!((wait - libm::asin(k)).abs() < 1e-15 && (phase - libm::asin(k)).abs() < 1e-15);
+            let Some(Event::Impact(impact)) = orbit.next() else {
+                panic!("then it flies");
+            };
+            // Rounding of arcsin k (1e-16) times the sensitivity of the flight (below 10), and the
+            // kernel's own rounding.
+            assert!((impact.flight - flight).abs() < 2e-14, "{}", impact.flight);
+            assert!((impact.next.velocity - velocity).abs() < 2e-14);
+        }
+    }
+
+    /// Each skip on its own, and all of them, against none: the same events, bit for bit.
+    #[test]
+    fn skips_change_no_bit() {
+        for (k, restitution) in [
+            (0.9, 0.5),
+            (0.43, 0.2),
+            (0.3, 0.1),
+            (0.7, 0.0),
+            (0.999, 0.3),
+        ] {
+            let map = Map::build(k, restitution).unwrap();
+            for start in 0..12 {
+                let start = Map::state(0.55 * f64::from(start), 0.1 * f64::from(start)).unwrap();
+                let plain = events(&map, start, Skips::NONE, 300);
+                for skips in [
+                    Skips::default(),
+                    Skips {
+                        rest_jump: true,
+                        ..Skips::NONE
+                    },
+                    Skips {
+                        release: true,
+                        ..Skips::NONE
+                    },
+                ] {
+                    assert_eq!(
+                        events(&map, start, skips, 300),
+                        plain,
+                        "k {k} R {restitution}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// What [`Skips::repeat`] leaves out is what was already seen.
+    #[test]
+    fn after_a_second_lift_off_the_orbit_repeats_itself_bit_for_bit() {
+        for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
+            let map = Map::build(k, restitution).unwrap();
+            let all: Vec<Event> = Orbit::from_rest(&map)
+                .with(Skips::NONE)
+                .skip(1)
+                .take(4000)
+                .collect();
+            let cycle = all
+                .iter()
+                .position(|event| matches!(event, Event::LiftOff { .. }))
+                .unwrap_or_else(|| panic!("k {k} R {restitution} comes to rest"))
+                + 1;
+            for (n, event) in all.iter().enumerate() {
+                assert_eq!(*event, all[n % cycle], "k {k} R {restitution} event {n}");
+            }
+            let (mut short, mut long) = (Count::default(), Count::default());
+            assert_eq!(
+                Orbit::from_rest(&map).watch(4000, &mut short),
+                Ended::Repeats
+            );
+            assert!(short.impacts < 100 && short.lift_offs == 2);
+            let full = Orbit::from_rest(&map)
+                .with(Skips::NONE)
+                .watch(4000, &mut long);
+            assert_eq!((full, long.impacts), (Ended::Counted, 4000));
+        }
+    }
+
+    #[test]
+    fn above_one_parts_rest_for_ever_unless_they_are_lively_enough() {
+        let map = Map::build(1.5, 0.5).unwrap();
+        let mut count = Count::default();
+        let mut orbit = Orbit::new(&map, Map::state(2.0, 1.0).unwrap());
+        assert_eq!(orbit.watch(u64::MAX, &mut count), Ended::RestsForEver);
+        assert_eq!((count.rests, count.lift_offs), (1, 0));
+        assert_eq!(Orbit::from_rest(&map).next(), None);
+        assert_eq!(Orbit::from_rest(&map).with(Skips::NONE).next(), None);
+
+        // Physics, section 11: hopping above k = 1.
+        let map = Map::build(1.2, 0.8).unwrap();
+        let mut orbit = Orbit::new(&map, Map::state(1.0, 3.3).unwrap());
+        assert_eq!(orbit.watch(2000, &mut ()), Ended::Counted);
+        let State { phase, velocity } = orbit.state();
+        // The reference is printed to 15 digits; the orbit contracts its own rounding.
+        assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");
+        assert!(
+            (velocity - 3.351_032_163_829_11).abs() < 1e-13,
+            "{velocity}"
+        );
+    }
+
+    #[test]
+    fn dead_and_elastic_parts_and_starts_without_velocity_go_on() {
+        for k in [0.05, 0.5, 0.999_999_999, 1.0, 1.3] {
+            for restitution in [0.0, 0.3, 1.0] {
+                let map = Map::build(k, restitution).unwrap();
+                for start in 0..16 {
+                    let phase = core::f64::consts::TAU * f64::from(start) / 16.0;
+                    let mut idle = 0;
+                    let mut orbit = Orbit::new(&map, Map::state(phase, 0.0).unwrap());
+                    for event in orbit.by_ref().take(400) {
+                        let passed = match event {
+                            Event::Impact(impact) => impact.flight,
+                            Event::Rest { chatter, .. } => chatter,
+                            Event::LiftOff { wait, .. } => wait,
+                        };
+                        assert!(passed >= 0.0 && passed.is_finite());
+                        // A rest and a lift-off may take no time, but never without a flight after.
+                        idle = if passed > 0.0 { 0 } else { idle + 1 };
+                        assert!(idle < 3, "k {k} R {restitution} from {phase}");
+                    }
+                    let state = orbit.state();
+                    assert!(state.velocity >= 0.0 && state.velocity.is_finite());
+                }
+            }
+        }
     }
 }

@@ -1,8 +1,8 @@
 //! The tangent map of an impact.
 
-use super::{Impact, Map, State};
+use super::{Impact, Map, Observer, State};
 
-/// Partial derivatives of one impact; `det J = R^2 psi / psi'`.
+/// Partial derivatives of one impact; `det J = R^2 psi / psi'` (physics, section 2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangent {
     /// The Jacobian, rows (phase', velocity'), columns (phase, velocity).
@@ -12,7 +12,8 @@ pub struct Tangent {
 }
 
 impl Tangent {
-    /// The tangent of the impact that `map` took from `state`; `None` where it grazes (arrival speed 0).
+    /// The tangent of the impact that `map` took from `state`; `None` where it arrives with speed 0,
+    /// where no derivative exists.
     #[must_use]
     pub fn of(map: &Map, state: State, impact: &Impact<State>) -> Option<Self> {
         let State {
@@ -21,25 +22,23 @@ impl Tangent {
         } = state;
         let d = impact.flight;
         let half = libm::sin(0.5 * d);
-        // cos t - cos(t+d), without cancellation.
+        // cos t - cos(t+d) and sin t - sin(t+d), without cancellation.
         let fall = 2.0 * libm::sin(t + 0.5 * d) * half;
+        let rise = -2.0 * libm::cos(t + 0.5 * d) * half;
         let arrival = map.k() * d - psi - fall;
         if arrival <= 0.0 {
             return None;
         }
-        let (s, s_next) = (libm::sin(t), libm::sin(t + d));
+        let s = libm::sin(t);
         let by_phase = (fall - d * s) / arrival;
         let by_velocity = d / arrival;
         let by_k = -0.5 * d * d / arrival;
-        let pull = map.k() - s_next;
+        let pull = map.k() - s + rise;
         let r = map.restitution();
         Some(Self {
             jacobian: [
                 [1.0 + by_phase, by_velocity],
-                [
-                    r * (pull * by_phase + s - s_next),
-                    r * (pull * by_velocity - 1.0),
-                ],
+                [r * (pull * by_phase + rise), r * (pull * by_velocity - 1.0)],
             ],
             by_k: [by_k, r * (d + pull * by_k)],
         })
@@ -50,5 +49,224 @@ impl Tangent {
     pub fn determinant(&self) -> f64 {
         let [[a, b], [c, d]] = self.jacobian;
         a * d - b * c
+    }
+}
+
+/// Growth of a small area and of its longest side along an orbit: an observer that holds both
+/// exponents.
+///
+/// A frame of two directions is carried by the tangent map and made orthogonal again after every
+/// impact. It starts anew at lift-off, where an orbit forgets everything.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Growth<'a> {
+    map: &'a Map,
+    /// The first direction of the frame, of length 1; the second is perpendicular to it.
+    direction: [f64; 2],
+    sums: [f64; 2],
+    impacts: u64,
+}
+
+impl<'a> Growth<'a> {
+    /// An observer of an orbit on `map`.
+    #[must_use]
+    pub fn new(map: &'a Map) -> Self {
+        Self {
+            map,
+            direction: [0.8, 0.6],
+            sums: [0.0; 2],
+            impacts: 0,
+        }
+    }
+
+    /// Impacts summed, those that arrive with speed 0 left out.
+    #[must_use]
+    pub fn impacts(&self) -> u64 {
+        self.impacts
+    }
+
+    /// Both Lyapunov exponents per impact, the larger first; `None` before the first impact. Their sum
+    /// is `2 ln R` but for what the ends of the orbit add, `ln(psi_first / psi_last) / impacts`.
+    #[must_use]
+    pub fn exponents(&self) -> Option<[f64; 2]> {
+        let count = self.impacts as f64;
+        (self.impacts > 0).then(|| self.sums.map(|sum| sum / count))
+    }
+}
+
+impl Observer for Growth<'_> {
+    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        let Some(tangent) = Tangent::of(self.map, launch, impact) else {
+            return;
+        };
+        let [[a, b], [c, d]] = tangent.jacobian;
+        let [x, y] = self.direction;
+        let (u, v) = (a * x + b * y, c * x + d * y);
+        let length = libm::hypot(u, v);
+        // The area spanned by the images of the frame, over the longer side, is the other side. The
+        // determinant as a difference of products would lose the digits that a long flight cancels.
+        let restitution = self.map.restitution();
+        let area = restitution * restitution * launch.velocity / impact.next.velocity;
+        if length > 0.0 && area > 0.0 && area.is_finite() {
+            self.direction = [u / length, v / length];
+            self.sums[0] += libm::log(length);
+            self.sums[1] += libm::log(area) - libm::log(length);
+            self.impacts += 1;
+        }
+    }
+
+    fn lift_off(&mut self, _: f64, _: f64) {
+        *self = Self::new(self.map);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Event, Kernel, Orbit, Skips};
+    use super::*;
+
+    #[test]
+    fn the_determinant_is_r_squared_psi_over_psi_next() {
+        let mut cases = 0;
+        for k in [0.02, 0.1, 0.3, 0.43, 0.586, 0.9, 1.2] {
+            for restitution in [0.1, 0.2, 0.5, 0.8, 0.95, 1.0] {
+                let map = Map::build(k, restitution).unwrap();
+                for start in 0..20 {
+                    let mut state =
+                        Map::state(0.31 * f64::from(start), 0.15 * f64::from(start) + 0.01);
+                    for _ in 0..10 {
+                        let Ok(from) = state else { break };
+                        let impact = map.impact(from);
+                        let Some(tangent) = Tangent::of(&map, from, &impact) else {
+                            break;
+                        };
+                        if impact.next.velocity < 1e-3 {
+                            break;
+                        }
+                        let exact =
+                            restitution * restitution * from.velocity / impact.next.velocity;
+                        let [[a, b], [c, d]] = tangent.jacobian;
+                        // 1e-12 of the products whose difference the determinant is: where the flight
+                        // itself is known to 1e-15 d and the condition is d/s.
+                        let scale = (a * d).abs() + (b * c).abs() + exact;
+                        assert!(
+                            (tangent.determinant() - exact).abs() < 1e-12 * scale,
+                            "k {k} R {restitution} {from:?}: {} {exact} {scale}",
+                            tangent.determinant()
+                        );
+                        cases += 1;
+                        state = Ok(impact.next);
+                    }
+                }
+            }
+        }
+        assert!(cases > 3000, "{cases}");
+    }
+
+    #[test]
+    fn derivatives_are_differences() {
+        for (k, restitution, phase, velocity) in [
+            (0.43, 0.2, 0.4, 0.5),
+            (0.3, 0.6, 2.0, 1.5),
+            (0.9, 0.5, 1.0, 0.8),
+        ] {
+            let at = |k: f64, phase: f64, velocity: f64| {
+                let map = Map::build(k, restitution).unwrap();
+                let impact = map.impact(Map::state(phase, velocity).unwrap());
+                [phase + impact.flight, impact.next.velocity]
+            };
+            let map = Map::build(k, restitution).unwrap();
+            let state = Map::state(phase, velocity).unwrap();
+            let tangent = Tangent::of(&map, state, &map.impact(state)).unwrap();
+            let h = 1e-5;
+            let column =
+                |more: [f64; 2], less: [f64; 2], row: usize| (more[row] - less[row]) / (2.0 * h);
+            for row in 0..2 {
+                let by_phase = column(at(k, phase + h, velocity), at(k, phase - h, velocity), row);
+                let by_velocity =
+                    column(at(k, phase, velocity + h), at(k, phase, velocity - h), row);
+                let by_k = column(at(k + h, phase, velocity), at(k - h, phase, velocity), row);
+                // h^2 times third derivatives, which grow like powers of d/s < 10.
+                assert!((tangent.jacobian[row][0] - by_phase).abs() < 1e-5);
+                assert!((tangent.jacobian[row][1] - by_velocity).abs() < 1e-5);
+                assert!((tangent.by_k[row] - by_k).abs() < 1e-5);
+            }
+        }
+    }
+
+    /// lambda1 + lambda2 = 2 ln R, with lambda2 from the determinants of the Jacobians themselves.
+    #[test]
+    fn the_exponents_sum_to_twice_the_log_of_restitution() {
+        for (k, restitution, exponent) in [
+            (0.43, 0.2, Some(-1.3307)),
+            (0.34, 0.2, Some(0.5020)),
+            (0.586, 0.5, Some(0.0860)),
+            (0.05, 0.9, None),
+        ] {
+            let map = Map::build(k, restitution).unwrap();
+            let lock = near_lock(k, restitution);
+            let mut orbit = Orbit::new(&map, lock);
+            orbit.watch(500, &mut ());
+            let first = orbit.state();
+            let mut growth = Growth::new(&map);
+            let mut determinants = Determinants {
+                map: &map,
+                sum: 0.0,
+            };
+            orbit.watch(20_000, &mut (&mut growth, &mut determinants));
+            let [larger, smaller] = growth
+                .exponents()
+                .unwrap_or_else(|| panic!("{k} {restitution}"));
+            let count = growth.impacts() as f64;
+            let ends = libm::log(first.velocity / orbit.state().velocity) / count;
+            let exact = 2.0 * libm::log(restitution);
+            // A mean of 20 000 logarithms each rounded to 1e-15.
+            assert!(
+                (larger + smaller - ends - exact).abs() < 1e-12,
+                "k {k} R {restitution}"
+            );
+            // Each determinant is known to 1e-15 (d/s)^2, which averages 1e-12 or less.
+            assert!(
+                (determinants.sum / count - ends - exact).abs() < 1e-11,
+                "{k} {restitution}"
+            );
+            if let Some(exponent) = exponent {
+                // 20 000 impacts of an orbit whose local exponents scatter by about 1.
+                assert!(
+                    (larger - exponent).abs() < 0.03,
+                    "k {k} R {restitution}: {larger}"
+                );
+            }
+        }
+    }
+
+    struct Determinants<'a> {
+        map: &'a Map,
+        sum: f64,
+    }
+
+    impl Observer for Determinants<'_> {
+        fn impact(&mut self, launch: State, impact: &Impact<State>) {
+            if let Some(tangent) = Tangent::of(self.map, launch, impact) {
+                self.sum += libm::log(tangent.determinant().abs());
+            }
+        }
+    }
+
+    /// A start near the period-1 orbit of order 1, which all regimes of the test grow from.
+    fn near_lock(k: f64, restitution: f64) -> State {
+        use core::f64::consts::{PI, TAU};
+        let phase = libm::acos((PI * k * (1.0 - restitution) / (1.0 + restitution)).min(1.0));
+        Map::state(phase + 0.01, TAU * k * restitution / (1.0 + restitution)).unwrap()
+    }
+
+    #[test]
+    fn growth_begins_anew_at_lift_off() {
+        let map = Map::build(0.9, 0.5).unwrap();
+        let mut growth = Growth::new(&map);
+        let mut orbit = Orbit::new(&map, Map::state(2.0, 0.5).unwrap());
+        orbit.watch(10_000, &mut growth);
+        assert!(growth.impacts() < 200);
+        let event = orbit.with(Skips::NONE).next();
+        assert!(matches!(event, Some(Event::Impact(_))));
     }
 }

@@ -130,7 +130,7 @@ impl Part {
         // Launch speed in the unit that the track has now.
         let velocity = self.restitution * arrival / (amplitude * track.angular);
         let state = State { phase, velocity };
-        if let Some(chatter) = Contact::new(&map).time_to_rest(&map, state) {
+        if let Some(chatter) = Contact::new(&map).time_to_rest(state) {
             self.motion = Motion::Chattering {
                 until: time + (chatter / TAU * TURN) as u64,
             };

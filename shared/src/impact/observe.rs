@@ -1,0 +1,147 @@
+//! What is wanted of an orbit: observers, composed at compile time.
+
+use super::{Impact, State};
+
+/// Something that watches an orbit.
+///
+/// An orbit yields impacts, rests and lift-offs; each quantity wanted of it (conveying, tangent map,
+/// histogram of intervals) is an observer. Observers compose as tuples, so what nobody watches is not
+/// computed: `()` watches nothing and costs nothing.
+pub trait Observer {
+    /// The part left the track with `launch`, flew and struck it again.
+    #[inline]
+    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        let _ = (launch, impact);
+    }
+
+    /// The part chattered to rest from `last`, its state after the last impact that was computed, in
+    /// `chatter` rad; it rests from `phase` on.
+    #[inline]
+    fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+        let _ = (last, chatter, phase);
+    }
+
+    /// After `wait` rad at rest the track threw the part off at `phase`.
+    #[inline]
+    fn lift_off(&mut self, wait: f64, phase: f64) {
+        let _ = (wait, phase);
+    }
+}
+
+impl Observer for () {}
+
+impl<O: Observer> Observer for &mut O {
+    #[inline]
+    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        O::impact(self, launch, impact);
+    }
+
+    #[inline]
+    fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+        O::rest(self, last, chatter, phase);
+    }
+
+    #[inline]
+    fn lift_off(&mut self, wait: f64, phase: f64) {
+        O::lift_off(self, wait, phase);
+    }
+}
+
+macro_rules! compose {
+    ($($name:ident),+) => {
+        impl<$($name: Observer),+> Observer for ($($name,)+) {
+            #[inline]
+            fn impact(&mut self, launch: State, impact: &Impact<State>) {
+                #[allow(non_snake_case)]
+                let ($($name,)+) = self;
+                $($name.impact(launch, impact);)+
+            }
+
+            #[inline]
+            fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+                #[allow(non_snake_case)]
+                let ($($name,)+) = self;
+                $($name.rest(last, chatter, phase);)+
+            }
+
+            #[inline]
+            fn lift_off(&mut self, wait: f64, phase: f64) {
+                #[allow(non_snake_case)]
+                let ($($name,)+) = self;
+                $($name.lift_off(wait, phase);)+
+            }
+        }
+    };
+}
+
+compose!(A);
+compose!(A, B);
+compose!(A, B, C);
+compose!(A, B, C, D);
+
+/// Counts of what happened: the cheapest observer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Count {
+    /// Impacts.
+    pub impacts: u64,
+    /// Rests.
+    pub rests: u64,
+    /// Lift-offs.
+    pub lift_offs: u64,
+}
+
+impl Observer for Count {
+    #[inline]
+    fn impact(&mut self, _: State, _: &Impact<State>) {
+        self.impacts += 1;
+    }
+
+    #[inline]
+    fn rest(&mut self, _: State, _: f64, _: f64) {
+        self.rests += 1;
+    }
+
+    #[inline]
+    fn lift_off(&mut self, _: f64, _: f64) {
+        self.lift_offs += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Kernel, Map, Orbit, Skips};
+    use super::*;
+
+    /// Impact phases and flights, folded into 64 bits in order (FNV-1a over the bits).
+    struct Hash(u64);
+
+    impl Observer for Hash {
+        fn impact(&mut self, launch: State, impact: &Impact<State>) {
+            for value in [launch.phase, impact.flight, impact.next.velocity] {
+                self.0 = (self.0 ^ value.to_bits()).wrapping_mul(0x100_0000_01b3);
+            }
+        }
+    }
+
+    #[test]
+    fn every_part_of_a_tuple_sees_every_event_and_changes_nothing() {
+        let map = Map::build(0.9, 0.5).unwrap();
+        let (mut bare, mut first, mut second) = (Hash(1), Hash(1), Hash(1));
+        let (mut counted, mut again) = (Count::default(), Count::default());
+        let orbit = || {
+            Orbit::new(&map, Map::state(2.0, 0.5).unwrap()).with(Skips {
+                repeat: false,
+                ..Skips::default()
+            })
+        };
+        orbit().watch(500, &mut bare);
+        orbit().watch(
+            500,
+            &mut (&mut first, &mut counted, &mut second, &mut again),
+        );
+        assert_eq!((first.0, second.0), (bare.0, bare.0));
+        assert_eq!(counted, again);
+        assert_eq!(counted.impacts, 500);
+        assert!(counted.rests > 10 && counted.rests.abs_diff(counted.lift_offs) <= 1);
+    }
+}

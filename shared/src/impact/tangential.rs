@@ -1,0 +1,231 @@
+//! Motion along the track: what a flight and an impact do to it (equations 10 and 11).
+
+use super::{Impact, State};
+use crate::feeder::{OutOfRange, Track, accept};
+
+/// What the motion along the track depends on besides k.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TangentialSettings {
+    /// Restitution along the track (symbol Rt, R_par in the paper), 0..1, 1 itself excluded: a part
+    /// that keeps its speed at every impact never settles on an incline.
+    pub restitution: f64,
+    /// Amplitude parallel to the track over the amplitude normal to it (symbol eta), 0..=100.
+    pub amplitude_ratio: f64,
+    /// Phase lead of the parallel motion (symbol gamma) in rad, -2 pi..=2 pi.
+    pub phase_lead: f64,
+    /// Tangent of the incline, -2..=2, positive where parts climb.
+    pub incline_tangent: f64,
+}
+
+impl TangentialSettings {
+    /// The settings of parts with a tangential restitution on `track`.
+    #[must_use]
+    pub fn on(track: &Track, restitution: f64) -> Self {
+        Self {
+            restitution,
+            amplitude_ratio: track.amplitude_ratio(),
+            phase_lead: track.phase_lead(),
+            incline_tangent: track.incline_tangent(),
+        }
+    }
+}
+
+/// The motion along the track for one k. Velocities relative to the track in units of `b w`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tangential {
+    settings: TangentialSettings,
+    /// `k tan(alpha)`, the pull along the track.
+    pull: f64,
+}
+
+impl Tangential {
+    /// The motion along a track of these settings at `k` (0.001..=1000); the refusal names the
+    /// parameter.
+    pub fn build(k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
+        let TangentialSettings {
+            restitution,
+            amplitude_ratio,
+            phase_lead,
+            incline_tangent,
+        } = settings;
+        accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
+        accept(
+            "tangential restitution",
+            restitution,
+            (0.0..1.0).contains(&restitution),
+            "0..1, 1 itself excluded: without loss the speed never settles",
+        )?;
+        accept(
+            "amplitude_ratio",
+            amplitude_ratio,
+            (0.0..=100.0).contains(&amplitude_ratio),
+            "0..100",
+        )?;
+        accept(
+            "phase_lead",
+            phase_lead,
+            (-core::f64::consts::TAU..=core::f64::consts::TAU).contains(&phase_lead),
+            "-2 pi..2 pi rad",
+        )?;
+        accept(
+            "incline_tangent",
+            incline_tangent,
+            (-2.0..=2.0).contains(&incline_tangent),
+            "-2..2",
+        )?;
+        Ok(Self {
+            settings,
+            pull: k * incline_tangent,
+        })
+    }
+
+    /// What it was built from.
+    #[must_use]
+    pub fn settings(&self) -> TangentialSettings {
+        self.settings
+    }
+
+    /// Way along the track, in units of b, that a part covers in the flight of `impact` from `launch`,
+    /// leaving with `velocity` (symbol phi) along the track: `W d` of equation 11.
+    ///
+    /// Written as `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
+    /// (k/2) tan(alpha) }`, which keeps its digits down to the shortest hops.
+    #[must_use]
+    pub fn way(&self, launch: State, impact: &Impact<State>, velocity: f64) -> f64 {
+        let d = impact.flight;
+        let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
+        let shaken = sine * versine(d) + cosine * d * sagitta(d);
+        d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.pull))
+    }
+
+    /// Velocity along the track just after the impact (symbol phi', equation 10).
+    #[must_use]
+    pub fn after(&self, launch: State, impact: &Impact<State>, velocity: f64) -> f64 {
+        let d = impact.flight;
+        let half = 0.5 * d;
+        let lead = launch.phase + self.settings.phase_lead;
+        // cos(t+d+gamma) - cos(t+gamma), without cancellation.
+        let change = -2.0 * libm::sin(lead + half) * libm::sin(half);
+        self.settings.restitution
+            * (velocity - self.settings.amplitude_ratio * change - self.pull * d)
+    }
+}
+
+/// `(1 - cos d) / d^2`.
+fn versine(d: f64) -> f64 {
+    if d == 0.0 {
+        return 0.5;
+    }
+    let half = libm::sin(0.5 * d) / (0.5 * d);
+    0.5 * half * half
+}
+
+/// `(d - sin d) / d^3`, by its series below 0.5.
+fn sagitta(d: f64) -> f64 {
+    if d >= 0.5 {
+        return (d - libm::sin(d)) / (d * d * d);
+    }
+    let x = d * d;
+    let mut sum = 0.0;
+    for n in [19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0] {
+        sum = (1.0 - x * sum) / ((n - 1.0) * n);
+    }
+    (1.0 - x * sum) / 6.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Event, Kernel, Map, Orbit};
+    use super::*;
+
+    const SETTINGS: TangentialSettings = TangentialSettings {
+        restitution: 0.3,
+        amplitude_ratio: 2.0,
+        phase_lead: 0.4,
+        incline_tangent: 0.05,
+    };
+
+    /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the classical
+    /// Runge-Kutta rule: way and velocity after `d`.
+    fn integrated(k: f64, t: f64, d: f64, velocity: f64) -> (f64, f64) {
+        let push = |tau: f64| {
+            SETTINGS.amplitude_ratio * libm::sin(tau + SETTINGS.phase_lead)
+                - k * SETTINGS.incline_tangent
+        };
+        let steps = 4000;
+        let h = d / f64::from(steps);
+        let (mut way, mut speed) = (0.0, velocity);
+        for n in 0..steps {
+            let tau = t + f64::from(n) * h;
+            let (early, middle, late) = (push(tau), push(tau + 0.5 * h), push(tau + h));
+            way += h * (speed + h * (early + 2.0 * middle) / 6.0);
+            speed += h * (early + 4.0 * middle + late) / 6.0;
+        }
+        (way, speed)
+    }
+
+    #[test]
+    fn a_flight_solves_the_equation_of_motion() {
+        for k in [0.05, 0.43, 0.9] {
+            let map = Map::build(k, 0.6).unwrap();
+            let tangential = Tangential::build(k, SETTINGS).unwrap();
+            let mut launch = Map::state(1.0, 2.0).unwrap();
+            let mut velocity = 0.7;
+            for event in Orbit::new(&map, launch).take(40) {
+                let Event::Impact(impact) = event else { break };
+                let (way, speed) = integrated(k, launch.phase, impact.flight, velocity);
+                // The rule's error is of order d^2 (d/4000)^4 < 1e-8 for d up to 130.
+                assert!((tangential.way(launch, &impact, velocity) - way).abs() < 1e-6);
+                velocity = tangential.after(launch, &impact, velocity);
+                assert!((velocity - SETTINGS.restitution * speed).abs() < 1e-6);
+                launch = impact.next;
+            }
+        }
+    }
+
+    #[test]
+    fn both_forms_of_the_way_agree_and_short_hops_keep_their_digits() {
+        let tangential = Tangential::build(0.5, SETTINGS).unwrap();
+        let hop = |flight| Impact {
+            flight,
+            next: Map::state(0.0, 0.0).unwrap(),
+            grazes: false,
+        };
+        for n in 0..200 {
+            let launch = Map::state(0.1 * f64::from(n), 1.0).unwrap();
+            let lead = launch.phase + SETTINGS.phase_lead;
+            for d in [0.3, 0.499_999, 0.500_001, 3.0, 40.0] {
+                let printed = (0.2 + 2.0 * libm::cos(lead)) * d
+                    - 0.25 * SETTINGS.incline_tangent * d * d
+                    - 2.0 * (libm::sin(lead + d) - libm::sin(lead));
+                let way = tangential.way(launch, &hop(d), 0.2);
+                // The printed form rounds terms of up to 100.
+                assert!((way - printed).abs() < 1e-13 * d.max(4.0), "{d}");
+            }
+            let d = 1e-9;
+            let expected = d * (0.2 + 0.5 * d * (2.0 * libm::sin(lead) - 0.5 * 0.05));
+            let way = tangential.way(launch, &hop(d), 0.2);
+            assert!((way / expected - 1.0).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        let named = |settings| Tangential::build(0.5, settings).unwrap_err().parameter;
+        assert_eq!(
+            named(TangentialSettings {
+                restitution: 1.0,
+                ..SETTINGS
+            }),
+            "tangential restitution"
+        );
+        assert_eq!(
+            named(TangentialSettings {
+                phase_lead: f64::NAN,
+                ..SETTINGS
+            }),
+            "phase_lead"
+        );
+        assert_eq!(Tangential::build(0.0, SETTINGS).unwrap_err().parameter, "k");
+    }
+}
