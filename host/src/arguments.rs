@@ -186,6 +186,31 @@ pub fn restitution(text: &str) -> Result<Restitution, String> {
     }
 }
 
+/// A range `LO..HI[:N]` of `count` values where N is not given, or one value; ends within the
+/// accepted ones.
+pub fn range_or_value(
+    accepted: (f64, f64),
+    count: usize,
+) -> impl Fn(&str) -> Result<Range, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let (low, high) = accepted;
+        let spelled = if text.contains("..") && !text.contains(':') {
+            format!("{text}:{count}")
+        } else {
+            text.to_string()
+        };
+        range(&spelled)
+            .ok()
+            .filter(|range| low <= range.low && range.high <= high)
+            .ok_or_else(|| {
+                format!(
+                    "accepted: one number or LO..HI or LO..HI:N within {low}..{high}, LO < HI, \
+                     N in 2..1000000"
+                )
+            })
+    }
+}
+
 /// A range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
 pub fn range(text: &str) -> Result<Range, String> {
     const ACCEPTED: &str = "accepted: LO..HI:N with LO < HI and N in 2..1000000, such as \

@@ -308,14 +308,17 @@ impl Table {
     }
 }
 
-/// A result: a table, words above and below it, and its JSON form.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// A result: a table, words above and below it, its JSON form, and rows too many for a table.
+#[derive(Default)]
 pub struct Report {
     heading: String,
     table: Table,
     notes: Vec<String>,
     json: Option<Json>,
+    csv: Option<Box<WriteCsv>>,
 }
+
+type WriteCsv = dyn Fn(&mut dyn Write) -> std::io::Result<()>;
 
 impl Report {
     /// The report of a table; its JSON is the array of its rows.
@@ -352,6 +355,13 @@ impl Report {
         Ok(self)
     }
 
+    /// The report with a CSV form of its own, for more rows than a table should hold.
+    #[must_use]
+    pub fn csv(mut self, write: impl Fn(&mut dyn Write) -> std::io::Result<()> + 'static) -> Self {
+        self.csv = Some(Box::new(write));
+        self
+    }
+
     /// Writes it in a format.
     pub fn write(&self, format: Format, out: &mut dyn Write) -> std::io::Result<()> {
         match format {
@@ -370,7 +380,10 @@ impl Report {
                 }
                 Ok(())
             }
-            Format::Csv => self.table.write_csv(out),
+            Format::Csv => match &self.csv {
+                Some(write) => write(out),
+                None => self.table.write_csv(out),
+            },
             Format::Json => {
                 match &self.json {
                     Some(json) => serde_json::to_writer_pretty(&mut *out, json)?,

@@ -56,7 +56,11 @@ enum Item {
         series: usize,
         bars: Vec<(f64, f64, f64)>,
     },
-    Density(Vec<(f64, f64)>),
+    Density {
+        points: Vec<(f64, f64)>,
+        /// Number of values of x that occur, evenly spaced over the axis; 0 where they are any.
+        columns: usize,
+    },
     Heat {
         grid: Grid<f64>,
         scale: Axis,
@@ -171,7 +175,17 @@ impl Panel {
     #[must_use]
     pub fn density(mut self, name: &str, points: Vec<(f64, f64)>) -> Self {
         self.key(Key::Ink, name);
-        self.items.push(Item::Density(points));
+        let columns = 0;
+        self.items.push(Item::Density { points, columns });
+        self
+    }
+
+    /// A density of points that stand in `columns` evenly spaced columns, the first and last on the
+    /// ends of the axis: each column is as wide as the next, so that no stripes appear.
+    #[must_use]
+    pub fn columns(mut self, name: &str, columns: usize, points: Vec<(f64, f64)>) -> Self {
+        self.key(Key::Ink, name);
+        self.items.push(Item::Density { points, columns });
         self
     }
 
@@ -662,9 +676,9 @@ impl Pixels<'_> {
                     clip: Some(plot),
                 });
             }
-            Item::Density(points) => shapes.push(Shape::Image {
+            Item::Density { points, columns } => shapes.push(Shape::Image {
                 place: plot,
-                raster: self.density(theme, points),
+                raster: self.density(theme, points, *columns),
             }),
             Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {
@@ -815,16 +829,23 @@ impl Pixels<'_> {
         pieces
     }
 
-    fn density(&self, theme: Theme, points: &[(f64, f64)]) -> Raster {
-        let (columns, rows) = (
-            (1.5 * self.plot.width) as usize,
-            (1.5 * self.plot.height) as usize,
-        );
+    fn density(&self, theme: Theme, points: &[(f64, f64)], given: usize) -> Raster {
+        let rows = (1.5 * self.plot.height) as usize;
+        let columns = if given > 1 {
+            given
+        } else {
+            (1.5 * self.plot.width) as usize
+        };
         let mut counts = vec![0_u32; columns * rows];
         for (x, y) in points {
             let (across, up) = (self.panel.x.part(*x), self.panel.y.part(*y));
-            if (0.0..=1.0).contains(&across) && (0.0..=1.0).contains(&up) {
-                let column = ((across * columns as f64) as usize).min(columns - 1);
+            if (-1e-9..=1.0 + 1e-9).contains(&across) && (0.0..=1.0).contains(&up) {
+                let column = if given > 1 {
+                    (across * (columns - 1) as f64).round()
+                } else {
+                    (across * columns as f64).floor()
+                };
+                let column = (column.max(0.0) as usize).min(columns - 1);
                 let row = (((1.0 - up) * rows as f64) as usize).min(rows - 1);
                 counts[row * columns + column] += 1;
             }

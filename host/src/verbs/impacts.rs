@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use kband::impact::{Kernel, Map};
+use kband::impact::{Hybrid, Kernel, Map, Single};
 
 use crate::arguments;
 use crate::desk::Desk;
@@ -57,12 +57,18 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
+    /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
+    Hybrid,
+    /// Phase in u32, velocity in f32.
+    F32,
 }
 
 /// Prints the impacts.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let report = match arguments.arithmetic {
         Arithmetic::F64 => report::<Map>(arguments, desk)?,
+        Arithmetic::Hybrid => report::<Hybrid>(arguments, desk)?,
+        Arithmetic::F32 => report::<Single>(arguments, desk)?,
     };
     report.print(arguments.format)?;
     Ok(Exit::Done)

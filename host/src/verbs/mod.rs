@@ -33,6 +33,7 @@ macro_rules! verbs {
 
 verbs! {
     Completions => completions,
+    Diagram => diagram,
     Impacts => impacts,
 }
 

@@ -1,0 +1,261 @@
+//! The command line as a user meets it: bad input, formats, files, threads.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Runs `kband` in `folder` without a terminal or standard input; killed after 60 s.
+fn kband(folder: &Path, arguments: &[&str]) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut pipes = (child.stdout.take().unwrap(), child.stderr.take().unwrap());
+    // Read both while it runs: a full pipe would stop it.
+    let out = std::thread::spawn(move || read(&mut pipes.0));
+    let err = std::thread::spawn(move || read(&mut pipes.1));
+    let begun = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if begun.elapsed() > Duration::from_secs(60) {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            panic!("kband {} did not end within 60 s", arguments.join(" "));
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    Output {
+        status,
+        stdout: out.join().unwrap(),
+        stderr: err.join().unwrap(),
+    }
+}
+
+fn read(pipe: &mut impl std::io::Read) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    pipe.read_to_end(&mut bytes).unwrap();
+    bytes
+}
+
+/// An empty folder of this test's own, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(test: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("kband-{test}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn names(&self) -> Vec<String> {
+        let mut names: Vec<String> = std::fs::read_dir(&self.0)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn words(line: &str) -> Vec<&str> {
+    line.split(' ').collect()
+}
+
+#[test]
+fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
+    let folder = Folder::new("bad");
+    std::fs::write(
+        folder.0.join("rows.csv"),
+        "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n",
+    )
+    .unwrap();
+    let cases: &[(&str, &[&str])] = &[
+        (
+            "impacts --k 0.43 --restitution 1.5 --phase 0 --velocity 1",
+            &["restitution", "1.5", "0..1"],
+        ),
+        (
+            "impacts --k nan --restitution 0.5 --phase 0 --velocity 1",
+            &["--k", "nan", "finite"],
+        ),
+        (
+            "impacts --k 0 --restitution 0.5 --phase 0 --velocity 1",
+            &["k = 0", "0.001..1000"],
+        ),
+        (
+            "impacts --k 0.4 --restitution 0.5 --phase inf --velocity 1",
+            &["--phase", "inf", "finite"],
+        ),
+        (
+            "impacts --k 0.4 --restitution 0.5 --phase 0 --velocity -1",
+            &["velocity", "-1", "0..1000"],
+        ),
+        (
+            "impacts --k 0.4 --restitution 0.5 --phase 0",
+            &["--velocity"],
+        ),
+        (
+            "impacts --k 0.4 --restitution 0.5 --phase 0 --velocity 1 --count 0",
+            &["--count", "1..10000000"],
+        ),
+        ("impacts --from nothing.csv", &["nothing.csv", "next:"]),
+        (
+            "impacts --from rows.csv",
+            &["rows.csv, line 4", "restitution = 1.2", "0..1", "f64"],
+        ),
+        ("impacts --from rows.csv --k 0.4", &["--from", "--k"]),
+        (
+            "impacts --from rows.csv --arithmetic f63",
+            &["--arithmetic", "f63", "f64"],
+        ),
+        (
+            "diagram --restitution 1.1",
+            &["--restitution", "1.1", "0..0.999"],
+        ),
+        ("diagram --k 0.5..0.3", &["--k", "0.5..0.3", "LO < HI"]),
+        ("diagram --k 0.4", &["--k 0.4", "range LO..HI"]),
+        (
+            "diagram --k 0.3..0.5 --restitution 0.1..0.2",
+            &["exactly one"],
+        ),
+        ("diagram --k 0.3..0.5 --b 0.1..0.2", &["--k", "--b"]),
+        ("diagram --frequency 0", &["--frequency", "1..1000 Hz"]),
+        ("diagram --incline 90", &["--incline", "-60..60 degrees"]),
+        ("diagram --show height", &["height", "phase", "velocity"]),
+        (
+            "diagram --out none/a.svg",
+            &["none", "does not exist", "mkdir"],
+        ),
+        ("diagram --out a.gif", &["gif", ".svg", ".png"]),
+        ("diagram --out a", &["--out", ".svg"]),
+        ("diagram --out .", &["is a folder"]),
+        ("diagram --threads 0", &["--threads", "1..1024"]),
+        ("completions cmd", &["cmd", "bash"]),
+        ("nonsense", &["nonsense"]),
+    ];
+    for (line, expected) in cases {
+        let output = kband(&folder.0, &words(line));
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "kband {line}: {message}");
+        assert!(
+            output.stdout.is_empty(),
+            "kband {line} printed on standard output"
+        );
+        assert_eq!(
+            message.matches("error:").count(),
+            1,
+            "kband {line}: {message}"
+        );
+        for part in *expected {
+            assert!(
+                message.contains(part),
+                "kband {line} does not name '{part}':\n{message}"
+            );
+        }
+        assert_eq!(folder.names(), ["rows.csv"], "kband {line} left a file");
+    }
+}
+
+#[test]
+fn golden_impacts_by_file_keep_17_digits() {
+    let folder = Folder::new("golden");
+    let reference = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/reference/impacts.csv"
+    );
+    let output = kband(&folder.0, &["impacts", "--from", reference]);
+    assert_eq!(output.status.code(), Some(0));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let golden = std::fs::read_to_string(reference).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("flight,next_phase,next_velocity"));
+    let mut count = 0;
+    for (line, golden) in lines.zip(golden.lines().skip(1)) {
+        let golden: Vec<&str> = golden.split(',').collect();
+        let flight: f64 = line.split(',').next().unwrap().parse().unwrap();
+        let expected: f64 = golden[5].parse().unwrap();
+        if golden[8].parse::<f64>().unwrap() < 100.0 {
+            // The project's requirement for well-conditioned impacts.
+            assert!((flight / expected - 1.0).abs() < 1e-12, "{line}");
+        }
+        count += 1;
+    }
+    assert_eq!(count, 1200);
+}
+
+#[test]
+fn an_orbit_in_three_formats_says_the_same() {
+    let folder = Folder::new("formats");
+    let run = |format: &str| {
+        let line = format!(
+            "impacts --k 0.43 --restitution 0.2 --phase -0.5 --velocity 0.45 --count 5 --format {format}"
+        );
+        let output = kband(&folder.0, &words(&line));
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let csv = run("csv");
+    let json: serde_json::Value = serde_json::from_str(&run("json")).unwrap();
+    assert_eq!(csv.lines().next(), Some("n,phase,velocity,flight"));
+    for (n, line) in csv.lines().skip(1).enumerate() {
+        for (column, field) in ["n", "phase", "velocity", "flight"]
+            .into_iter()
+            .zip(line.split(','))
+        {
+            assert_eq!(
+                json[n][column].as_f64(),
+                Some(field.parse().unwrap()),
+                "row {n} {column}"
+            );
+        }
+    }
+    assert_eq!(run("table").lines().count(), 6);
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let folder = Folder::new("threads");
+    let run = |threads: &str, out: &str| {
+        let line = format!(
+            "diagram --k 0.3..0.5:40 --impacts 50 --settle 50 --threads {threads} --out {out}"
+        );
+        assert_eq!(kband(&folder.0, &words(&line)).status.code(), Some(0));
+        std::fs::read(folder.0.join(out)).unwrap()
+    };
+    for ending in ["csv", "svg", "png"] {
+        let one = run("1", &format!("one.{ending}"));
+        assert!(one.len() > 1000);
+        assert_eq!(one, run("3", &format!("three.{ending}")), "{ending}");
+    }
+}
+
+#[test]
+fn help_and_version_end_well() {
+    let folder = Folder::new("help");
+    for line in [
+        "--help",
+        "--version",
+        "impacts --help",
+        "completions bash",
+        "completions fish",
+    ] {
+        let output = kband(&folder.0, &words(line));
+        assert_eq!(output.status.code(), Some(0), "{line}");
+        assert!(
+            !output.stdout.is_empty() && output.stderr.is_empty(),
+            "{line}"
+        );
+    }
+}
