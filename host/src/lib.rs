@@ -8,6 +8,7 @@
 //! | [`file`] | files that are written whole or not at all |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
+//! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`verbs`] | one file per verb |
 
 pub mod arguments;
@@ -16,4 +17,5 @@ pub mod file;
 pub mod picture;
 pub mod refusal;
 pub mod report;
+pub mod simulate;
 pub mod verbs;

@@ -8,9 +8,9 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
 
+use crate::arguments;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::{arguments, report};
 
 macro_rules! verbs {
     ($($verb:ident => $module:ident,)*) => {
@@ -35,6 +35,7 @@ verbs! {
     Completions => completions,
     Diagram => diagram,
     Impacts => impacts,
+    Simulate => simulate,
 }
 
 /// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it there.
@@ -88,13 +89,12 @@ pub fn main() -> ExitCode {
 }
 
 fn run(line: &Line) -> Result<Exit, Refusal> {
-    let Some(verb) = &line.verb else {
-        report::print(&command().render_help().to_string())?;
-        return Ok(Exit::Done);
-    };
     let desk = Desk::new(line.threads)?;
     desk.listen_for_interruption();
-    verb.run(&desk)
+    match &line.verb {
+        Some(verb) => verb.run(&desk),
+        None => simulate::run(&simulate::Arguments::default(), &desk),
+    }
 }
 
 #[cfg(test)]

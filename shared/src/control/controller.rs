@@ -348,6 +348,29 @@ impl Controller {
         )
     }
 
+    /// Amplitude chosen for the target in m, before any limit; 0 where there is none.
+    #[must_use]
+    pub fn setpoint(&self) -> f32 {
+        self.setpoint
+    }
+
+    /// Largest amplitude in m that the settings let the drive reach.
+    #[must_use]
+    pub fn reach(&self) -> f32 {
+        let settings = &self.settings;
+        // Response of the resonance at the drive's frequency over the one at resonance.
+        let x = settings.frequency / settings.resonance;
+        let (detuned, damped) = (1.0 - x * x, x / settings.quality);
+        let response = 1.0 / (settings.quality * libm::sqrtf(detuned * detuned + damped * damped));
+        (settings.output_maximum * settings.gain * 1e-3 * response).min(self.ceiling)
+    }
+
+    /// k at a normal amplitude in m.
+    #[must_use]
+    pub fn k(&self, amplitude: f32) -> f32 {
+        self.pull / (amplitude * self.square)
+    }
+
     /// The target.
     #[must_use]
     pub fn target(&self) -> Target {

@@ -74,6 +74,25 @@ impl Limits {
         Self::LINK_LOST,
     ];
 
+    /// Its number, for one limit alone.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        self.0.trailing_zeros() as u8
+    }
+
+    /// Its name in traces and the manual, for one limit alone.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OUTPUT => "output at its maximum",
+            Self::AMPLITUDE => "amplitude limit",
+            Self::ACCELERATION => "acceleration limit",
+            Self::NO_SETPOINT => "no setpoint for the lot",
+            Self::LINK_LOST => "link lost",
+            _ => "several limits",
+        }
+    }
+
     /// The set as bits, bit n for limit n.
     #[must_use]
     pub fn bits(self) -> u16 {

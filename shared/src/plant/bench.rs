@@ -67,6 +67,11 @@ impl Bench {
         self.target.take()
     }
 
+    /// Forgets the impacts so far ([`Plant::strikes`]).
+    pub fn forget_strikes(&mut self) {
+        self.plant.forget_strikes();
+    }
+
     /// The plant.
     #[must_use]
     pub fn plant(&self) -> &Plant {

@@ -15,6 +15,8 @@ pub struct Moment {
     pub report: Report,
     /// Impacts of all parts in this cycle.
     pub strikes: u32,
+    /// Mean way of the parts along the track so far in m, positive upwards.
+    pub way: f64,
 }
 
 /// Controller, signal path and plant, joined.
@@ -37,7 +39,7 @@ impl ClosedLoop {
 
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
-        let struck = self.bench.plant().strikes();
+        self.bench.forget_strikes();
         // The slowest drive has 4000 samples a cycle; the bound only keeps a broken step from hanging.
         for _ in 0..2 * SAMPLE_RATE {
             if self.sample() {
@@ -59,7 +61,8 @@ impl ClosedLoop {
         Moment {
             time: self.bench.time(),
             report,
-            strikes: self.bench.plant().strikes().wrapping_sub(struck),
+            strikes: self.bench.plant().strikes().len() as u32,
+            way: self.bench.plant().way(),
         }
     }
 

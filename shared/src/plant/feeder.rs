@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use super::drive::{Resonator, Ringing, Swing};
 use super::noise::Noise;
-use super::part::{Part, Strike, Track};
+use super::part::{Part, Strike, Tangential, Track};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::Phase;
 use crate::control::{AdcCode, SAMPLE_RATE};
@@ -12,6 +12,9 @@ use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
 /// Events of one part in one sample before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_SAMPLE: usize = 16;
+
+/// Most strikes of one cycle that the plant remembers.
+pub const STRIKES: usize = 64;
 
 /// The simulated feeder.
 #[derive(Clone, Debug)]
@@ -36,8 +39,9 @@ pub struct Plant {
     lost: bool,
     inverted: bool,
     last_code: u16,
-    strikes: u32,
-    last_strike: Option<Strike>,
+    tangential: Tangential,
+    strikes: [Strike; STRIKES],
+    strike_count: usize,
 }
 
 impl Plant {
@@ -75,8 +79,14 @@ impl Plant {
             lost: false,
             inverted: false,
             last_code: (settings.sensor_zero / volts) as u16,
-            strikes: 0,
-            last_strike: None,
+            tangential: Tangential {
+                amplitude_ratio: f64::from(settings.amplitude_ratio),
+                phase_lead: f64::from(settings.phase_lead) * (TAU / 360.0),
+                incline_tangent: libm::tan(f64::from(settings.incline) * (TAU / 360.0)),
+                restitution: f64::from(settings.tangential_restitution),
+            },
+            strikes: [Strike::default(); STRIKES],
+            strike_count: 0,
         })
     }
 
@@ -128,6 +138,7 @@ impl Plant {
         let track = Track {
             pull: self.pull,
             angular,
+            tangential: self.tangential,
         };
         let swing = Swing::through(motion, angular as f32);
         let part = &mut self.parts[index];
@@ -144,8 +155,13 @@ impl Plant {
                 phase: swing.phase - Phase::from_bits(late as u32),
             };
             if let Some(strike) = part.event(then, &track) {
-                self.strikes = self.strikes.wrapping_add(1);
-                self.last_strike = Some(strike);
+                if let Some(slot) = self.strikes.get_mut(self.strike_count) {
+                    *slot = Strike {
+                        part: index as u8,
+                        ..strike
+                    };
+                    self.strike_count += 1;
+                }
                 let share = (late as f32 / self.step as f32).min(1.0);
                 self.ringing
                     .strike(self.sensor.ringing * strike.speed as f32, share);
@@ -153,16 +169,30 @@ impl Plant {
         }
     }
 
-    /// Impacts of all parts so far.
+    /// Impacts since [`Plant::forget_strikes`], at most [`STRIKES`].
     #[must_use]
-    pub fn strikes(&self) -> u32 {
-        self.strikes
+    pub fn strikes(&self) -> &[Strike] {
+        &self.strikes[..self.strike_count]
     }
 
-    /// The last impact of any part.
+    /// Forgets the impacts so far.
+    pub fn forget_strikes(&mut self) {
+        self.strike_count = 0;
+    }
+
+    /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
-    pub fn last_strike(&self) -> Option<Strike> {
-        self.last_strike
+    pub fn way(&self) -> f64 {
+        let parts = &self.parts[..self.part_count];
+        let sum: f64 = parts.iter().map(Part::way).sum();
+        sum / parts.len().max(1) as f64
+    }
+
+    /// Parts that lie on the track now.
+    #[must_use]
+    pub fn resting(&self) -> usize {
+        let parts = &self.parts[..self.part_count];
+        parts.iter().filter(|part| part.rests()).count()
     }
 
     /// The drive's gain over the one it began with.

@@ -16,7 +16,7 @@ mod scene;
 
 pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Moment};
-pub use feeder::Plant;
+pub use feeder::{Plant, STRIKES};
 pub use noise::Noise;
 pub use part::Strike;
 pub use scene::{Change, DISTURBANCES, Disturbance, DriveModel, PARTS, Scene, SensorModel};

@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use super::drive::Swing;
-use crate::impact::{Contact, Kernel, Map, State};
+use crate::impact::{Contact, Impact, Kernel, Map, State};
 
 const TURN: f64 = 4_294_967_296.0;
 
@@ -12,14 +12,20 @@ const TURN: f64 = 4_294_967_296.0;
 enum Motion {
     /// Lying on the track.
     Resting,
-    /// In flight until a time in steps of 2^-32 turns of the drive, arriving at a speed in m/s.
-    Flying { until: u64, arrival: f64 },
+    /// In flight until a time in steps of 2^-32 turns of the drive, arriving at a speed in m/s, having
+    /// come a way along the track in m, with a velocity along it in m/s after the impact.
+    Flying {
+        until: u64,
+        arrival: f64,
+        way: f64,
+        along: f64,
+    },
     /// In a chatter too short to hear, until it rests.
     Chattering { until: u64 },
 }
 
 /// An impact of a part on the track.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Strike {
     /// Time in steps of 2^-32 turns of the drive.
     pub time: u64,
@@ -27,6 +33,8 @@ pub struct Strike {
     pub speed: f64,
     /// Phase of the track in rad, 0..2 pi.
     pub phase: f64,
+    /// Number of the part, from 0.
+    pub part: u8,
 }
 
 /// One part.
@@ -34,6 +42,10 @@ pub struct Strike {
 pub struct Part {
     restitution: f64,
     motion: Motion,
+    /// Velocity along the track relative to it in m/s (symbol phi times b w).
+    along: f64,
+    /// Way along the track so far in m.
+    way: f64,
 }
 
 /// What a part needs to know of the track.
@@ -43,6 +55,36 @@ pub struct Track {
     pub pull: f64,
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
+    /// The motion along the track.
+    pub tangential: Tangential,
+}
+
+/// What the motion along the track depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tangential {
+    /// Amplitude parallel to the track over the amplitude normal to it (symbol eta).
+    pub amplitude_ratio: f64,
+    /// Phase lead of the parallel motion (symbol gamma) in rad.
+    pub phase_lead: f64,
+    /// Tangent of the incline.
+    pub incline_tangent: f64,
+    /// Restitution along the track (symbol Rt).
+    pub restitution: f64,
+}
+
+impl Tangential {
+    /// Way in units of b in a flight, and velocity after it in units of b w (equations 10 and 11).
+    fn flight(&self, k: f64, phase: f64, flight: f64, along: f64) -> (f64, f64) {
+        let (sine, cosine) = libm::sincos(phase + self.phase_lead);
+        let (sine_after, cosine_after) = libm::sincos(phase + self.phase_lead + flight);
+        let pull = k * self.incline_tangent;
+        let way = (along + self.amplitude_ratio * cosine) * flight
+            - 0.5 * pull * flight * flight
+            - self.amplitude_ratio * (sine_after - sine);
+        let after = self.restitution
+            * (along - self.amplitude_ratio * (cosine_after - cosine) - pull * flight);
+        (way, after)
+    }
 }
 
 impl Part {
@@ -52,12 +94,26 @@ impl Part {
         Self {
             restitution,
             motion: Motion::Resting,
+            along: 0.0,
+            way: 0.0,
         }
     }
 
     /// Changes its restitution from the next impact on.
     pub fn set_restitution(&mut self, restitution: f64) {
         self.restitution = restitution;
+    }
+
+    /// Way along the track so far in m, positive upwards.
+    #[must_use]
+    pub fn way(&self) -> f64 {
+        self.way
+    }
+
+    /// Whether it lies on the track.
+    #[must_use]
+    pub fn rests(&self) -> bool {
+        self.motion == Motion::Resting
     }
 
     /// Time of its next event, in steps of 2^-32 turns of the drive; `None` at rest.
@@ -94,32 +150,34 @@ impl Part {
             state.phase += 1e-12;
             impact = map.impact(state);
         }
-        self.fly(
-            &map,
-            impact.flight,
-            impact.next.velocity,
-            amplitude,
-            track,
-            start,
-        );
+        self.along = 0.0;
+        self.fly(&map, state.phase, &impact, amplitude, track, start);
     }
 
     /// Takes the event that is due: the strike, if it is one, and the part's next motion. `swing` is
     /// the track at the event.
     pub fn event(&mut self, swing: Swing, track: &Track) -> Option<Strike> {
-        let (time, arrival) = match self.motion {
+        let (time, arrival, way, along) = match self.motion {
             Motion::Resting => return None,
             Motion::Chattering { .. } => {
                 self.motion = Motion::Resting;
                 return None;
             }
-            Motion::Flying { until, arrival } => (until, arrival),
+            Motion::Flying {
+                until,
+                arrival,
+                way,
+                along,
+            } => (until, arrival, way, along),
         };
+        self.way += way;
+        self.along = along;
         let phase = swing.phase.radians();
         let strike = Strike {
             time,
             speed: arrival,
             phase,
+            part: 0,
         };
         let amplitude = f64::from(swing.amplitude);
         let k = track.pull / (amplitude * track.angular * track.angular);
@@ -141,36 +199,41 @@ impl Part {
             self.motion = Motion::Resting;
             return Some(strike);
         }
-        self.fly(
-            &map,
-            impact.flight,
-            impact.next.velocity,
-            amplitude,
-            track,
-            time,
-        );
+        self.fly(&map, state.phase, &impact, amplitude, track, time);
         Some(strike)
     }
 
     fn fly(
         &mut self,
         map: &Map,
-        flight: f64,
-        launch: f64,
+        phase: f64,
+        impact: &Impact<State>,
         amplitude: f64,
         track: &Track,
         start: u64,
     ) {
-        let arrival = if map.restitution() > 0.0 {
-            launch / map.restitution()
-        } else {
-            0.0
-        };
+        let unit = amplitude * track.angular;
+        let (way, along) =
+            track
+                .tangential
+                .flight(map.k(), phase, impact.flight, self.along / unit);
         self.motion = Motion::Flying {
-            until: start + (flight / TAU * TURN) as u64,
-            arrival: arrival * amplitude * track.angular,
+            until: start + (impact.flight / TAU * TURN) as u64,
+            arrival: arrival_speed(map, phase, impact) * unit,
+            way: way * amplitude,
+            along: along * unit,
         };
     }
+}
+
+/// Speed relative to the track at the end of a flight in units of b w (symbol s).
+fn arrival_speed(map: &Map, phase: f64, impact: &Impact<State>) -> f64 {
+    if map.restitution() > 1e-6 {
+        return impact.next.velocity / map.restitution();
+    }
+    // A dead part keeps no trace of its speed: u' from rest, as such a part always starts from it.
+    let half = 0.5 * impact.flight;
+    (map.k() * impact.flight - 2.0 * libm::sin(phase + half) * libm::sin(half)).max(0.0)
 }
 
 fn turned(angle: f64) -> f64 {

@@ -1,0 +1,160 @@
+//! What a scene must come to, written in the scene file before it is run.
+
+use kband::control::{Event, Fault, State};
+use toml::Value;
+
+use super::outcome::Outcome;
+use super::scene::Section;
+use crate::refusal::Refusal;
+
+/// The expected outcome of a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Expectation {
+    state: Option<State>,
+    fault: Option<Fault>,
+    /// Whether `fault` was given: `fault = "none"` is an expectation too.
+    fault_given: bool,
+    events: Option<Vec<Event>>,
+    regime: Option<String>,
+    k: Option<(f64, f64)>,
+    speed: Option<(f64, f64)>,
+    within: Option<f64>,
+}
+
+impl Expectation {
+    /// The `[expect]` table of a scene.
+    pub(super) fn read(mut section: Section) -> Result<Self, Refusal> {
+        let mut expected = Self::default();
+        if let Some(value) = section.take("state") {
+            expected.state = Some(named(&section, "state", &value, State::ALL, State::name)?);
+        }
+        if let Some(value) = section.take("fault") {
+            expected.fault_given = true;
+            if value.as_str() != Some("none") {
+                expected.fault = Some(named(&section, "fault", &value, Fault::ALL, Fault::name)?);
+            }
+        }
+        if let Some(value) = section.take("events") {
+            let Value::Array(list) = &value else {
+                return Err(section.refuse("events", &value, "a list of names of events"));
+            };
+            let event = |item| named(&section, "events", item, Event::ALL, Event::name);
+            expected.events = Some(list.iter().map(event).collect::<Result<_, _>>()?);
+        }
+        if let Some(value) = section.take("regime") {
+            let Value::String(words) = &value else {
+                return Err(section.refuse("regime", &value, "a regime in words"));
+            };
+            expected.regime = Some(words.clone());
+        }
+        for (key, slot) in [("k", &mut expected.k), ("speed", &mut expected.speed)] {
+            if let Some(value) = section.take(key) {
+                *slot =
+                    Some(pair(&value).ok_or_else(|| {
+                        section.refuse(key, &value, "[low, high] with low <= high")
+                    })?);
+            }
+        }
+        if let Some(value) = section.take("within") {
+            let time = value.as_float().or(value.as_integer().map(|n| n as f64));
+            expected.within = Some(
+                time.filter(|time| *time > 0.0)
+                    .ok_or_else(|| section.refuse("within", &value, "a time in s above 0"))?,
+            );
+        }
+        section.finish()?;
+        Ok(expected)
+    }
+
+    /// What of it the outcome does not meet, a line each.
+    #[must_use]
+    pub fn unmet(&self, outcome: &Outcome) -> Vec<String> {
+        let mut unmet = Vec::new();
+        let last = outcome.last();
+        if let Some(state) = self.state
+            && last.state != state
+        {
+            unmet.push(format!(
+                "state: expected {}, came to {}",
+                state.name(),
+                last.state.name()
+            ));
+        }
+        if self.fault_given && last.fault != self.fault {
+            let name = |fault: Option<Fault>| fault.map_or("none", Fault::name);
+            unmet.push(format!(
+                "fault: expected {}, came to {}",
+                name(self.fault),
+                name(last.fault)
+            ));
+        }
+        if let Some(events) = &self.events {
+            let names = |events: &mut dyn Iterator<Item = Event>| {
+                events.map(Event::name).collect::<Vec<_>>().join(", ")
+            };
+            let came = names(&mut outcome.events().map(|happened| happened.event));
+            let expected = names(&mut events.iter().copied());
+            if came != expected {
+                unmet.push(format!("events: expected {expected}; came {came}"));
+            }
+        }
+        if let Some(regime) = &self.regime
+            && outcome.regime() != *regime
+        {
+            unmet.push(format!(
+                "regime: expected {regime}, came to {}",
+                outcome.regime()
+            ));
+        }
+        for (name, range, value) in [
+            ("k", self.k, outcome.k()),
+            ("speed in mm/s", self.speed, outcome.speed() * 1e3),
+        ] {
+            if let Some((low, high)) = range
+                && !(low..=high).contains(&value)
+            {
+                unmet.push(format!(
+                    "{name}: expected {low}..{high}, came to {value:.4}"
+                ));
+            }
+        }
+        if let (Some(within), Some(state)) = (self.within, self.state) {
+            match outcome.reached(state) {
+                Some(time) if f64::from(time) <= within => {}
+                Some(time) => unmet.push(format!(
+                    "{} within {within} s: came at {time:.2} s",
+                    state.name()
+                )),
+                None => unmet.push(format!("{} within {within} s: never came", state.name())),
+            }
+        }
+        unmet
+    }
+}
+
+fn named<T: Copy>(
+    section: &Section,
+    key: &str,
+    value: &Value,
+    all: &[T],
+    name: impl Fn(T) -> &'static str,
+) -> Result<T, Refusal> {
+    let found = all.iter().find(|item| value.as_str() == Some(name(**item)));
+    found.copied().ok_or_else(|| {
+        let names: Vec<&str> = all.iter().map(|item| name(*item)).collect();
+        section.refuse(key, value, &names.join(", "))
+    })
+}
+
+fn pair(value: &Value) -> Option<(f64, f64)> {
+    let Value::Array(pair) = value else {
+        return None;
+    };
+    let number = |value: &Value| value.as_float().or(value.as_integer().map(|n| n as f64));
+    match &pair[..] {
+        [low, high] => number(low)
+            .zip(number(high))
+            .filter(|(low, high)| low <= high),
+        _ => None,
+    }
+}

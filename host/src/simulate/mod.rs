@@ -1,0 +1,11 @@
+//! Scenes at the desk: read, run, drawn and judged.
+
+mod expect;
+mod outcome;
+mod picture;
+mod scene;
+
+pub use expect::Expectation;
+pub use outcome::{Happened, Outcome};
+pub use picture::draw;
+pub use scene::{DEFAULT, SceneFile, describe};

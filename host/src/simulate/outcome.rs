@@ -1,0 +1,364 @@
+//! Running a scene, and what came of it.
+
+use std::f64::consts::TAU;
+
+use kband::control::{Event, Limits, Report, State, Target};
+use kband::feeder::Restitution;
+use kband::plant::{ClosedLoop, Moment, Strike};
+use kband::regime::band::BandError;
+use kband::regime::{Band, Lock};
+
+use super::scene::SceneFile;
+use crate::desk::{Desk, Progress};
+use crate::refusal::Refusal;
+use crate::report::{Column, Table, Value};
+
+/// Time over which the end of a scene is judged, in s.
+const END: f32 = 1.0;
+
+/// An event with its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Happened {
+    /// Time in s.
+    pub time: f32,
+    /// What happened.
+    pub event: Event,
+    /// The cycle in which it did.
+    pub report: Report,
+}
+
+/// What came of a scene.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    file: SceneFile,
+    moments: Vec<Moment>,
+    /// Impacts with their time in s.
+    strikes: Vec<(f32, Strike)>,
+    /// Whether every part rested at some time in the last [`END`] seconds.
+    rested: bool,
+    k_unit: f64,
+}
+
+impl Outcome {
+    /// Runs a scene to its end.
+    pub fn run(file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
+        let mut closed = ClosedLoop::build(&file.scene)?;
+        let settings = &file.scene.settings;
+        let cycles = f64::from(file.duration * settings.frequency).ceil() as usize;
+        let progress = Progress::new("simulating", cycles as u64);
+        let mut moments = Vec::with_capacity(cycles);
+        let mut strikes = Vec::new();
+        let mut rested = false;
+        let turns_per_second = f64::from(settings.frequency) * 4_294_967_296.0;
+        for n in 0..cycles {
+            if n % 256 == 0 {
+                desk.go_on()?;
+                progress.advance(256);
+            }
+            let moment = closed.cycle();
+            for strike in closed.plant().strikes() {
+                strikes.push(((strike.time as f64 / turns_per_second) as f32, *strike));
+            }
+            rested |= moment.time > file.duration - END && closed.plant().resting() > 0;
+            moments.push(moment);
+        }
+        progress.finish();
+        Ok(Self {
+            k_unit: f64::from(closed.controller().k(1.0)),
+            file: file.clone(),
+            moments,
+            strikes,
+            rested,
+        })
+    }
+
+    /// The scene.
+    #[must_use]
+    pub fn file(&self) -> &SceneFile {
+        &self.file
+    }
+
+    /// Every cycle.
+    #[must_use]
+    pub fn moments(&self) -> &[Moment] {
+        &self.moments
+    }
+
+    /// Every impact with its time in s.
+    #[must_use]
+    pub fn strikes(&self) -> &[(f32, Strike)] {
+        &self.strikes
+    }
+
+    /// The report of the last cycle.
+    #[must_use]
+    pub fn last(&self) -> Report {
+        self.moments
+            .last()
+            .map_or_else(Report::default, |moment| moment.report)
+    }
+
+    /// Every event in the order of time.
+    pub fn events(&self) -> impl Iterator<Item = Happened> + '_ {
+        self.moments.iter().flat_map(|moment| {
+            let events: Vec<Event> = moment.report.events.iter().collect();
+            events.into_iter().map(|event| Happened {
+                time: moment.time,
+                event,
+                report: moment.report,
+            })
+        })
+    }
+
+    /// When a state was first reached for good, i.e. held to the end, in s.
+    #[must_use]
+    pub fn reached(&self, state: State) -> Option<f32> {
+        let held = self
+            .moments
+            .iter()
+            .rev()
+            .take_while(|moment| moment.report.state == state);
+        held.last().map(|moment| moment.time)
+    }
+
+    fn end(&self) -> impl Iterator<Item = &Moment> {
+        let from = self.file.duration - END;
+        self.moments.iter().filter(move |moment| moment.time > from)
+    }
+
+    /// Mean amplitude b at the end in m.
+    #[must_use]
+    pub fn amplitude(&self) -> f64 {
+        let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
+            (sum + f64::from(moment.report.amplitude), count + 1.0)
+        });
+        sum / f64::max(count, 1.0)
+    }
+
+    /// k at the mean amplitude at the end.
+    #[must_use]
+    pub fn k(&self) -> f64 {
+        self.k_unit / self.amplitude()
+    }
+
+    /// Mean conveying speed at the end in m/s, positive upwards (time mean).
+    #[must_use]
+    pub fn speed(&self) -> f64 {
+        let mut end = self.end();
+        let (Some(first), Some(last)) = (end.next(), self.moments.last()) else {
+            return 0.0;
+        };
+        let time = f64::from(last.time - first.time);
+        if time > 0.0 {
+            (last.way - first.way) / time
+        } else {
+            0.0
+        }
+    }
+
+    fn band_of_target(&self) -> Result<Band, BandError> {
+        let settings = &self.file.scene.settings;
+        let order = match self.target() {
+            Target::Locked { order } => u32::from(order),
+            _ => 1,
+        };
+        let lot = Restitution::interval(
+            f64::from(settings.restitution_low),
+            f64::from(settings.restitution_high),
+        );
+        Band::common(lot?, order)
+    }
+
+    /// The band that the target's order (else order 1) has for the whole lot.
+    #[must_use]
+    pub fn band(&self) -> Option<Band> {
+        self.band_of_target().ok()
+    }
+
+    /// The target at the end.
+    #[must_use]
+    pub fn target(&self) -> Target {
+        let later = self.file.scene.disturbances.iter().flatten().rev();
+        later
+            .filter_map(|disturbance| match disturbance.change {
+                kband::plant::Change::Target(target) => Some(target),
+                _ => None,
+            })
+            .next()
+            .unwrap_or(self.file.scene.target)
+    }
+
+    /// Phases of the track at the impacts at the end, in rad, per part in the order of time.
+    fn late(&self, part: u8) -> Vec<Strike> {
+        let from = self.file.duration - END;
+        self.strikes
+            .iter()
+            .filter(|(time, strike)| *time > from && strike.part == part)
+            .map(|(_, strike)| *strike)
+            .collect()
+    }
+
+    /// What the parts really do at the end, in words.
+    #[must_use]
+    pub fn regime(&self) -> String {
+        let parts = self.file.scene.part_count;
+        let mut words: Vec<String> = (0..parts).map(|part| regime_of(&self.late(part))).collect();
+        words.sort();
+        words.dedup();
+        if words.is_empty() {
+            return "no parts".into();
+        }
+        words.join(" / ")
+    }
+
+    /// Mean phase at which the parts strike where they are locked, in rad.
+    #[must_use]
+    pub fn lock_phase(&self) -> Option<f64> {
+        if !self.regime().starts_with("locked") {
+            return None;
+        }
+        let strikes = self.late(0);
+        let (sine, cosine) = strikes.iter().fold((0.0, 0.0), |(s, c), strike| {
+            (s + strike.phase.sin(), c + strike.phase.cos())
+        });
+        Some(f64::atan2(sine, cosine))
+    }
+
+    /// Phase at which the target's lock would strike for the middle of the lot, in rad.
+    #[must_use]
+    pub fn expected_phase(&self) -> Option<f64> {
+        let Target::Locked { order } = self.target() else {
+            return None;
+        };
+        let settings = &self.file.scene.settings;
+        let middle =
+            0.5 * (f64::from(settings.restitution_low) + f64::from(settings.restitution_high));
+        let lock = Lock::at(self.k(), middle, u32::from(order)).ok()??;
+        Some(lock.state().phase)
+    }
+
+    /// Whether a part rested at the end.
+    #[must_use]
+    pub fn rested(&self) -> bool {
+        self.rested
+    }
+
+    /// The trace: one row a cycle.
+    #[must_use]
+    pub fn trace(&self) -> Table {
+        let mut table = Table::new(&[
+            Column::new("time", "s"),
+            Column::new("amplitude", "mm"),
+            Column::new("k", ""),
+            Column::new("reference", "mm"),
+            Column::new("output", "of full"),
+            Column::new("lead", "rad"),
+            Column::new("state", ""),
+            Column::new("fault", ""),
+            Column::new("limits", ""),
+            Column::new("impacts_heard", "per cycle"),
+            Column::new("phase_heard", "rad"),
+            Column::new("confidence", ""),
+            Column::new("impacts", ""),
+            Column::new("way", "mm"),
+            Column::new("events", ""),
+        ]);
+        for moment in &self.moments {
+            let report = &moment.report;
+            let events: Vec<&str> = report.events.iter().map(Event::name).collect();
+            table.push([
+                single(moment.time),
+                single(report.amplitude * 1e3),
+                if report.k.is_finite() {
+                    single(report.k)
+                } else {
+                    Value::Missing
+                },
+                single(report.reference * 1e3),
+                single(report.command.amplitude),
+                single(report.lead),
+                report.state.name().into(),
+                report
+                    .fault
+                    .map_or(Value::Missing, |fault| fault.name().into()),
+                u32::from(report.limits.bits()).into(),
+                single(report.rate),
+                single(report.phase),
+                single(report.confidence),
+                moment.strikes.into(),
+                (moment.way * 1e3).into(),
+                events.join("; ").into(),
+            ]);
+        }
+        table
+    }
+
+    /// Kicks that the controller may try.
+    #[must_use]
+    pub fn attempts_allowed(&self) -> u32 {
+        self.file.scene.settings.capture_attempts as u32
+    }
+
+    /// Why the lot has no band of the target's order, and which bounds would have one.
+    #[must_use]
+    pub fn no_band(&self) -> Option<String> {
+        Some(match self.band_of_target() {
+            Ok(_) => return None,
+            Err(none) => none.to_string(),
+        })
+    }
+
+    /// Names of the limits that hold the drive back at the end.
+    #[must_use]
+    pub fn limits(&self) -> Vec<&'static str> {
+        let held = self.last().limits;
+        Limits::ALL
+            .into_iter()
+            .filter(|limit| held.contains(*limit))
+            .map(Limits::name)
+            .collect()
+    }
+}
+
+/// A number of single precision with the digits it has, not those of its nearest double.
+fn single(value: f32) -> Value {
+    Value::Number(value.to_string().parse().unwrap_or(f64::from(value)))
+}
+
+/// What one part does, from its impacts in the order of time.
+fn regime_of(strikes: &[Strike]) -> String {
+    if strikes.is_empty() {
+        return "rest".into();
+    }
+    if strikes.len() < 4 {
+        return "undecided".into();
+    }
+    let flights: Vec<f64> = strikes
+        .windows(2)
+        .map(|pair| (pair[1].time - pair[0].time) as f64 / 4_294_967_296.0)
+        .collect();
+    // Flights below a fiftieth of a cycle only occur in a chatter, whose end is rest.
+    if flights.iter().any(|flight| *flight < 0.02) {
+        return "hops and rests".into();
+    }
+    let order = flights.iter().sum::<f64>() / flights.len() as f64;
+    let order = order.round().max(1.0);
+    let apart = |a: f64, b: f64| {
+        let d = a - b;
+        (d - TAU * (d / TAU).round()).abs()
+    };
+    for period in [1, 2, 4, 8] {
+        let repeats = strikes.len() > 2 * period
+            && strikes
+                .windows(period + 1)
+                .all(|w| apart(w[period].phase, w[0].phase) < 0.12);
+        let kept = flights.iter().all(|flight| (flight - order).abs() < 0.45);
+        if repeats && kept {
+            return match period {
+                1 => format!("locked, order {order}"),
+                _ => format!("locked, order {order}, period {period}"),
+            };
+        }
+    }
+    "hops irregularly".into()
+}

@@ -1,0 +1,690 @@
+//! Scene files: strict TOML to a checked scene.
+
+use std::ops::RangeInclusive;
+
+use kband::control::{Controller, Settings, Start, Target};
+use kband::feeder::OutOfRange;
+use kband::plant::{Change, DISTURBANCES, Disturbance, DriveModel, PARTS, Scene, SensorModel};
+use toml::{Table, Value};
+
+use super::expect::Expectation;
+use crate::refusal::Refusal;
+
+/// The default scene, commented.
+pub const DEFAULT: &str = include_str!("default.toml");
+
+/// A scene as a file describes it.
+#[derive(Clone, Debug)]
+pub struct SceneFile {
+    /// The scene itself.
+    pub scene: Scene,
+    /// Duration in s.
+    pub duration: f32,
+    /// What must come of it, if the file says.
+    pub expectation: Option<Expectation>,
+}
+
+/// Settings that a section of a scene file carries, the first `required` of them required.
+const SECTIONS: [(&str, &[&str], usize); 2] = [
+    (
+        "track",
+        &[
+            "frequency",
+            "incline",
+            "amplitude_ratio",
+            "phase_lead",
+            "gravity",
+        ],
+        3,
+    ),
+    (
+        "drive",
+        &[
+            "resonance",
+            "quality",
+            "gain",
+            "output_minimum",
+            "output_maximum",
+            "amplitude_limit",
+            "acceleration_limit",
+            "safe_amplitude",
+        ],
+        3,
+    ),
+];
+
+const SENSOR: [&str; 4] = [
+    "sensitivity",
+    "sensor_zero",
+    "converter_reference",
+    "converter_bits",
+];
+
+const CONTROLLER: [&str; 6] = [
+    "soft_start",
+    "soft_stop",
+    "envelope",
+    "capture_attempts",
+    "link_timeout",
+    "tracking",
+];
+
+impl SceneFile {
+    /// The scene of a text; one refusal that names the key, the value, what is accepted and what to do.
+    pub fn parse(text: &str) -> Result<Self, Refusal> {
+        let table: Table = text.parse().map_err(|error: toml::de::Error| {
+            let line = error.span().map_or(1, |span| {
+                text[..span.start.min(text.len())].matches('\n').count() + 1
+            });
+            Refusal::new(
+                format!(
+                    "line {line} is not TOML: {}",
+                    error.message().replace('\n', " ")
+                ),
+                "correct this line; kband simulate --print-scene shows a whole scene",
+            )
+        })?;
+        let mut root = Section {
+            name: String::new(),
+            table,
+            known: Vec::new(),
+        };
+        let mut settings = Settings::default();
+        let mut scene = Scene::default();
+        let duration = root.number("duration", 0.1..=86_400.0, "0.1..86400 s")?;
+        if let Some(seed) = root.take("seed") {
+            scene.seed = match seed {
+                Value::Integer(seed) if seed >= 0 => seed as u64,
+                other => return Err(root.refuse("seed", &other, "a whole number from 0")),
+            };
+        }
+        for (name, keys, required) in SECTIONS {
+            let mut section = root.section(name)?;
+            for (n, key) in keys.iter().enumerate() {
+                section.setting(&mut settings, key, n < required)?;
+            }
+            section.finish()?;
+        }
+        let mut part = root.section("part")?;
+        part.setting(&mut settings, "tangential_restitution", false)?;
+        let (low, high) = part.interval("restitution")?;
+        (settings.restitution_low, settings.restitution_high) = (low, high);
+        scene.parts[0] = 0.5 * (low + high);
+        scene.part_count = 1;
+        if let Some(value) = part.take("actual") {
+            let accepted = "1 to 8 restitutions, each 0..1, such as [0.19, 0.21]";
+            let list = match &value {
+                Value::Array(list) if (1..=PARTS).contains(&list.len()) => list.clone(),
+                Value::Float(_) | Value::Integer(_) => vec![value.clone()],
+                _ => return Err(part.refuse("actual", &value, accepted)),
+            };
+            scene.part_count = list.len() as u8;
+            for (slot, item) in scene.parts.iter_mut().zip(&list) {
+                *slot = number(item)
+                    .filter(|r| (0.0..=1.0).contains(r))
+                    .ok_or_else(|| part.refuse("actual", item, accepted))?
+                    as f32;
+            }
+        }
+        part.finish()?;
+        if let Some(mut sensor) = root.optional("sensor")? {
+            for key in SENSOR {
+                sensor.setting(&mut settings, key, false)?;
+            }
+            let model = &mut scene.sensor;
+            for (key, slot, range, accepted) in [
+                ("noise", &mut model.noise, 0.0..=100.0, "0..100 m/s^2"),
+                ("ringing", &mut model.ringing, 0.0..=1e5, "0..100000 1/s"),
+                (
+                    "ringing_frequency",
+                    &mut model.ringing_frequency,
+                    500.0..=9000.0,
+                    "500..9000 Hz",
+                ),
+                (
+                    "ringing_decay",
+                    &mut model.ringing_decay,
+                    0.05..=50.0,
+                    "0.05..50 ms",
+                ),
+            ] {
+                sensor.optional_number(key, slot, range, accepted)?;
+            }
+            sensor.finish()?;
+        }
+        if let Some(mut controller) = root.optional("controller")? {
+            for key in CONTROLLER {
+                controller.setting(&mut settings, key, false)?;
+            }
+            controller.finish()?;
+        }
+        scene.drive = DriveModel {
+            resonance: settings.resonance,
+            quality: settings.quality,
+            gain: settings.gain,
+        };
+        if let Some(mut plant) = root.optional("plant")? {
+            let SensorModel { sensitivity, .. } = &mut scene.sensor;
+            let drive = &mut scene.drive;
+            for (key, slot, range, accepted) in [
+                ("resonance", &mut drive.resonance, 5.0..=500.0, "5..500 Hz"),
+                ("quality", &mut drive.quality, 1.0..=200.0, "1..200"),
+                ("gain", &mut drive.gain, 0.001..=100.0, "0.001..100 mm"),
+                ("sensitivity", sensitivity, 0.1..=10.0, "0.1..10"),
+            ] {
+                plant.optional_number(key, slot, range, accepted)?;
+            }
+            plant.finish()?;
+        }
+        let mut target = root.section("target")?;
+        scene.target = read_target(&mut target)?;
+        target.finish()?;
+        scene.settings = settings;
+        scene.disturbances = read_disturbances(&mut root, duration)?;
+        let expectation = match root.optional("expect")? {
+            Some(section) => Some(Expectation::read(section)?),
+            None => None,
+        };
+        root.finish()?;
+        let file = Self {
+            scene,
+            duration,
+            expectation,
+        };
+        file.check()?;
+        Ok(file)
+    }
+
+    /// Refuses what only shows once controller and drive are put together: a target that no amplitude
+    /// of this drive can reach.
+    fn check(&self) -> Result<(), Refusal> {
+        let named = |refused: OutOfRange| {
+            Refusal::value(
+                refused.parameter,
+                refused.value,
+                refused.accepted,
+                format!("change {} in the scene", refused.parameter),
+            )
+        };
+        let settings = &self.scene.settings;
+        let mut controller =
+            Controller::build(settings, self.scene.target, Start::Ordinary).map_err(named)?;
+        self.scene.check().map_err(named)?;
+        let targets = self.scene.disturbances.iter().flatten();
+        let later = targets.filter_map(|disturbance| match disturbance.change {
+            Change::Target(target) => Some(target),
+            _ => None,
+        });
+        for target in std::iter::once(self.scene.target).chain(later) {
+            controller.set_target(target).map_err(named)?;
+            let (needed, reach) = (controller.setpoint(), controller.reach());
+            if needed > reach {
+                let k = |b: f32| controller.k(b);
+                return Err(Refusal::value(
+                    format!("target {}", describe(target)),
+                    format!("b = {:.4} mm", needed * 1e3),
+                    format!(
+                        "b up to {:.4} mm (k from {:.4}), which is what this drive reaches within its limits",
+                        reach * 1e3,
+                        k(reach)
+                    ),
+                    "choose another target, or raise gain, output_maximum, amplitude_limit or \
+                     acceleration_limit in [drive]",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A target in words.
+#[must_use]
+pub fn describe(target: Target) -> String {
+    match target {
+        Target::Locked { order } => format!("locked = {order}"),
+        Target::Chaotic => "chaotic".into(),
+        Target::K(k) => format!("k = {k}"),
+        Target::Amplitude(b) => format!("amplitude = {b} mm"),
+        Target::Speed(v) => format!("speed = {v} mm/s"),
+    }
+}
+
+const TARGETS: &str =
+    "exactly one of locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s";
+
+fn read_target(section: &mut Section) -> Result<Target, Refusal> {
+    let mut found = None;
+    for key in ["locked", "chaotic", "k", "amplitude", "speed"] {
+        let Some(value) = section.take(key) else {
+            continue;
+        };
+        if found.is_some() {
+            return Err(section.refuse(key, &value, TARGETS));
+        }
+        let refused = |accepted: &str| section.refuse(key, &value, accepted);
+        found = Some(match (key, &value) {
+            ("locked", Value::Integer(order @ 1..=8)) => Target::Locked {
+                order: *order as u8,
+            },
+            ("locked", _) => return Err(refused("a whole number of drive cycles, 1..8")),
+            ("chaotic", Value::Boolean(true)) => Target::Chaotic,
+            ("chaotic", _) => return Err(refused("true, or leave it out")),
+            (_, value) => {
+                let number = number(value).ok_or_else(|| refused("a number"))? as f32;
+                match key {
+                    "k" if (0.02..=10.0).contains(&number) => Target::K(number),
+                    "k" => return Err(refused("0.02..10")),
+                    "amplitude" if (0.0..=100.0).contains(&number) => Target::Amplitude(number),
+                    "amplitude" => return Err(refused("0..100 mm")),
+                    _ if number.is_finite() => Target::Speed(number),
+                    _ => return Err(refused("a finite speed in mm/s")),
+                }
+            }
+        });
+    }
+    found.ok_or_else(|| {
+        Refusal::new(
+            format!("{} says nothing", section.path("")),
+            format!("give {TARGETS}"),
+        )
+    })
+}
+
+fn read_disturbances(
+    root: &mut Section,
+    duration: f32,
+) -> Result<[Option<Disturbance>; DISTURBANCES], Refusal> {
+    let mut list = [None; DISTURBANCES];
+    let Some(value) = root.take("disturbance") else {
+        return Ok(list);
+    };
+    let tables = match value {
+        Value::Array(tables) if tables.len() <= DISTURBANCES => tables,
+        other => {
+            return Err(root.refuse("disturbance", &other, "at most 16 tables [[disturbance]]"));
+        }
+    };
+    let mut read = Vec::new();
+    for (n, table) in tables.into_iter().enumerate() {
+        let Value::Table(table) = table else {
+            return Err(root.refuse("disturbance", &table, "tables [[disturbance]]"));
+        };
+        let mut section = Section {
+            name: format!("disturbance {}", n + 1),
+            table,
+            known: Vec::new(),
+        };
+        read.push(read_disturbance(&mut section, duration)?);
+    }
+    read.sort_by(|a, b| a.at.total_cmp(&b.at));
+    for (slot, disturbance) in list.iter_mut().zip(read) {
+        *slot = Some(disturbance);
+    }
+    Ok(list)
+}
+
+fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance, Refusal> {
+    let at = section.number("at", 0.0..=duration, "0..duration s")?;
+    let mut changes = Vec::new();
+    type Number = (
+        &'static str,
+        RangeInclusive<f32>,
+        &'static str,
+        fn(f32) -> Change,
+    );
+    let numbers: [Number; 4] = [
+        ("gain", 0.0..=10.0, "0..10", Change::Gain),
+        ("restitution", 0.0..=1.0, "0..1", Change::Restitution),
+        ("noise", 0.0..=100.0, "0..100 m/s^2", Change::Noise),
+        ("sensitivity", 0.0..=10.0, "0..10", Change::Sensitivity),
+    ];
+    for (key, range, accepted, change) in numbers {
+        if section.has(key) {
+            changes.push(change(section.number(key, range, accepted)?));
+        }
+    }
+    type Flag = (&'static str, fn(bool) -> Change);
+    let flags: [Flag; 6] = [
+        ("enable", Change::Enable),
+        ("sensor_lost", Change::SensorLost),
+        ("sensor_inverted", Change::SensorInverted),
+        ("over_temperature", Change::OverTemperature),
+        ("stack_low", Change::StackLow),
+        ("link", Change::Link),
+    ];
+    for (key, change) in flags {
+        match section.take(key) {
+            Some(Value::Boolean(flag)) => changes.push(change(flag)),
+            Some(other) => return Err(section.refuse(key, &other, "true or false")),
+            None => {}
+        }
+    }
+    if let Some(mut target) = section.optional("target")? {
+        changes.push(Change::Target(read_target(&mut target)?));
+        target.finish()?;
+    }
+    section.finish()?;
+    match changes[..] {
+        [change] => Ok(Disturbance { at, change }),
+        _ => Err(Refusal::new(
+            format!("{} has {} changes", section.name, changes.len()),
+            format!("give exactly one of {}", section.known[1..].join(", ")),
+        )),
+    }
+}
+
+fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Float(number) => Some(*number),
+        Value::Integer(number) => Some(*number as f64),
+        _ => None,
+    }
+}
+
+/// One table of a scene file; what is left when it is finished is unknown.
+#[derive(Clone, Debug)]
+pub(super) struct Section {
+    name: String,
+    table: Table,
+    known: Vec<&'static str>,
+}
+
+impl Section {
+    fn path(&self, key: &str) -> String {
+        match (self.name.is_empty(), key.is_empty()) {
+            (true, _) => key.to_string(),
+            (_, true) => format!("[{}]", self.name),
+            _ => format!("{}.{key}", self.name),
+        }
+    }
+
+    fn has(&mut self, key: &'static str) -> bool {
+        self.known.push(key);
+        self.table.contains_key(key)
+    }
+
+    pub(super) fn take(&mut self, key: &'static str) -> Option<Value> {
+        self.known.push(key);
+        self.table.remove(key)
+    }
+
+    pub(super) fn refuse(&self, key: &str, value: &Value, accepted: &str) -> Refusal {
+        let shown = match value {
+            Value::Float(number) => number.to_string(),
+            other => other.to_string().trim().replace('\n', " "),
+        };
+        Refusal::value(
+            self.path(key),
+            shown,
+            accepted,
+            format!("change {} in the scene", self.path(key)),
+        )
+    }
+
+    fn missing(&self, key: &str, accepted: &str) -> Refusal {
+        Refusal::value(
+            self.path(key),
+            "(missing)",
+            accepted,
+            format!(
+                "add {} to the scene; kband simulate --print-scene shows a whole one",
+                self.path(key)
+            ),
+        )
+    }
+
+    pub(super) fn number(
+        &mut self,
+        key: &'static str,
+        range: RangeInclusive<f32>,
+        accepted: &str,
+    ) -> Result<f32, Refusal> {
+        let value = self.take(key).ok_or_else(|| self.missing(key, accepted))?;
+        number(&value)
+            .map(|number| number as f32)
+            .filter(|number| range.contains(number))
+            .ok_or_else(|| self.refuse(key, &value, accepted))
+    }
+
+    fn optional_number(
+        &mut self,
+        key: &'static str,
+        slot: &mut f32,
+        range: RangeInclusive<f32>,
+        accepted: &str,
+    ) -> Result<(), Refusal> {
+        if self.has(key) {
+            *slot = self.number(key, range, accepted)?;
+        }
+        Ok(())
+    }
+
+    /// A setting of the controller, with the range that the controller gives it.
+    fn setting(
+        &mut self,
+        settings: &mut Settings,
+        name: &'static str,
+        required: bool,
+    ) -> Result<(), Refusal> {
+        let Some(key) = Settings::KEYS.iter().find(|key| key.name == name) else {
+            return Ok(());
+        };
+        let Some(value) = self.take(key.name) else {
+            return if required {
+                Err(self.missing(key.name, key.accepted))
+            } else {
+                Ok(())
+            };
+        };
+        let refused = || self.refuse(key.name, &value, key.accepted);
+        let number = number(&value).ok_or_else(refused)?;
+        settings.set(key.name, number as f32).map_err(|_| refused())
+    }
+
+    /// One number or `[low, high]`, within 0..1.
+    fn interval(&mut self, key: &'static str) -> Result<(f32, f32), Refusal> {
+        let accepted = "one number or [low, high] with 0 <= low <= high <= 1";
+        let value = self.take(key).ok_or_else(|| self.missing(key, accepted))?;
+        let pair = match &value {
+            Value::Array(pair) if pair.len() == 2 => number(&pair[0]).zip(number(&pair[1])),
+            single => number(single).map(|r| (r, r)),
+        };
+        match pair {
+            Some((low, high)) if 0.0 <= low && low <= high && high <= 1.0 => {
+                Ok((low as f32, high as f32))
+            }
+            Some((low, high)) if low > high => Err(self.refuse(
+                key,
+                &value,
+                &format!("{accepted}: this interval is reversed"),
+            )),
+            _ => Err(self.refuse(key, &value, accepted)),
+        }
+    }
+
+    fn optional(&mut self, key: &'static str) -> Result<Option<Self>, Refusal> {
+        match self.take(key) {
+            None => Ok(None),
+            Some(Value::Table(table)) => Ok(Some(Self {
+                name: self.path(key),
+                table,
+                known: Vec::new(),
+            })),
+            Some(other) => Err(self.refuse(key, &other, "a table")),
+        }
+    }
+
+    fn section(&mut self, key: &'static str) -> Result<Self, Refusal> {
+        self.optional(key)?
+            .ok_or_else(|| self.missing(key, "a table of this name"))
+    }
+
+    pub(super) fn finish(&self) -> Result<(), Refusal> {
+        let Some(key) = self.table.keys().next() else {
+            return Ok(());
+        };
+        let near = self
+            .known
+            .iter()
+            .find(|known| alike(known, key))
+            .map_or_else(String::new, |known| format!("; did you mean {known}?"));
+        Err(Refusal::value(
+            self.path(key),
+            "(unknown key)",
+            self.known.join(", "),
+            format!("remove or correct {}{near}", self.path(key)),
+        ))
+    }
+}
+
+/// Whether two keys differ by at most two letters changed, added or left out.
+fn alike(a: &str, b: &str) -> bool {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.iter().enumerate() {
+        let mut corner = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let cost = (corner + usize::from(x != y)).min(row[j].min(row[j + 1]) + 1);
+            corner = row[j + 1];
+            row[j + 1] = cost;
+        }
+    }
+    row[b.len()] <= 2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(text: &str) -> String {
+        match SceneFile::parse(text) {
+            Ok(_) => panic!("accepted:\n{text}"),
+            Err(refusal) => refusal.to_string(),
+        }
+    }
+
+    #[test]
+    fn the_default_scene_is_the_default() {
+        let file = SceneFile::parse(DEFAULT).unwrap();
+        assert_eq!(file.scene, Scene::default());
+        assert_eq!(file.duration, 10.0);
+    }
+
+    #[test]
+    fn each_bad_scene_is_refused_by_key_value_and_range() {
+        for (old, new, expected) in [
+            (
+                "incline = 3.0",
+                "incline = 90",
+                &["track.incline = 90", "-60"][..],
+            ),
+            (
+                "incline = 3.0",
+                "",
+                &["track.incline = (missing)", "add track.incline"],
+            ),
+            (
+                "incline = 3.0",
+                "inclin = 3.0\nincline = 3.0",
+                &["track.inclin", "did you mean incline?"],
+            ),
+            (
+                "incline = 3.0",
+                "incline = \"steep\"",
+                &["track.incline = \"steep\""],
+            ),
+            (
+                "frequency = 50.0 ",
+                "frequency = 0",
+                &["track.frequency = 0", "5.0..500.0 Hz"],
+            ),
+            (
+                "frequency = 50.0 ",
+                "frequency = nan",
+                &["track.frequency = NaN"],
+            ),
+            (
+                "[0.18, 0.22]",
+                "[0.18, 1.22]",
+                &["part.restitution", "0 <= low <= high <= 1"],
+            ),
+            (
+                "[0.18, 0.22]",
+                "[0.22, 0.18]",
+                &["part.restitution", "reversed"],
+            ),
+            ("[0.18, 0.22]", "nan", &["part.restitution = NaN"]),
+            ("[0.2]", "[0.2, -1]", &["part.actual = -1"]),
+            ("duration = 10.0", "", &["duration = (missing)"]),
+            (
+                "duration = 10.0",
+                "duration = inf",
+                &["duration = inf", "0.1..86400"],
+            ),
+            (
+                "locked = 1 ",
+                "",
+                &["[target] says nothing", "exactly one of"],
+            ),
+            ("locked = 1 ", "locked = 0", &["target.locked = 0", "1..8"]),
+            (
+                "locked = 1 ",
+                "locked = 1\nk = 0.4",
+                &["target.k = 0.4", "exactly one of"],
+            ),
+            (
+                "locked = 1 ",
+                "k = 0.03",
+                &["target k = 0.03", "b up to 0.95"],
+            ),
+            (
+                "locked = 1 ",
+                "amplitude = 1.5",
+                &["target amplitude = 1.5"],
+            ),
+            ("quality = 25.0", "quality = [1]", &["drive.quality = [1]"]),
+            ("[track]", "[track", &["line 7 is not TOML"]),
+            (
+                "duration = 10.0",
+                "duration = 10.0\ntracks = 3",
+                &["tracks = (unknown key)", "did you mean track?"],
+            ),
+            (
+                "duration = 10.0",
+                "duration = 10.0\nseed = 2",
+                &["is not TOML", "duplicate"],
+            ),
+        ] {
+            assert!(DEFAULT.contains(old), "{old}");
+            let message = refusal(&DEFAULT.replacen(old, new, 1));
+            for part in expected {
+                assert!(message.contains(part), "{new:?}: {message}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_disturbance_is_a_time_and_one_change() {
+        let with = |text: &str| format!("{DEFAULT}\n[[disturbance]]\n{text}\n");
+        let file = SceneFile::parse(&with("at = 2.0\ntarget = { k = 0.4 }")).unwrap();
+        assert_eq!(
+            file.scene.disturbances[0],
+            Some(Disturbance {
+                at: 2.0,
+                change: Change::Target(Target::K(0.4))
+            })
+        );
+        for (text, expected) in [
+            ("at = 2.0", "has 0 changes"),
+            ("at = 2.0\ngain = 0.7\nenable = false", "has 2 changes"),
+            ("at = 20.0\ngain = 0.7", "disturbance 1.at = 20"),
+            ("at = 2.0\ngain = -1", "disturbance 1.gain = -1"),
+            ("at = 2.0\nenable = 1", "disturbance 1.enable = 1"),
+            ("gain = 0.7", "disturbance 1.at = (missing)"),
+        ] {
+            let message = refusal(&with(text));
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
