@@ -25,6 +25,10 @@ impl Map {
         self.track.k
     }
 
+    pub(super) fn track(&self) -> &Track<f64> {
+        &self.track
+    }
+
     /// Restitution of this map.
     #[must_use]
     pub fn restitution(&self) -> f64 {

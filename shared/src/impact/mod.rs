@@ -8,6 +8,7 @@
 #[cfg(test)]
 mod accuracy;
 mod anchor;
+pub mod batch;
 mod contact;
 mod double;
 mod flight;

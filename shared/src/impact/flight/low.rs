@@ -76,9 +76,35 @@ impl<L: Lane> Hump<L> {
     }
 }
 
-/// The end of a low flight; the mask says where it is certain to be the first impact.
+/// The stretch of the track that holds the impact, with one root of the gap in it.
+#[derive(Clone, Copy)]
+pub(crate) struct Stretch<L: Lane> {
+    /// Where parabola meets parabola, inside.
+    start: L,
+    /// Begin of the stretch, after launch.
+    low: L,
+    /// Its end.
+    high: L,
+    /// Whether the closed forms are certain of it.
+    certain: L::Mask,
+}
+
+impl<L: Lane> Stretch<L> {
+    /// A place to put one.
+    pub fn none() -> Self {
+        let zero = L::splat(0.0);
+        Self {
+            start: zero,
+            low: zero,
+            high: zero,
+            certain: zero.below(zero),
+        }
+    }
+}
+
+/// Which stretch a low flight ends in.
 #[inline(always)]
-pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
+pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
     let (zero, one, turn) = (L::splat(0.0), L::splat(1.0), L::splat(TAU));
     let v = launch.rise();
     let leaving = launch.leaving(track);
@@ -118,7 +144,7 @@ pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing
         low = L::select(before, end - turn, low);
         low = L::select(rising, begin, low);
         low = L::select(falling, middle, low);
-        low = L::select(after, end, low).max(zero);
+        low = L::select(after, end, low);
         high = L::select(before, begin, high);
         high = L::select(rising, middle, high);
         high = L::select(falling, end, high);
@@ -133,15 +159,11 @@ pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing
                 turn - launch.phase,
             );
             let last = base - turn;
-            let over = |from: L, to: L| {
-                let bar = one + margin;
-                !launch.height(track, from + track.edge).below(bar)
-                    & !launch.height(track, to + track.hump_end()).below(bar)
-            };
-            let mut clear = over(first, last);
+            let mut clear = over(track, launch, first, last, margin);
             if L::any(passes & !clear) {
                 // Between the first and the last the parabola is highest.
-                let inner = last.below(first + turn + one) | over(first + turn, last - turn);
+                let inner = last.below(first + turn + one)
+                    | over(track, launch, first + turn, last - turn, margin);
                 clear = clear
                     | (inner
                         & Hump::at(track, launch, first, margin).passed()
@@ -151,34 +173,66 @@ pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing
         }
     }
 
-    // Parabola against parabola, then steps anchored on nodes.
+    let low = low.max(zero);
     let top = L::select(upper, L::splat(TOP), L::splat(-TOP));
     let bend = L::select(upper, L::splat(BEND), L::splat(-BEND)) - track.half();
     let gap = launch.height(track, centre) - top;
-    let mut d = centre + down_crossing(gap, v - track.k * centre, bend);
-    d = d.max(low).min(high);
-    let mut open = certain;
+    let start = centre + down_crossing(gap, v - track.k * centre, bend);
+    Stretch {
+        start: start.max(low).min(high),
+        low,
+        high,
+        certain,
+    }
+}
+
+/// Whether the parabola is above the track's reach from the hump of the turn at `from` to that at `to`.
+#[inline(always)]
+fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin: L) -> L::Mask {
+    let bar = L::splat(1.0) + margin;
+    !launch.height(track, from + track.edge).below(bar)
+        & !launch.height(track, to + track.hump_end()).below(bar)
+}
+
+/// A flight time close to the impact in the stretch.
+#[inline(always)]
+pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, stretch: &Stretch<L>) -> L {
+    let mut d = stretch.start;
+    let mut open = stretch.certain;
     for _ in 0..3 {
         let local = Local::near(track, launch, d);
         let (f, g) = (local.value, local.slope);
         let (b2, b3) = (local.second(track), local.third());
-        let gg = g * g;
-        let fair = g.below(zero) & (f * b2).abs().below(gg * L::splat(0.06));
+        let fair = g.below(L::splat(0.0)) & (f * b2).abs().below(g * g * L::splat(0.06));
         let mut step = householder(f, g, b2, b3);
         if L::any(open & !fair) {
             step = L::select(fair, step, down_crossing(f, g, b2));
         }
-        let next = (local.node.distance + step).max(low).min(high);
+        let next = (local.node.distance + step)
+            .max(stretch.low)
+            .min(stretch.high);
         d = L::select(open, next, d);
         open = open & !fair;
         if !L::any(open) {
             break;
         }
     }
-    let (landing, exact) = finish(track, launch, d);
+    d
+}
+
+/// The end of a low flight from a time close to it; the mask says where it is certain to be the first
+/// impact.
+#[inline(always)]
+pub(crate) fn landing<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    stretch: &Stretch<L>,
+    close: L,
+) -> (Landing<L>, L::Mask) {
+    let (landing, exact) = finish(track, launch, close);
     (
         landing,
-        certain & exact & L::splat(SHORTEST).below(landing.flight),
+        stretch.certain & exact & L::splat(SHORTEST).below(landing.flight),
     )
 }
 

@@ -140,19 +140,34 @@ impl<L: Lane> Launch<L> {
     }
 }
 
-impl Launch<f64> {
+impl<L: Lane> Launch<L> {
     /// Whether the part rests: it has no velocity and the track does not push it off.
     ///
     /// Within rounding of lift-off (`sin t = k` going up) it is thrown off.
     #[inline(always)]
-    pub fn rests(&self, track: &Track<f64>) -> bool {
+    pub fn rests(&self, track: &Track<L>) -> L::Mask {
+        let zero = L::splat(0.0);
         let pull = track.k - self.sine;
-        self.velocity == 0.0
-            && (if self.cosine > 0.0 {
-                pull > 4.0 * f64::EPSILON
-            } else {
-                pull >= 0.0
-            })
+        let held = L::select(
+            zero.below(self.cosine),
+            pull - L::splat(4.0 * f64::EPSILON),
+            pull,
+        );
+        !zero.below(self.velocity) & !held.below(zero)
+    }
+
+    /// Whether the part rests, or hops so little that its chatter to rest has a closed form: less than
+    /// 1e-5 of the pull, over so short a time that the pull changes by less than 1e-4 of itself.
+    #[inline(always)]
+    pub fn chatters_out(&self, track: &Track<L>, restitution: L) -> L::Mask {
+        let pull = track.k - self.sine;
+        let lost = L::splat(1.0) - restitution;
+        let hop = self.velocity;
+        let closing = L::splat(0.0).below(pull)
+            & !(L::splat(1e-5) * pull * lost).below(hop)
+            & !(L::splat(1e-4) * (pull * pull) * lost).below((hop + hop) * self.cosine.abs())
+            & L::splat(0.0).below(lost);
+        closing | self.rests(track)
     }
 }
 
@@ -217,7 +232,7 @@ fn householder<L: Lane>(f: L, g: L, b2: L, b3: L) -> L {
 /// The mask says where that holds: the step is so short that the series, cut after the fifth power, is
 /// exact to rounding.
 #[inline(always)]
-fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
+pub(crate) fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
     let local = Local::near(track, launch, d);
     let node = &local.node;
     let x = d - node.distance;
@@ -272,9 +287,11 @@ pub(crate) fn first_impact(track: &Track<f64>, launch: &Launch<f64>) -> (Landing
         (tall::landing(track, launch), false)
     } else {
         let (landing, certain) = if launch.is_short(track) {
-            short::landing(track, launch)
+            short::landing(track, launch, short::guess(track, launch))
         } else {
-            low::landing(track, launch)
+            let stretch = low::stretch(track, launch);
+            let close = low::approach(track, launch, &stretch);
+            low::landing(track, launch, &stretch, close)
         };
         if certain {
             (landing, false)

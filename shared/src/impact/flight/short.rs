@@ -46,18 +46,29 @@ pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L
     }
 }
 
-/// The end of a short hop; the mask says where it is certain to be the first impact.
+/// A first guess of a short hop: the root of the quadratic of `u/d`.
 #[inline(always)]
-pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
+pub(crate) fn guess<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> L {
+    let psi = launch.velocity;
+    let a1 = (track.k - launch.sine) * L::splat(0.5);
+    let a2 = launch.cosine * L::splat(1.0 / 6.0);
     let zero = L::splat(0.0);
-    let (s, c, psi) = (launch.sine, launch.cosine, launch.velocity);
-    let pull = track.k - s;
-    let a1 = pull * L::splat(0.5);
-    let a2 = c * L::splat(1.0 / 6.0);
-    let disc = a1 * a1 - L::splat(4.0) * (a2 * psi);
-    let root = disc.max(zero).sqrt();
+    let root = (a1 * a1 - L::splat(4.0) * (a2 * psi)).max(zero).sqrt();
     let pulled = zero.below(a1);
-    let guess = L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2);
+    L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2)
+}
+
+/// The end of a short hop from a guess; the mask says where it is certain to be the first impact.
+#[inline(always)]
+pub(crate) fn landing<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    guess: L,
+) -> (Landing<L>, L::Mask) {
+    let zero = L::splat(0.0);
+    let (s, c) = (launch.sine, launch.cosine);
+    let pull = track.k - s;
+    let a2 = c * L::splat(1.0 / 6.0);
     let mut d = guess;
     let mut open = L::splat(-1.0).below(zero);
     for _ in 0..3 {

@@ -12,22 +12,57 @@ use crate::arithmetic::lane::{Lane, Node};
 /// on one step of third order comes within 2e-3 of the root.
 pub(crate) const LEAVING: f64 = 4.0;
 
-/// The end of a tall flight.
+/// When the ball falls through height 0, and how fast.
+#[derive(Clone, Copy)]
+pub(crate) struct Crossing<L> {
+    /// Time after launch.
+    time: L,
+    /// Speed downwards.
+    speed: L,
+}
+
+impl<L: Lane> Crossing<L> {
+    /// A place to put one.
+    pub fn none() -> Self {
+        let zero = L::splat(0.0);
+        Self {
+            time: zero,
+            speed: zero,
+        }
+    }
+}
+
+/// The crossing that a tall flight starts from.
 #[inline(always)]
-pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Landing<L> {
+pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
     let v = launch.rise();
-    let fall = (v * v + (track.k + track.k) * launch.sine).sqrt();
-    let crossing = (v + fall) * track.per_k;
-    let node = Node::near(launch.phase, crossing);
-    let past = node.distance - crossing;
+    let speed = (v * v + (track.k + track.k) * launch.sine).sqrt();
+    Crossing {
+        time: (v + speed) * track.per_k,
+        speed,
+    }
+}
+
+/// A flight time within 2e-3 of the impact.
+#[inline(always)]
+pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, crossing: &Crossing<L>) -> L {
+    let node = Node::near(launch.phase, crossing.time);
+    let past = node.distance - crossing.time;
     // Relative to the crossing nothing cancels: y = -past (V + k past/2).
-    let value = -(past * (fall + track.half() * past) + node.sine);
-    let slope = -((fall + track.k * past) + node.cosine);
+    let value = -(past * (crossing.speed + track.half() * past) + node.sine);
+    let slope = -((crossing.speed + track.k * past) + node.cosine);
     let step = householder(
         value,
         slope,
         (node.sine - track.k) * L::splat(0.5),
         node.cosine * L::splat(1.0 / 6.0),
     );
-    finish(track, launch, node.distance + step).0
+    node.distance + step
+}
+
+/// The end of a tall flight.
+#[inline(always)]
+pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> Landing<f64> {
+    let d = approach(track, launch, &crossing(track, launch));
+    finish(track, launch, d).0
 }

@@ -3,6 +3,15 @@
 //! A kernel written over [`Lane`] gives the same bits in every width: each operation is the IEEE one of
 //! its own lane, nothing is contracted, and a decision is a mask of that lane alone.
 
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+pub(crate) mod avx2;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+pub(crate) mod avx512;
+#[allow(unsafe_code)]
+pub(crate) mod simd;
+
 use core::f64::consts::TAU;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -10,6 +19,9 @@ use super::{node, square_root};
 
 /// Adding it to a number below 2^51 rounds that number to an integer, which then stands in the low bits.
 pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
+
+/// Lanes of the widest register.
+pub(crate) const WIDEST: usize = 8;
 
 /// One or several f64 that go through the same operations.
 pub(crate) trait Lane:
@@ -26,6 +38,9 @@ pub(crate) trait Lane:
         + BitOr<Output = Self::Mask>
         + Not<Output = Self::Mask>;
 
+    /// Number of lanes, at most [`WIDEST`].
+    const WIDTH: usize;
+
     /// The same number in every lane.
     fn splat(value: f64) -> Self;
     /// Square root.
@@ -40,16 +55,31 @@ pub(crate) trait Lane:
     fn below(self, other: Self) -> Self::Mask;
     /// `yes` where the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// The mask, one bit for each lane.
+    fn bits(mask: Self::Mask) -> u32;
     /// Whether the mask holds in any lane.
-    fn any(mask: Self::Mask) -> bool;
+    #[inline(always)]
+    fn any(mask: Self::Mask) -> bool {
+        Self::bits(mask) != 0
+    }
     /// Sine and cosine at the node whose number stands in the low bits of a [`ROUNDER`] sum.
     fn node(rounded: Self) -> (Self, Self);
     /// The number of that node within its turn, 0..256.
     fn within_turn(rounded: Self) -> Self;
+    /// Four fields of as many rows as there are lanes, field by field.
+    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4];
+    /// What [`Lane::gather`] took apart, row by row; rows beyond the lanes are 0.
+    fn rows(columns: [Self; 4]) -> [[f64; 4]; WIDEST];
+    /// The first values of an array.
+    fn from_array(values: [f64; WIDEST]) -> Self;
+    /// The lanes, followed by 0.
+    fn to_array(self) -> [f64; WIDEST];
 }
 
 impl Lane for f64 {
     type Mask = bool;
+
+    const WIDTH: usize = 1;
 
     #[inline(always)]
     fn splat(value: f64) -> Self {
@@ -80,8 +110,8 @@ impl Lane for f64 {
         if mask { yes } else { no }
     }
     #[inline(always)]
-    fn any(mask: bool) -> bool {
-        mask
+    fn bits(mask: bool) -> u32 {
+        mask.into()
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
@@ -91,6 +121,26 @@ impl Lane for f64 {
     #[inline(always)]
     fn within_turn(rounded: Self) -> Self {
         f64::from((rounded.to_bits() % node::COUNT as u64) as i32)
+    }
+    #[inline(always)]
+    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4] {
+        *rows[0]
+    }
+    #[inline(always)]
+    fn rows(columns: [Self; 4]) -> [[f64; 4]; WIDEST] {
+        let mut rows = [[0.0; 4]; WIDEST];
+        rows[0] = columns;
+        rows
+    }
+    #[inline(always)]
+    fn from_array(values: [f64; WIDEST]) -> Self {
+        values[0]
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f64; WIDEST] {
+        let mut values = [0.0; WIDEST];
+        values[0] = self;
+        values
     }
 }
 

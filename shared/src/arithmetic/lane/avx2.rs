@@ -1,0 +1,217 @@
+//! Four f64 side by side: AVX2.
+//!
+//! No value of this type exists unless the CPU has AVX2: the only way in is [`super::simd`], which asks.
+
+use core::arch::x86_64::*;
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+
+use super::{Lane, ROUNDER};
+use crate::arithmetic::node;
+
+/// Four f64.
+#[derive(Clone, Copy)]
+pub(crate) struct Avx2(__m256d);
+
+/// Four decisions, all bits of an f64 set where it holds.
+#[derive(Clone, Copy)]
+pub(crate) struct Mask(__m256d);
+
+macro_rules! operators {
+    ($($operator:ident $method:ident $intrinsic:ident,)*) => {$(
+        impl $operator for Avx2 {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                // SAFETY: the CPU has AVX2, see the module.
+                Self(unsafe { $intrinsic(self.0, other.0) })
+            }
+        }
+    )*};
+}
+
+operators! {
+    Add add _mm256_add_pd,
+    Sub sub _mm256_sub_pd,
+    Mul mul _mm256_mul_pd,
+    Div div _mm256_div_pd,
+}
+
+impl Neg for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+    }
+}
+
+impl BitAnd for Mask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_and_pd(self.0, other.0) })
+    }
+}
+
+impl BitOr for Mask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_or_pd(self.0, other.0) })
+    }
+}
+
+impl Not for Mask {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_castsi256_pd(_mm256_set1_epi64x(-1))) })
+    }
+}
+
+impl Avx2 {
+    /// The number of the node in the low bits of each lane.
+    #[inline(always)]
+    fn index(self) -> __m256i {
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe {
+            _mm256_and_si256(
+                _mm256_castpd_si256(self.0),
+                _mm256_set1_epi64x(node::COUNT as i64 - 1),
+            )
+        }
+    }
+}
+
+impl Lane for Avx2 {
+    type Mask = Mask;
+
+    const WIDTH: usize = 4;
+
+    #[inline(always)]
+    fn splat(value: f64) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_set1_pd(value) })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_sqrt_pd(self.0) })
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_max_pd(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_min_pd(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn below(self, other: Self) -> Mask {
+        // SAFETY: the CPU has AVX2, see the module.
+        Mask(unsafe { _mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn select(mask: Mask, yes: Self, no: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_blendv_pd(no.0, yes.0, mask.0) })
+    }
+    #[inline(always)]
+    fn bits(mask: Mask) -> u32 {
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe { _mm256_movemask_pd(mask.0) as u32 }
+    }
+    #[inline(always)]
+    fn node(rounded: Self) -> (Self, Self) {
+        // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
+        unsafe {
+            let index = rounded.index();
+            let (low, high) = (
+                _mm256_castsi256_si128(index),
+                _mm256_extracti128_si256::<1>(index),
+            );
+            let pair = |n: i64| _mm_loadu_pd(node::DOUBLE.as_ptr().add(n as usize).cast());
+            let a = pair(_mm_cvtsi128_si64(low));
+            let b = pair(_mm_extract_epi64::<1>(low));
+            let c = pair(_mm_cvtsi128_si64(high));
+            let d = pair(_mm_extract_epi64::<1>(high));
+            let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
+            let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
+            (
+                Self(_mm256_unpacklo_pd(ac, bd)),
+                Self(_mm256_unpackhi_pd(ac, bd)),
+            )
+        }
+    }
+    #[inline(always)]
+    fn within_turn(rounded: Self) -> Self {
+        // An integer below 2^52 under the exponent of 2^52 is 2^52 more than itself.
+        const LIFT: f64 = 4_503_599_627_370_496.0;
+        const _: () = assert!(ROUNDER > LIFT);
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe {
+            let lift = _mm256_set1_pd(LIFT);
+            let lifted = _mm256_or_si256(rounded.index(), _mm256_castpd_si256(lift));
+            Self(_mm256_sub_pd(_mm256_castsi256_pd(lifted), lift))
+        }
+    }
+    #[inline(always)]
+    fn gather(rows: [&[f64; 4]; super::WIDEST]) -> [Self; 4] {
+        // SAFETY: the CPU has AVX2, see the module; each row is four f64.
+        unsafe {
+            let row = |n: usize| _mm256_loadu_pd(rows[n].as_ptr());
+            Self::transpose([row(0), row(1), row(2), row(3)]).map(Self)
+        }
+    }
+    #[inline(always)]
+    fn rows(columns: [Self; 4]) -> [[f64; 4]; super::WIDEST] {
+        let mut rows = [[0.0; 4]; super::WIDEST];
+        // SAFETY: the CPU has AVX2, see the module; each row is four f64.
+        unsafe {
+            let transposed = Self::transpose(columns.map(|column| column.0));
+            for (row, vector) in rows.iter_mut().zip(transposed) {
+                _mm256_storeu_pd(row.as_mut_ptr(), vector);
+            }
+        }
+        rows
+    }
+    #[inline(always)]
+    fn from_array(values: [f64; super::WIDEST]) -> Self {
+        // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
+        Self(unsafe { _mm256_loadu_pd(values.as_ptr()) })
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f64; super::WIDEST] {
+        let mut values = [0.0; super::WIDEST];
+        // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
+        unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
+        values
+    }
+}
+
+impl Avx2 {
+    #[inline(always)]
+    fn transpose([a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe {
+            let (ab_low, ab_high) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
+            let (cd_low, cd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
+            [
+                _mm256_permute2f128_pd::<0x20>(ab_low, cd_low),
+                _mm256_permute2f128_pd::<0x20>(ab_high, cd_high),
+                _mm256_permute2f128_pd::<0x31>(ab_low, cd_low),
+                _mm256_permute2f128_pd::<0x31>(ab_high, cd_high),
+            ]
+        }
+    }
+}

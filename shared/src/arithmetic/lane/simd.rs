@@ -1,0 +1,84 @@
+//! What the CPU offers, asked at run time.
+
+/// Width of the registers that a block of orbits is computed in. The results are the same bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Simd {
+    /// One orbit at a time: any CPU.
+    None,
+    /// Four orbits at a time (AVX2).
+    Avx2,
+    /// Eight orbits at a time (AVX-512 F and DQ).
+    Avx512,
+}
+
+impl Simd {
+    /// Every width, narrowest first.
+    pub const ALL: [Self; 3] = [Self::None, Self::Avx2, Self::Avx512];
+
+    /// The widest that this CPU and its operating system support.
+    #[must_use]
+    pub fn widest() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        return x86::widest();
+        #[cfg(not(target_arch = "x86_64"))]
+        Self::None
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use core::arch::x86_64::{__cpuid, __cpuid_count, _xgetbv};
+
+    use super::Simd;
+
+    pub(super) fn widest() -> Simd {
+        const OS_SAVES: u32 = 1 << 27;
+        const AVX: u32 = 1 << 28;
+        const AVX2: u32 = 1 << 5;
+        const AVX512: u32 = 1 << 16 | 1 << 17;
+        const YMM: u64 = 0b110;
+        const ZMM: u64 = 0b1110_0110;
+        let leaves = __cpuid(0).eax;
+        let basic = __cpuid(1).ecx;
+        if leaves < 7 || basic & (OS_SAVES | AVX) != OS_SAVES | AVX {
+            return Simd::None;
+        }
+        let extended = __cpuid_count(7, 0).ebx;
+        // SAFETY: the operating system offers xgetbv.
+        let saved = unsafe { saved() };
+        if saved & YMM != YMM || extended & AVX2 == 0 {
+            Simd::None
+        } else if saved & ZMM == ZMM && extended & AVX512 == AVX512 {
+            Simd::Avx512
+        } else {
+            Simd::Avx2
+        }
+    }
+
+    /// Which registers the operating system keeps for a thread.
+    #[target_feature(enable = "xsave")]
+    fn saved() -> u64 {
+        // SAFETY: register 0 always exists.
+        unsafe { _xgetbv(0) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn the_answer_is_that_of_the_standard_library() {
+        let avx512 =
+            std::is_x86_feature_detected!("avx512f") && std::is_x86_feature_detected!("avx512dq");
+        let expected = if avx512 {
+            Simd::Avx512
+        } else if std::is_x86_feature_detected!("avx2") {
+            Simd::Avx2
+        } else {
+            Simd::None
+        };
+        assert_eq!(Simd::widest(), expected);
+    }
+}
