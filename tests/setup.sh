@@ -90,7 +90,7 @@ install_emulator() {
 install_targets_from_debian() {
     say "building the targets' core library with Debian's compiler"
     [ -n "${sources:-}" ] || debian_sources || return 1
-    apt_get 600 install --no-install-recommends rustc-web cargo-web rust-web-src lld || return 1
+    apt_get 600 install --no-install-recommends rustc-web cargo-web rust-web-src rust-web-clippy lld || return 1
     local work target library
     work=$(mktemp -d) || return 1
     mkdir "$work/src"
@@ -121,6 +121,10 @@ if [ "${1:-}" = --check ]; then
     exit 0
 fi
 
+for component in rustfmt clippy; do
+    timeout 20 "cargo-${component/rust/}" --version >/dev/null 2>&1 ||
+        timeout --kill-after=10 60 rustup component add "$component" || give_up "rustup could not add $component"
+done
 if [ -n "$missing" ]; then
     if [ -z "${KBAND_DEBIAN_ROUTE:-}" ]; then
         # shellcheck disable=SC2086

@@ -5,7 +5,7 @@
 //! | [`arguments`] | options shared by the verbs; numbers, ranges and restitutions as typed by a user |
 //! | [`refusal`] | the one message of a refused or failed run, and exit status |
 //! | [`report`] | tables: for reading, as CSV, as JSON |
-//! | [`file`] | files that are written whole or not at all |
+//! | [`mod@file`] | files that are written whole or not at all |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |

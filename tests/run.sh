@@ -1,0 +1,120 @@
+#!/usr/bin/env bash
+# Runs every check of the project, each with a time limit; exit status 0 if all passed.
+#
+#   tests/run.sh          everything that a change must pass
+#   tests/run.sh --soak   instead: the long stress of the impact map (1e8 states, release build)
+#
+# Prints for each step its name, time and closing lines; the whole output of a step is in
+# target/run/STEP.log, the end of it is printed where the step fails. No step can wait for ever:
+# standard input is empty, after the first two steps there is no network, a step that exceeds its
+# limit is killed, and so is whatever a step leaves running.
+set -u
+exec </dev/null
+cd "$(dirname "$0")/.." || exit 1
+ulimit -c 0
+[ -d "${CARGO_HOME:-$HOME/.cargo}/bin" ] && PATH="${CARGO_HOME:-$HOME/.cargo}/bin:$PATH"
+
+export CARGO_TERM_COLOR=never CARGO_TERM_PROGRESS_WHEN=never CARGO_NET_RETRY=3 CARGO_HTTP_TIMEOUT=30
+export RUST_BACKTRACE=0 GIT_TERMINAL_PROMPT=0
+unset CARGO_BUILD_TARGET RUSTFLAGS CARGO_ENCODED_RUSTFLAGS
+target=${CARGO_TARGET_DIR:-target}
+case $target in /*) ;; *) target=$PWD/$target ;; esac
+export CARGO_TARGET_DIR=$target
+logs=$target/run
+mkdir -p "$logs" || exit 1
+
+thumb=thumbv7em-none-eabihf
+small=thumbv6m-none-eabi
+passed=0 failures=() began=$SECONDS running='' mark=''
+
+# Every process of a step carries the step's mark in its environment.
+left_over() {
+    [ -z "$mark" ] || grep -lzx "KBAND_STEP=$mark" /proc/[0-9]*/environ 2>/dev/null | cut -d / -f 3
+}
+sweep() {
+    local process
+    for process in $(left_over); do
+        echo "    left running, killed: $process $(tr '\0' ' ' <"/proc/$process/cmdline" 2>/dev/null | cut -c 1-120)"
+        kill -KILL "$process" 2>/dev/null
+    done
+}
+stop() {
+    [ -z "$running" ] || kill -TERM "$running" 2>/dev/null
+    sleep 1
+    sweep
+    echo "tests/run.sh: stopped"
+    exit 130
+}
+trap stop INT TERM HUP
+
+# The closing line of every test program that holds tests, with its name.
+closing_lines() {
+    awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
+        /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
+        /^setup: ready|^size: / { print "   " $0 }' "$1"
+}
+
+# step NAME LIMIT COMMAND...: LIMIT in seconds.
+step() {
+    local name=$1 limit=$2 start=$SECONDS status log
+    shift 2
+    log=$logs/${name// /-}.log
+    mark=$$.$passed.${#failures[@]}
+    printf '== %s (limit %s s)\n' "$name" "$limit"
+    KBAND_STEP=$mark timeout --kill-after=10 "$limit" "$@" >"$log" 2>&1 &
+    running=$!
+    wait "$running"
+    status=$?
+    running=''
+    closing_lines "$log"
+    sweep
+    if [ $status = 0 ]; then
+        passed=$((passed + 1))
+        printf '   ok, %s s\n' $((SECONDS - start))
+    else
+        failures+=("$name")
+        tail -n 60 "$log" | cut -c 1-200 | tail -c 6000
+        [ $status != 124 ] && [ $status != 137 ] || echo "   cut by its limit of $limit s"
+        printf '   FAILED (exit status %s), %s s; all of it: %s\n' $status $((SECONDS - start)) "$log"
+    fi
+    return $status
+}
+finish() {
+    local summary="$passed steps passed, ${#failures[@]} failed, $((SECONDS - began)) s"
+    if [ ${#failures[@]} = 0 ]; then
+        echo "tests/run.sh: all passed: $summary"
+        exit 0
+    fi
+    local IFS=,
+    echo "tests/run.sh: FAILED: ${failures[*]}: $summary"
+    exit 1
+}
+
+step "set-up" 1500 tests/setup.sh || finish
+step "download crates" 400 cargo fetch --locked || finish
+export CARGO_NET_OFFLINE=true
+
+if [ "${1:-}" = --soak ]; then
+    step "soak" 36000 cargo run --release --locked --package kband-tests --bin soak
+    finish
+fi
+
+# The toolchain that compiles for the targets: rustup's, or Debian's under the name of tests/setup.sh.
+cross=cargo
+compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev/null || cross='cargo +kband-thumb'
+
+step "format" 60 cargo fmt --all --check
+step "clippy for the desk" 900 cargo clippy --locked --workspace --all-targets -- -D warnings
+step "clippy for the target" 600 $cross clippy --locked --target $thumb \
+    --package kband-firmware --package kband-emulated -- -D warnings
+# One package at a time, as the tests ask for them: together they would get each other's features.
+for package in kband-emulated kband-firmware; do
+    step "images of $package" 900 $cross build --locked --profile firmware --target $thumb \
+        --package $package --bins --target-dir "$target/emulated"
+done
+step "test builds" 1200 cargo test --locked --workspace --no-run
+step "unit tests" 600 cargo test --locked --workspace --no-fail-fast --lib --bins
+step "doc tests" 600 cargo test --locked --workspace --no-fail-fast --doc
+step "integration and emulated tests" 900 cargo test --locked --workspace --no-fail-fast --test '*'
+RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --no-deps --lib
+finish
