@@ -81,6 +81,8 @@ pub(crate) struct Shape {
     inverse: f32,
     flank: f32,
     hump_length: f32,
+    /// The least square of the speed at height 0 of a high flight.
+    high: f32,
     pub entry: u32,
     pub hump: u32,
 }
@@ -93,6 +95,8 @@ impl Shape {
             inverse: (1.0 / set_up.k) as f32,
             flank: set_up.flank as f32,
             hump_length: (f64::from(set_up.hump) * (TAU / 4_294_967_296.0)) as f32,
+            // 1 for the track, and what rounding may take.
+            high: (2.0 * set_up.k + 1.01) as f32,
             entry: set_up.entry.bits(),
             hump: set_up.hump,
         }
@@ -133,9 +137,9 @@ pub(crate) trait Flight {
     /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
     /// precision of the kernel.
     fn local(&self, node: i32) -> Local;
-    /// Ballistic height over k at `steps`, up to a turn, or `time` rad after launch, saturating;
+    /// Ballistic height over k at `steps`, up to a turn, after launch, where f32 makes it `nearly` 0;
     /// k < 1.
-    fn above_k(&self, steps: i64, time: f32) -> f32;
+    fn above_k(&self, steps: i64, nearly: f32) -> f32;
     /// Flights below this many rad keep more digits in the deflated form than on a node.
     const SHORT: f32;
     /// A gap over a hump below this is within rounding.
@@ -147,8 +151,12 @@ pub(crate) trait Flight {
 pub(crate) enum Found {
     /// A short hop: flight in rad and arrival speed, final.
     Short { flight: f32, arrival: f32 },
-    /// At `offset` rad from a node, to be settled with care for a double root.
-    Near { node: i32, offset: f32 },
+    /// At `offset` rad from a node; settled with care for a double root unless it is `simple`.
+    Near {
+        node: i32,
+        offset: f32,
+        simple: bool,
+    },
 }
 
 /// A settled impact: offset from its node in rad, and the arrival speed less minus the node's slope.
@@ -203,43 +211,41 @@ fn sine_cosine_at(node: i32) -> (f32, f32) {
     (sine, cosine)
 }
 
-/// Whether the flight surely leaves height 1 for ever until it comes down through it at a speed above
-/// 1.5, so that the first impact is the only one after that and the slope there is at least 0.5.
+/// The impact of a high flight, nearly: node and offset; `None` where the flight is not high or the
+/// steps do not converge soon.
 ///
-/// `leaving = v^2 - 2 k (1 - sin)` is the square of the speed at height 1.
+/// High is a flight that leaves height 1 faster than the track can follow, until it comes down through
+/// it again at the same speed: the first impact is the only one after that. The square of the speed at
+/// height 1 is `v^2 - 2 k (1 - sin)`, that of the track at most 1. From the time the parabola crosses
+/// height 0, Householder's third-order step on nodes until it is short.
 #[inline(always)]
-pub(crate) fn is_high(shape: &Shape, launch: &Launch) -> bool {
+pub(crate) fn fall(shape: &Shape, launch: &Launch) -> Option<(i32, f32)> {
     let rise = launch.velocity + launch.cosine;
-    rise > 0.0 && rise * rise - 2.0 * shape.k * (1.0 - launch.sine) >= 2.25
-}
-
-/// The impact of a high flight, nearly: node and offset. From the time the parabola crosses height 0,
-/// Householder's third-order step on nodes until it is short.
-#[inline(always)]
-pub(crate) fn fall(shape: &Shape, launch: &Launch) -> (i32, f32) {
-    let rise = launch.velocity + launch.cosine;
-    let speed = square_root_single(rise * rise + 2.0 * shape.k * launch.sine);
+    let square = rise * rise + 2.0 * shape.k * launch.sine;
+    if !(rise > 0.0 && square >= shape.high) {
+        return None;
+    }
+    let speed = square_root_single(square);
     let (mut node, mut offset) = node_of(launch.phase, (rise + speed) * shape.inverse);
     // Time of the node after the crossing.
     let mut late = -offset;
     for _ in 0..6 {
         let (sine, cosine) = sine_cosine_at(node);
-        let u0 = -(late * (speed + shape.half_k * late) + sine);
-        let u1 = -(speed + shape.k * late + cosine);
-        let b2 = 0.5 * (sine - shape.k);
+        let u0 = late * (speed + shape.half_k * late) + sine;
+        let u1 = speed + shape.k * late + cosine;
+        let b2 = 0.5 * (shape.k - sine);
         let square = u1 * u1;
         let product = b2 * u0;
-        let step = -u0 * (square - product)
-            / (u1 * (square - 2.0 * product) + cosine * (1.0 / 6.0) * u0 * u0);
+        let step = householder(u0, u1, square, product, -cosine);
         let (jump, count) = nearest(step * PER_RADIAN);
         offset = step - count * SPACING;
         node = node.wrapping_add(jump);
         if abs(step) < 0.25 {
-            break;
+            return Some((node, offset));
         }
         late += count * SPACING;
     }
-    (node, offset)
+    None
 }
 
 /// Height and slope gained over `d` from a node, and half the curvature there.
@@ -262,11 +268,21 @@ fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
     )
 }
 
-/// A simple root from `offset` near a node: one Newton step with its quadratic correction.
+/// A simple root from `offset` near a node: Newton steps with their quadratic correction, one in nearly
+/// every case.
 #[inline(always)]
-pub(crate) fn settle(shape: &Shape, local: &Local, offset: f32) -> Settled {
-    let (height, gain, b2) = expand(shape.k, local, offset);
-    correct(local, offset, height, gain, b2)
+pub(crate) fn settle(shape: &Shape, local: &Local, mut offset: f32) -> Settled {
+    let mut round = 0;
+    loop {
+        let (height, gain, b2) = expand(shape.k, local, offset);
+        let settled = correct(local, offset, height, gain, b2);
+        round += 1;
+        // The next term is 2 (b2 e / slope)^2 e.
+        if abs(settled.offset - offset) < 1e-3 || round >= 4 {
+            return settled;
+        }
+        offset = settled.offset;
+    }
 }
 
 #[inline(always)]
@@ -305,7 +321,7 @@ fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 }
 
 /// The first root from `offset` near a node, also where two roots nearly meet.
-#[inline(always)]
+#[inline(never)]
 pub(crate) fn settle_carefully(shape: &Shape, local: &Local, mut offset: f32) -> Settled {
     let mut round = 0;
     loop {
@@ -367,13 +383,16 @@ fn start(launch: &Launch) -> Start {
     // u/d = psi - a1 d + a2 d^2 - ...
     let a1 = 0.5 * launch.pull;
     let a2 = launch.cosine * (1.0 / 6.0);
+    if a1 <= 0.0 && a2 >= 0.0 {
+        return Start::Open;
+    }
     let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
     if a1 > 0.0 {
         if a2 > 0.0 && discriminant < 0.2 * a1 * a1 {
             return double_start(launch, a1, a2);
         }
         Start::Hop(2.0 * launch.velocity / (a1 + root(discriminant)))
-    } else if a2 < 0.0 && discriminant >= 0.0 {
+    } else if discriminant >= 0.0 {
         Start::Hop((a1 - root(discriminant)) / (2.0 * a2))
     } else {
         Start::Open
@@ -437,7 +456,7 @@ struct Bracket {
 }
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
-#[inline(never)]
+#[inline(always)]
 pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
     let first = start(launch);
     let mut guess = 0.0;
@@ -450,8 +469,7 @@ pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (
         guess = x;
     }
     let (bracket, grazes) = segment(shape, launch, flight, first == Start::Clears, guess);
-    let (node, offset) = solve(shape, launch, bracket);
-    (Found::Near { node, offset }, grazes)
+    (solve(shape, launch, &bracket), grazes)
 }
 
 #[inline(always)]
@@ -495,7 +513,11 @@ fn segment<F: Flight>(
         0 => (1 << 32, TURN),
         steps => (i64::from(steps), steps as f32 * STEP),
     };
-    let at_entry = flight.above_k(to_entry, entry);
+    // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's own precision decides.
+    let mut at_entry = over_k(entry);
+    if abs(at_entry) < 3e-5 {
+        at_entry = flight.above_k(to_entry, at_entry);
+    }
     if at_entry <= 0.0 && !clears {
         let low = if shape.throws(launch.phase) {
             larger(entry - (TURN - hump_length), 0.0)
@@ -520,15 +542,8 @@ fn segment<F: Flight>(
         };
         return (bracket, false);
     }
-    // Time when the ball falls through height k, and the window in which it is above height 1.
+    // Time when the ball falls through height k.
     let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
-    let leaving = v * v - 2.0 * k * (1.0 - sine);
-    let (rises, sinks) = if leaving > 0.0 && v > 0.0 {
-        let speed = root(leaving);
-        ((v - speed) * inverse, (v + speed) * inverse)
-    } else {
-        (1.0, -1.0)
-    };
     let mut grazes = false;
     let mut begin = if clears { entry + TURN } else { entry };
     // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
@@ -563,7 +578,7 @@ fn segment<F: Flight>(
                 grazes,
             );
         }
-        if !(begin >= rises && end <= sinks) {
+        {
             let middle = begin + 0.5 * hump_length;
             let over_top = (sine - 1.0) + middle * (v - half_k * middle);
             let slope = v - k * middle;
@@ -593,9 +608,8 @@ fn segment<F: Flight>(
             }
         }
         begin += TURN;
-        if begin > rises && begin + hump_length < sinks {
-            let turns = ((sinks - begin - hump_length) * (1.0 / TURN)) as i32;
-            begin += turns as f32 * TURN;
+        if begin + hump_length < through - 2.0 * TURN {
+            begin = skip(shape, launch, begin);
         }
     }
     let bracket = Bracket {
@@ -604,6 +618,22 @@ fn segment<F: Flight>(
         start: through,
     };
     (bracket, true)
+}
+
+/// The last hump at or after the one that begins at `begin` that lies under a ball above height 1 with
+/// all between them.
+#[inline(never)]
+fn skip(shape: &Shape, launch: &Launch, begin: f32) -> f32 {
+    let v = launch.velocity + launch.cosine;
+    let leaving = v * v - 2.0 * shape.k * (1.0 - launch.sine);
+    let speed = root(leaving);
+    let (rises, sinks) = ((v - speed) * shape.inverse, (v + speed) * shape.inverse);
+    let last = begin + shape.hump_length;
+    if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
+        begin + ((sinks - last) * (1.0 / TURN)) as i32 as f32 * TURN
+    } else {
+        begin
+    }
 }
 
 /// The lowest point over a hump around `middle`: a bracket that ends there if it is below the track,
@@ -656,14 +686,63 @@ fn lowest<F: Flight>(
     (bracket, abs(lowest) < F::ROUNDING)
 }
 
-/// The root in `bracket`, nearly, by Cauchy's step on nodes.
+/// The root in `bracket`, nearly. The bracket holds one down-crossing, so that any step that converges
+/// within it has found it: Householder's where the root is simple and near, else the safeguarded
+/// search.
 #[inline(always)]
-fn solve(shape: &Shape, launch: &Launch, bracket: Bracket) -> (i32, f32) {
+fn solve(shape: &Shape, launch: &Launch, bracket: &Bracket) -> Found {
+    let v = launch.velocity + launch.cosine;
+    let (mut node, offset) = node_of(launch.phase, bracket.start);
+    let mut time = bracket.start - offset;
+    for _ in 0..3 {
+        let (sine, cosine) = sine_cosine_at(node);
+        let u0 = (launch.sine - sine) + time * (v - shape.half_k * time);
+        let u1 = v - shape.k * time - cosine;
+        let b2 = 0.5 * (sine - shape.k);
+        let square = u1 * u1;
+        let product = b2 * u0;
+        if !(u1 < 0.0 && abs(product) < 0.15 * square) {
+            break;
+        }
+        let step = householder(u0, u1, square, product, cosine);
+        let next = time + step;
+        if !(next >= bracket.low - 1e-4 && next <= bracket.high + 1e-4) {
+            break;
+        }
+        let (jump, count) = nearest(step * PER_RADIAN);
+        node = node.wrapping_add(jump);
+        if abs(step) < 0.15 {
+            return Found::Near {
+                node,
+                offset: step - count * SPACING,
+                simple: true,
+            };
+        }
+        time += count * SPACING;
+    }
+    let (node, offset) = solve_safely(shape, launch, bracket);
+    Found::Near {
+        node,
+        offset,
+        simple: false,
+    }
+}
+
+/// Householder's third-order step on `u0 + u1 d + b2 d^2 + cos d^3 / 6`, from the square of `u1` and the
+/// product `b2 u0`.
+#[inline(always)]
+fn householder(u0: f32, u1: f32, square: f32, product: f32, cosine: f32) -> f32 {
+    -u0 * (square - product) / (u1 * (square - 2.0 * product) + cosine * (1.0 / 6.0) * u0 * u0)
+}
+
+/// The root in `bracket`, nearly, by Cauchy's step on nodes, with bisection where it leaves the bracket.
+#[inline(never)]
+fn solve_safely(shape: &Shape, launch: &Launch, bracket: &Bracket) -> (i32, f32) {
     let Bracket {
         mut low,
         mut high,
         start: mut x,
-    } = bracket;
+    } = *bracket;
     let v = launch.velocity + launch.cosine;
     let mut round = 0;
     loop {

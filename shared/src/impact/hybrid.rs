@@ -1,7 +1,7 @@
 //! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
 
 use super::anchor::{
-    Flight, Found, Launch, Local, PER_STEP, SetUp, Settled, Shape, fall, is_high, search, settle,
+    Flight, Found, Launch, Local, PER_STEP, SetUp, Settled, Shape, fall, search, settle,
     settle_carefully,
 };
 use super::{Impact, Kernel, Landing, State};
@@ -41,8 +41,8 @@ const TOP_BITS: u32 = 60 << 26;
 const PER_30: f32 = 1.0 / 1_073_741_824.0;
 const PER_26: f32 = 1.0 / 67_108_864.0;
 const PER_24: f32 = 1.0 / 16_777_216.0;
-/// 2 pi, steps of 2^-29.
-const TURN: i64 = 3_373_259_426;
+/// 2 pi, steps of 2^-28.
+const TURN: i64 = 1_686_629_713;
 
 impl Hybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
@@ -66,8 +66,7 @@ impl Hybrid {
             cosine: cosine as f32 * PER_30,
             pull: 0.0,
         };
-        if is_high(&self.shape, &launch) {
-            let (node, offset) = fall(&self.shape, &launch);
+        if let Some((node, offset)) = fall(&self.shape, &launch) {
             let (local, slope) = flight.exact(node);
             let settled = settle(&self.shape, &local, offset);
             return self.impact_at(&flight, node, slope, settled, false);
@@ -103,9 +102,17 @@ impl Hybrid {
                     grazes,
                 )
             }
-            Found::Near { node, offset } => {
+            Found::Near {
+                node,
+                offset,
+                simple,
+            } => {
                 let (local, slope) = flight.exact(node);
-                let settled = settle_carefully(&self.shape, &local, offset);
+                let settled = if simple {
+                    settle(&self.shape, &local, offset)
+                } else {
+                    settle_carefully(&self.shape, &local, offset)
+                };
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
                     let steps =
@@ -183,7 +190,7 @@ impl Ballistic<'_> {
         let (mean, velocity) = self.velocities(steps);
         // Near an impact the height is within 2, so that only these bits of it matter.
         let turns = (product_32(steps, mean) >> 16) as i32;
-        let rise = ((i64::from(turns) * TURN) >> 31) as i32;
+        let rise = ((i64::from(turns) * TURN) >> 30) as i32;
         let [sine, cosine] = node::FIXED[(node & 255) as usize];
         let slope = velocity.wrapping_sub(i64::from(cosine) << 18);
         (
@@ -216,11 +223,14 @@ impl Flight for Ballistic<'_> {
         self.exact(node).0
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn above_k(&self, steps: i64, _: f32) -> f32 {
-        let rise = product_32(steps, self.velocities(steps).0) >> 16;
-        let rise = (rise.clamp(-(1 << 31), (1 << 31) - 1) * TURN) >> 31;
-        (rise + i64::from(self.sine) - i64::from(self.kernel.threshold)) as f32 * PER_30
+        let turns = (product_32(steps, self.velocities(steps).0) >> 16) as i32;
+        let rise = ((i64::from(turns) * TURN) >> 30) as i32;
+        // Within rounding of k, far from the ends of i32.
+        rise.wrapping_add(self.sine)
+            .wrapping_sub(self.kernel.threshold) as f32
+            * PER_30
     }
 }
 

@@ -1,8 +1,8 @@
 //! The impact map in f32.
 
 use super::anchor::{
-    Flight, Found, Launch, Local, PER_STEP, STEP, SetUp, Settled, Shape, fall, is_high, larger,
-    search, settle, settle_carefully, smaller,
+    Flight, Found, Launch, Local, PER_STEP, STEP, SetUp, Settled, Shape, fall, larger, search,
+    settle, settle_carefully, smaller,
 };
 use super::{Impact, Kernel, Landing, State};
 use crate::arithmetic::{Phase, node, sine_cosine_single};
@@ -50,8 +50,7 @@ impl Single {
             cosine,
             pull: 0.0,
         };
-        if is_high(&self.shape, &launch) {
-            let (node, offset) = fall(&self.shape, &launch);
+        if let Some((node, offset)) = fall(&self.shape, &launch) {
             let local = flight.local(node);
             let settled = settle(&self.shape, &local, offset);
             return self.impact_at(phase, node, &local, settled, false);
@@ -74,7 +73,7 @@ impl Single {
         self.low(&flight, &launch)
     }
 
-    #[inline(never)]
+    #[inline(always)]
     fn low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
         let (found, grazes) = search(&self.shape, launch, flight);
         match found {
@@ -87,9 +86,19 @@ impl Single {
                 arrival,
                 grazes,
             ),
-            Found::Near { node, offset } => {
+            Found::Near {
+                node,
+                offset,
+                simple,
+            } => {
                 let local = flight.local(node);
-                let settled = settle_carefully(&self.shape, &local, offset);
+                let mut settled = if simple {
+                    settle(&self.shape, &local, offset)
+                } else {
+                    settle_carefully(&self.shape, &local, offset)
+                };
+                // At a graze the arrival speed may round below 0.
+                settled.speed_gain = larger(settled.speed_gain, local.slope);
                 self.impact_at(flight.phase, node, &local, settled, grazes)
             }
         }
@@ -105,8 +114,6 @@ impl Single {
         grazes: bool,
     ) -> Landing<SingleState> {
         let speed = settled.speed_gain - local.slope;
-        // At a graze the arrival speed may round below 0.
-        let speed = if speed > 0.0 { speed } else { 0.0 };
         let steps = steps_to(phase, node) + i64::from((settled.offset * PER_STEP) as i32);
         self.landing(phase, steps, speed, grazes)
     }
@@ -162,8 +169,8 @@ impl Flight for Ballistic {
     }
 
     #[inline(always)]
-    fn above_k(&self, _: i64, time: f32) -> f32 {
-        time * (self.rise - 0.5 * self.k * time) - (self.k - self.sine)
+    fn above_k(&self, _: i64, nearly: f32) -> f32 {
+        nearly
     }
 }
 

@@ -15,8 +15,15 @@
 //! ```
 #![cfg_attr(target_os = "none", no_std)]
 
+pub mod kernels;
+
+#[cfg(target_os = "none")]
+mod counter;
 #[cfg(target_os = "none")]
 mod target;
+
+#[cfg(target_os = "none")]
+pub use counter::Counter;
 
 #[cfg(target_os = "none")]
 #[doc(hidden)]

@@ -1,0 +1,154 @@
+//! The kernels for microcontrollers: the work that all machines do alike.
+
+use kband::impact::{Hybrid, HybridState, Kernel, Landing, Single, SingleState};
+
+/// A kernel with its step in machine units.
+pub trait Machine: Kernel + Copy {
+    /// One flight and the impact that ends it.
+    fn land(&self, state: Self::State) -> Landing<Self::State>;
+    /// The bits of a state.
+    fn bits(state: Self::State) -> [u32; 2];
+}
+
+impl Machine for Hybrid {
+    #[inline(always)]
+    fn land(&self, state: HybridState) -> Landing<HybridState> {
+        Hybrid::land(self, state)
+    }
+    fn bits(state: HybridState) -> [u32; 2] {
+        [state.phase.bits(), state.velocity.bits()]
+    }
+}
+
+impl Machine for Single {
+    #[inline(always)]
+    fn land(&self, state: SingleState) -> Landing<SingleState> {
+        Single::land(self, state)
+    }
+    fn bits(state: SingleState) -> [u32; 2] {
+        [state.phase.bits(), state.velocity.to_bits()]
+    }
+}
+
+/// k, restitution, phase and velocity of eleven orbits that stay locked or chaotic.
+pub const ORBITS: [[f64; 4]; 11] = [
+    [0.43, 0.2, 0.45, 0.45],
+    [0.232, 0.2, 0.25, 0.486],
+    [0.157, 0.2, 0.15, 0.49],
+    [0.38, 0.2, 0.65, 0.4],
+    [0.355, 0.2, 0.7, 0.37],
+    [0.34, 0.2, 0.77, 0.36],
+    [0.7, 0.5, 0.7, 1.47],
+    [0.586, 0.5, 0.8, 1.23],
+    [1.2, 0.8, 1.138, 3.351],
+    [0.2, 0.9, 2.0, 3.0],
+    [0.05, 0.9, 2.0, 3.0],
+];
+
+/// Chatter: from lift-off to rest and again.
+pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
+
+/// The kernel and the first state of an orbit.
+///
+/// # Panics
+/// Where the kernel refuses them.
+pub fn begin<K: Machine>([k, restitution, phase, velocity]: [f64; 4]) -> (K, K::State) {
+    (
+        K::build(k, restitution).expect("parameters within range"),
+        K::state(phase, velocity).expect("a state within range"),
+    )
+}
+
+/// `count` impacts, from the start again after each rest.
+#[inline(never)]
+pub fn fly<K: Machine>(kernel: &K, start: K::State, count: u32) -> K::State {
+    let mut state = start;
+    for _ in 0..count {
+        let landing = kernel.land(state);
+        state = if landing.steps == 0 {
+            start
+        } else {
+            landing.next
+        };
+    }
+    state
+}
+
+/// A hash (FNV-1a) over the bits of every state of an orbit.
+#[inline(never)]
+fn hash<K: Machine>(kernel: &K, start: K::State, count: u32, mut hash: u32) -> u32 {
+    let mut state = start;
+    for _ in 0..count {
+        let landing = kernel.land(state);
+        state = if landing.steps == 0 {
+            start
+        } else {
+            landing.next
+        };
+        for word in K::bits(state) {
+            for byte in word.to_le_bytes() {
+                hash = (hash ^ u32::from(byte)).wrapping_mul(16_777_619);
+            }
+        }
+    }
+    hash
+}
+
+/// The name of each kernel and the hash of its orbits: eleven that stay, one that chatters, 10 000
+/// impacts each.
+pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
+    [
+        (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
+        (Single::NAME, hash_orbits::<Single>),
+    ]
+    .into_iter()
+    .map(|(name, hash)| (name, hash(10_000)))
+}
+
+fn hash_orbits<K: Machine>(count: u32) -> u32 {
+    let orbits = ORBITS.iter().chain([&CHATTER]);
+    orbits.fold(2_166_136_261, |sum, &orbit| {
+        let (kernel, start) = begin::<K>(orbit);
+        hash(&kernel, start, count, sum)
+    })
+}
+
+/// Numbers for states (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    /// A number in 0..1.
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+    }
+}
+
+/// Eight tracks and 256 states on them, velocities up to `top`.
+pub fn states<K: Machine>(top: f64) -> ([K; 8], [(K::State, u8); 256]) {
+    let mut random = Random(1);
+    let kernels = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85]
+        .map(|k| K::build(k, 0.8).expect("parameters within range"));
+    let states = core::array::from_fn(|i| {
+        let phase = random.uniform() * core::f64::consts::TAU;
+        let velocity = random.uniform() * top;
+        let state = K::state(phase, velocity).expect("a state within range");
+        (state, (i & 7) as u8)
+    });
+    (kernels, states)
+}
+
+/// One impact from each state; their bits folded so that none is skipped.
+#[inline(never)]
+pub fn fall<K: Machine>(kernels: &[K; 8], states: &[(K::State, u8)]) -> u32 {
+    let mut sum = 0_u32;
+    for &(state, index) in states {
+        let landing = kernels[usize::from(index & 7)].land(state);
+        let [phase, velocity] = K::bits(landing.next);
+        sum = sum.wrapping_add(phase ^ velocity);
+    }
+    sum
+}
