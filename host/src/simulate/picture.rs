@@ -10,7 +10,7 @@ use crate::picture::{Axis, Panel, Picture, Tone, Unit};
 const POINTS: usize = 900;
 
 /// Most impacts that are drawn.
-const MARKERS: usize = 1500;
+const MARKERS: usize = 600;
 
 const TONES: [(Tone, &str); 6] = [
     (Tone::Rest, "off"),

@@ -60,10 +60,11 @@ const SENSOR: [&str; 4] = [
     "converter_bits",
 ];
 
-const CONTROLLER: [&str; 6] = [
+const CONTROLLER: [&str; 7] = [
     "soft_start",
     "soft_stop",
     "envelope",
+    "amplitude_error",
     "capture_attempts",
     "link_timeout",
     "tracking",

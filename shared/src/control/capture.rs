@@ -1,54 +1,81 @@
 //! Capture: kicks that throw parts onto the wanted orbit, one attempt after the other.
 
-/// A kick being tried: amplitude over the setpoint, cycle by cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kick {
-    /// Highest amplitude over the setpoint.
-    pub factor: f32,
-    /// Cycles at it.
-    pub hold: u16,
+use super::settings::Settings;
+use crate::feeder::{OutOfRange, Restitution};
+use crate::impact::Hybrid;
+use crate::regime::capture::{
+    Drive, DriveSettings, Kick, Lot, Plan, PlanSettings, Planner, Progress as Planning,
+};
+
+/// Impacts that one slice of planning computes: about 0.2 million instructions.
+const SLICE: u32 = 128;
+/// Highest amplitude of a kick over the setpoint that is planned.
+const HIGHEST: f32 = 2.5;
+/// Share of the lot below which a plan is called uncertain.
+const SURE: f64 = 0.95;
+
+/// The search for kicks, slice by slice; the default wants nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Search {
+    planner: Option<Planner<Hybrid>>,
+    plan: Option<Plan>,
 }
 
-impl Kick {
-    fn command(&self, cycle: u32) -> f32 {
-        if cycle < u32::from(self.hold) {
-            self.factor
-        } else {
-            1.0
+impl Search {
+    /// A search for the kicks that bring a lot onto the lock of `order` at k and an amplitude (m) that
+    /// full output exceeds by `reserve`.
+    pub fn begin(
+        settings: &Settings,
+        order: u32,
+        k: f64,
+        reserve: f32,
+    ) -> Result<Self, OutOfRange> {
+        let envelope = f64::from(settings.envelope);
+        let planner = Planner::new(PlanSettings {
+            lot: Lot {
+                k,
+                restitution: Restitution::interval(
+                    f64::from(settings.restitution_low),
+                    f64::from(settings.restitution_high),
+                )?,
+                order,
+                amplitude_error: f64::from(settings.amplitude_error),
+            },
+            drive: Drive::build(DriveSettings {
+                time_constant: envelope,
+                start: 1.0,
+                limit: f64::from(reserve.clamp(1.0, HIGHEST)),
+            })?,
+            time_constant: envelope,
+            effort: PlanSettings::EFFORT,
+        })?;
+        Ok(Self {
+            planner: Some(planner),
+            plan: None,
+        })
+    }
+
+    /// One slice; whether more are to be done.
+    pub fn step(&mut self) -> bool {
+        let Some(planner) = &mut self.planner else {
+            return false;
+        };
+        match planner.advance(SLICE) {
+            Planning::Working => true,
+            Planning::Done(plan) => {
+                self.planner = None;
+                self.plan = Some(plan);
+                false
+            }
         }
     }
 
-    fn length(&self) -> u32 {
-        u32::from(self.hold)
+    /// The plan, once it is there.
+    #[must_use]
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_ref()
     }
 }
-
-const KICKS: [Kick; 6] = [
-    Kick {
-        factor: 1.5,
-        hold: 15,
-    },
-    Kick {
-        factor: 1.35,
-        hold: 22,
-    },
-    Kick {
-        factor: 1.8,
-        hold: 14,
-    },
-    Kick {
-        factor: 2.1,
-        hold: 17,
-    },
-    Kick {
-        factor: 1.25,
-        hold: 30,
-    },
-    Kick {
-        factor: 1.65,
-        hold: 19,
-    },
-];
 
 /// What the capture does in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +84,8 @@ pub enum Stage {
     Idle,
     /// Waiting for the plan.
     Planning,
+    /// About to try the next kick.
+    Ready,
     /// In the kick's n-th cycle.
     Kicking(Kick, u32),
     /// Listening to what became of it, for n cycles.
@@ -80,7 +109,12 @@ pub struct Capture {
 pub enum Progress {
     /// Nothing worth telling.
     Going,
-    /// The plan is ready and a kick begins.
+    /// The plan is ready; whether its best kick captured the whole lot.
+    Planned {
+        /// Whether it captured all but one part in twenty.
+        sure: bool,
+    },
+    /// A kick begins.
     Begun,
     /// The kick is over and listening begins.
     Ended,
@@ -118,7 +152,7 @@ impl Capture {
         self.attempts
     }
 
-    /// Amplitude commanded for this cycle over the setpoint.
+    /// Amplitude commanded for the coming cycle over the setpoint.
     #[must_use]
     pub fn command(&self) -> f32 {
         match self.stage {
@@ -129,10 +163,19 @@ impl Capture {
 
     /// One cycle on; `locked` is whether the wanted lock is heard, `settled` whether the amplitude is
     /// back at the setpoint.
-    pub fn cycle(&mut self, locked: bool, settled: bool) -> Progress {
+    pub fn cycle(&mut self, search: &Search, locked: bool, settled: bool) -> Progress {
         match self.stage {
             Stage::Idle => Progress::Going,
-            Stage::Planning => self.next(),
+            Stage::Planning => match search.plan() {
+                Some(plan) => {
+                    self.stage = Stage::Ready;
+                    Progress::Planned {
+                        sure: plan.best().is_some_and(|best| best.share() >= SURE),
+                    }
+                }
+                None => Progress::Going,
+            },
+            Stage::Ready => self.next(search),
             Stage::Kicking(kick, cycle) => {
                 if cycle + 1 < kick.length() {
                     self.stage = Stage::Kicking(kick, cycle + 1);
@@ -150,16 +193,19 @@ impl Capture {
                 self.stage = Stage::Judging(cycle + u32::from(settled));
                 Progress::Going
             }
-            Stage::Judging(_) => self.next(),
+            Stage::Judging(_) => self.next(search),
         }
     }
 
-    fn next(&mut self) -> Progress {
-        if self.attempts >= self.allowed {
+    fn next(&mut self, search: &Search) -> Progress {
+        let kick = search
+            .plan()
+            .and_then(|plan| plan.attempt(u32::from(self.attempts)))
+            .filter(|_| self.attempts < self.allowed);
+        let Some(kick) = kick else {
             self.stage = Stage::Idle;
             return Progress::Failed;
-        }
-        let kick = KICKS[usize::from(self.attempts) % KICKS.len()];
+        };
         self.attempts += 1;
         self.stage = Stage::Kicking(kick, 0);
         Progress::Begun

@@ -4,7 +4,7 @@ use core::f32::consts::{PI, TAU};
 
 use super::amplitude::AmplitudeLoop;
 use super::angle::{phase_of, radians_of};
-use super::capture::{Capture, Progress};
+use super::capture::{Capture, Progress, Search};
 use super::hearing::Hearing;
 use super::settings::Settings;
 use super::signal::{Command, Cycle, Signal, phase_step};
@@ -102,8 +102,10 @@ pub struct Report {
 enum Move {
     /// By at most this much a cycle, in m.
     Ramp(f32),
-    /// By this share of the distance each cycle.
-    Envelope(f32),
+    /// Along the envelope of kicks.
+    Envelope,
+    /// At once.
+    At,
 }
 
 /// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked.
@@ -160,6 +162,11 @@ pub struct Controller {
     no_band: Option<NoBand>,
     hearing: Hearing,
     capture: Capture,
+    search: Search,
+    /// Amplitude commanded for the last cycle of a kick, in m.
+    commanded: f32,
+    /// Lead of the track at the last cycle that could be trusted, in rad.
+    lead: f32,
     /// Events that happened between two cycles.
     news: Events,
     state: State,
@@ -215,6 +222,9 @@ impl Controller {
             no_band: None,
             hearing: Hearing::default(),
             capture: Capture::new(settings.capture_attempts as u8),
+            search: Search::default(),
+            commanded: 0.0,
+            lead: 0.0,
             news: Events::default(),
             state: if fault.is_some() {
                 State::Fault
@@ -259,6 +269,7 @@ impl Controller {
         };
         let mut lock = None;
         let mut no_band = None;
+        let mut search = Search::default();
         let setpoint = match target {
             Target::Locked { order } => {
                 if !(1..=8).contains(&order) {
@@ -268,7 +279,14 @@ impl Controller {
                     Ok(band) => {
                         let k = band.setpoint();
                         lock = self.lock_phase(k, u32::from(order))?;
-                        self.amplitude_of(k as f32)
+                        let setpoint = self.amplitude_of(k as f32);
+                        search = Search::begin(
+                            &self.settings,
+                            u32::from(order),
+                            k,
+                            self.reserve(setpoint),
+                        )?;
+                        setpoint
                     }
                     Err(BandError::Empty(none)) => {
                         no_band = Some(none);
@@ -301,6 +319,7 @@ impl Controller {
         self.setpoint = setpoint;
         self.lock = lock;
         self.no_band = no_band;
+        self.search = search;
         self.arrived = 0;
         self.given_up = false;
         self.hearing.reset();
@@ -395,6 +414,9 @@ impl Controller {
         let held_back = !self.limits.is_empty();
         let blind = self.watch(cycle, inputs, measured, radians_of(lead), &mut events);
         self.obey(inputs, measured, &mut events);
+        if !blind {
+            self.lead = radians_of(lead);
+        }
         self.limit(inputs);
         let goal = self.move_reference();
         if self.running() {
@@ -448,7 +470,17 @@ impl Controller {
     /// One bounded slice of planning; whether more is to be done. Call it in idle time, at most
     /// as often per cycle as it says that there is more.
     pub fn plan_step(&mut self) -> bool {
-        false
+        self.search.step()
+    }
+
+    /// How far a kick may go over an amplitude within the drive's output and hard limits.
+    fn reserve(&self, amplitude: f32) -> f32 {
+        // The first cycle of a step of the command from 1 to f needs an output of 1 + s (f - 1), with s
+        // the step of the reference over the step of the drive's own envelope.
+        let steeper = (1.0 - libm::expf(-1.0 / self.settings.envelope))
+            / (1.0 - libm::expf(-PI / self.settings.quality));
+        let strength = self.settings.output_maximum * self.settings.gain * 1e-3 / amplitude;
+        (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
     }
 
     fn amplitude_of(&self, k: f32) -> f32 {
@@ -587,30 +619,43 @@ impl Controller {
         let up = Move::Ramp(scale / self.settings.soft_start);
         let down = Move::Ramp(scale / self.settings.soft_stop);
         let (goal, pace) = match self.state {
-            State::Off | State::Fault => (0.0, Move::Envelope(1.0)),
+            State::Off | State::Fault => (0.0, Move::At),
             State::Stopping => (0.0, down),
             _ if self.limits.contains(Limits::LINK_LOST) => (safe, down),
             _ if self.limits.contains(Limits::NO_SETPOINT) => (safe, up),
-            State::Capturing => (
-                self.setpoint * self.capture.command(),
-                Move::Envelope(1.0 - libm::expf(-1.0 / self.settings.envelope)),
-            ),
+            State::Capturing => (self.setpoint * self.capture.command(), Move::Envelope),
             _ => (self.setpoint, up),
         };
         let goal = goal.min(self.ceiling);
         self.reference = match pace {
+            Move::At => goal,
             Move::Ramp(rate) => self.reference + (goal - self.reference).clamp(-rate, rate),
-            Move::Envelope(share) => {
-                let next = self.reference + share * (goal - self.reference);
-                // The last thousandth is no use to the parts.
-                if (next - goal).abs() < 1e-3 * goal {
-                    goal
-                } else {
-                    next
-                }
-            }
+            Move::Envelope => self.after_a_cycle(goal),
         };
+        self.commanded = goal;
         goal
+    }
+
+    /// The reference a cycle on, along the envelope of kicks. A kick's cycles begin at phase 0 of the
+    /// track, where the plan has them, so the first part of the output's cycle still belongs to the
+    /// command before.
+    fn after_a_cycle(&self, goal: f32) -> f32 {
+        let before = -self.lead * (1.0 / TAU);
+        let before = before - libm::floorf(before);
+        let along = |from: f32, to: f32, cycles: f32| {
+            to + (from - to) * libm::expf(-cycles / self.settings.envelope)
+        };
+        let next = along(
+            along(self.reference, self.commanded, before),
+            goal,
+            1.0 - before,
+        );
+        // The last thousandth is no use to the parts.
+        if (next - goal).abs() < 1e-3 * goal {
+            goal
+        } else {
+            next
+        }
     }
 
     fn confidence(&self) -> f32 {
@@ -660,8 +705,10 @@ impl Controller {
                     self.enter(State::Capturing);
                 }
             }
-            State::Capturing => match self.capture.cycle(locked, near) {
+            State::Capturing => match self.capture.cycle(&self.search, locked, near) {
                 Progress::Going => {}
+                Progress::Planned { sure: true } => events.push(Event::KickPlanned),
+                Progress::Planned { sure: false } => events.push(Event::KickUncertain),
                 Progress::Begun => {
                     events.push(Event::KickBegun);
                     self.hearing.reset();

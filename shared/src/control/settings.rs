@@ -105,6 +105,8 @@ settings! {
     soft_stop = 0.4, 0.02..60.0 "s";
     /// Time constant of a change of amplitude during a capture kick.
     envelope = 5.0, 1.0..100.0 "cycles";
+    /// Error of the track's amplitude that the plan of a kick must bear, as a share of it.
+    amplitude_error = 0.02, 0.0..0.2 "";
     /// Kicks tried before the controller reports that the parts are not captured.
     capture_attempts = 8.0, 0.0..50.0 "";
     /// Sensitivity of the accelerometer at the converter's input.
