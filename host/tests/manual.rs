@@ -1,0 +1,126 @@
+//! Every command that README and manual show in a `console` block runs and succeeds.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+// Wall-clock seconds for one command in the test build on a loaded machine.
+const LIMIT: &str = "120";
+
+fn pages() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("host/ lies in the workspace");
+    let manual = fs::read_dir(root.join("docs"))
+        .expect("docs/ is there")
+        .flatten()
+        .map(|entry| entry.path());
+    let mut pages: Vec<PathBuf> = manual
+        .filter(|path| path.extension().is_some_and(|e| e == "md"))
+        .collect();
+    pages.push(root.join("README.md"));
+    pages.sort();
+    pages
+}
+
+/// The lines after `$ ` in the page's `console` blocks.
+fn commands(text: &str) -> Vec<String> {
+    let mut commands = Vec::new();
+    let mut block: Option<bool> = None;
+    for line in text.lines() {
+        if let Some(kind) = line.strip_prefix("```") {
+            block = match block {
+                Some(_) => None,
+                None => Some(kind == "console"),
+            };
+        } else if let (Some(true), Some(command)) = (block, line.strip_prefix("$ ")) {
+            commands.push(command.to_owned());
+        }
+    }
+    commands
+}
+
+/// A shell line with `kband` and `cargo run` as the binary under test.
+fn through_the_binary(command: &str) -> String {
+    let words = ["cargo run --release -- ", "cargo run --release", "kband"];
+    let rest = words.iter().find_map(|word| command.strip_prefix(word));
+    let rest = rest.unwrap_or_else(|| {
+        panic!("'{command}' is neither kband nor cargo run; show it in an `sh` block")
+    });
+    format!("'{}' {rest}", env!("CARGO_BIN_EXE_kband"))
+}
+
+/// What is wrong with the page's commands, run in order in one folder of its own.
+fn failures(page: &Path) -> Vec<String> {
+    let text = fs::read_to_string(page).expect("the page is read");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let mut failures = Vec::new();
+    for command in commands(&text) {
+        let log = fs::File::create(folder.path().join(".log")).expect("a log file");
+        let status = Command::new("timeout")
+            .args([
+                "--kill-after=5",
+                LIMIT,
+                "sh",
+                "-c",
+                &through_the_binary(&command),
+            ])
+            .current_dir(&folder)
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().expect("a file handle is copied"))
+            .stderr(log)
+            .status()
+            .expect("the command timeout is on the path");
+        if !status.success() {
+            let said = fs::read_to_string(folder.path().join(".log")).unwrap_or_default();
+            failures.push(format!("{}: {command}: {status}\n{said}", page.display()));
+        }
+    }
+    failures
+}
+
+#[test]
+fn every_command_of_the_manual_succeeds() {
+    let pages = pages();
+    // Two at a time: most commands use all cores anyway.
+    let failures: Vec<String> = std::thread::scope(|scope| {
+        let halves: Vec<_> = (0..2)
+            .map(|half| {
+                let pages = pages.iter().skip(half).step_by(2);
+                scope.spawn(move || pages.flat_map(|page| failures(page)).collect::<Vec<_>>())
+            })
+            .collect();
+        halves
+            .into_iter()
+            .flat_map(|half| half.join().expect("a page is tried"))
+            .collect()
+    });
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+    let quick_start = fs::read_to_string(
+        &pages[pages
+            .iter()
+            .position(|p| p.ends_with("quick-start.md"))
+            .unwrap()],
+    );
+    assert!(
+        commands(&quick_start.unwrap()).len() >= 3,
+        "the quick start shows commands"
+    );
+}
+
+#[test]
+fn every_link_of_the_manual_leads_somewhere() {
+    for page in pages() {
+        let text = fs::read_to_string(&page).expect("the page is read");
+        for link in text
+            .split("](")
+            .skip(1)
+            .filter_map(|rest| rest.split(')').next())
+        {
+            let file = link.split('#').next().unwrap_or_default();
+            let within = !file.is_empty() && !link.contains("://");
+            let target = page.parent().expect("a page lies in a folder").join(file);
+            assert!(!within || target.exists(), "{}: no {link}", page.display());
+        }
+    }
+}
