@@ -1,1 +1,33 @@
-//! (being built)
+//! Conveying speed: how fast parts travel along the track, in every regime.
+//!
+//! The speed that a user sees is the TIME mean, way over time, rests included. The paper's mean is per
+//! impact, which weighs a short hop like a long one; it is named impact mean here and is not a speed of
+//! anything. Velocities are relative to the track in units of `b w`, ways in units of b; a velocity
+//! times [`crate::feeder::Track::velocity_unit`] is in m/s.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`conveyed`] | the observer that sums way and time of an orbit (equations 10 and 11) |
+//! | [`locked`] | closed forms of the locked regime, critical slope, bound (20 to 23, 37) |
+//! | [`stationary`] | the exact impact mean of any hopping regime (34, corrected) |
+//! | [`survey`] | measuring one orbit after it has settled |
+//! | [`interval`] | distribution and correlation of the times between impacts (28 to 32) |
+//! | [`inelastic`] | the limit of dead parts, a one-dimensional map (38) |
+//! | [`sensitivity`] | how the speed answers a change of amplitude |
+//! | [`spread`] | mean and standard error of independent values |
+
+pub mod conveyed;
+pub mod inelastic;
+pub mod interval;
+pub mod locked;
+pub mod sensitivity;
+pub mod spread;
+pub mod stationary;
+pub mod survey;
+
+pub use conveyed::{Conveyed, Conveying};
+pub use inelastic::Inelastic;
+pub use interval::Intervals;
+pub use sensitivity::Sensitivity;
+pub use spread::Spread;
+pub use survey::{Effort, Measured, Motion, Start, measure};

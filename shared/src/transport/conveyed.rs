@@ -1,0 +1,232 @@
+//! Way and time of an orbit.
+
+use crate::impact::{Contact, Impact, Observer, State, Tangential};
+
+/// What an orbit conveyed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Conveyed {
+    /// Impacts seen; the endless impacts of a chatter beyond its closure are not counted.
+    pub impacts: u64,
+    /// Rests seen.
+    pub rests: u64,
+    /// Way along the track in units of b.
+    pub way: f64,
+    /// Time in flight, chatter included, in rad of drive phase.
+    pub flying: f64,
+    /// Time at rest in rad of drive phase.
+    pub resting: f64,
+    /// Sum of the mean velocities of the flights (symbol W, equation 11) in units of `b w`.
+    velocities: f64,
+}
+
+impl Conveyed {
+    /// Time mean of the velocity along the track in units of `b w`: way over time, rests included.
+    /// `None` before any time has passed.
+    #[must_use]
+    pub fn time_mean(&self) -> Option<f64> {
+        let time = self.flying + self.resting;
+        (time > 0.0).then(|| self.way / time)
+    }
+
+    /// Impact mean of the velocity in units of `b w`: the mean of W over flights, the paper's `<W>`.
+    /// `None` where the part comes to rest, as infinitely many hops then weigh the mean down to that of
+    /// the last ones.
+    #[must_use]
+    pub fn impact_mean(&self) -> Option<f64> {
+        (self.impacts > 0 && self.rests == 0).then(|| self.velocities / self.impacts as f64)
+    }
+
+    /// Mean time between impacts (symbol D) in rad; `None` where the part comes to rest.
+    #[must_use]
+    pub fn mean_interval(&self) -> Option<f64> {
+        (self.impacts > 0 && self.rests == 0).then(|| self.flying / self.impacts as f64)
+    }
+
+    /// Both together.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self {
+            impacts: self.impacts + other.impacts,
+            rests: self.rests + other.rests,
+            way: self.way + other.way,
+            flying: self.flying + other.flying,
+            resting: self.resting + other.resting,
+            velocities: self.velocities + other.velocities,
+        }
+    }
+
+    /// Share of the time at rest, 0..1.
+    #[must_use]
+    pub fn rest_share(&self) -> Option<f64> {
+        let time = self.flying + self.resting;
+        (time > 0.0).then(|| self.resting / time)
+    }
+}
+
+/// The observer that sums way and time of an orbit.
+///
+/// The velocity along the track (symbol phi) goes with the orbit. At rest it is 0 (the paper's model:
+/// infinitely many impacts have taken it), and the whole orbit begins anew at lift-off; so what comes
+/// after the first lift-off is also summed apart, and where a run ends at the second that is exactly
+/// one period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Conveying {
+    tangential: Tangential,
+    contact: Contact,
+    velocity: f64,
+    /// Up to the first lift-off.
+    before: Conveyed,
+    lifted: bool,
+    /// Since the first lift-off; everything where there was none.
+    conveyed: Conveyed,
+}
+
+impl Conveying {
+    /// An observer of parts with this motion along the track and this contact, at rest along it.
+    #[must_use]
+    pub fn new(tangential: Tangential, contact: Contact) -> Self {
+        Self {
+            tangential,
+            contact,
+            velocity: 0.0,
+            before: Conveyed::default(),
+            lifted: false,
+            conveyed: Conveyed::default(),
+        }
+    }
+
+    /// What was conveyed so far.
+    #[must_use]
+    pub fn conveyed(&self) -> Conveyed {
+        self.before.and(&self.conveyed)
+    }
+
+    /// What was conveyed since the first lift-off, or so far if there was none.
+    #[must_use]
+    pub fn since_lift_off(&self) -> Conveyed {
+        self.conveyed
+    }
+
+    /// Velocity along the track just after the last impact (symbol phi) in units of `b w`.
+    #[must_use]
+    pub fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// Forgets the sums, not the velocity: what came before was settling.
+    pub fn restart(&mut self) {
+        *self = Self {
+            velocity: self.velocity,
+            ..Self::new(self.tangential, self.contact)
+        };
+    }
+}
+
+impl Observer for Conveying {
+    #[inline]
+    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        let way = self.tangential.way(launch, impact, self.velocity);
+        self.conveyed.way += way;
+        self.conveyed.flying += impact.flight;
+        self.conveyed.velocities += way / impact.flight;
+        self.conveyed.impacts += 1;
+        self.velocity = self.tangential.after(launch, impact, self.velocity);
+    }
+
+    fn rest(&mut self, last: State, chatter: f64, _: f64) {
+        // The velocity dies geometrically over hops that shrink geometrically. What the shaking does
+        // meanwhile is of second order in a chatter of at most 1e-4 rad.
+        let reach = self
+            .contact
+            .chatter_reach(last, self.tangential.settings().restitution);
+        self.conveyed.way += self.velocity * reach;
+        self.conveyed.flying += chatter;
+        self.conveyed.rests += 1;
+        self.velocity = 0.0;
+    }
+
+    fn lift_off(&mut self, wait: f64, _: f64) {
+        self.conveyed.resting += wait;
+        if !self.lifted {
+            self.before = core::mem::take(&mut self.conveyed);
+            self.lifted = true;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Ended, Kernel, Map, Orbit, Skips, TangentialSettings};
+
+    const SETTINGS: TangentialSettings = TangentialSettings {
+        restitution: 0.3,
+        amplitude_ratio: 1.5,
+        phase_lead: 0.3,
+        incline_tangent: 0.05,
+    };
+
+    #[test]
+    fn one_period_of_hop_and_rest_is_the_mean_of_many() {
+        for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
+            let map = Map::build(k, restitution).unwrap();
+            let tangential = Tangential::build(k, SETTINGS).unwrap();
+            let mut once = Conveying::new(tangential, Contact::new(&map));
+            let mut often = once;
+            let ended = Orbit::from_rest(&map).watch(u64::MAX, &mut once);
+            assert_eq!(ended, Ended::Repeats);
+            let period = once.since_lift_off();
+            let cycles = (period.flying + period.resting) / core::f64::consts::TAU;
+            // Lift-off to lift-off: a whole number of drive cycles, summed over at most 100 events.
+            assert!((cycles - libm::round(cycles)).abs() < 1e-13, "{cycles}");
+            Orbit::from_rest(&map)
+                .with(Skips {
+                    repeat: false,
+                    ..Skips::default()
+                })
+                .watch(200 * period.impacts, &mut often);
+            let (one, many) = (
+                period.time_mean().unwrap(),
+                often.conveyed().time_mean().unwrap(),
+            );
+            // The long run ends just before its last rest: one chatter and wait in 200 periods.
+            assert!(
+                (one - many).abs() < 0.01 * (one.abs() + 0.1),
+                "{k}: {one} {many}"
+            );
+            assert!(period.impact_mean().is_none() && period.rests == 1);
+            assert!((0.0..1.0).contains(&period.rest_share().unwrap()));
+        }
+    }
+
+    /// The way of a chatter against the hops that the closure stands for.
+    #[test]
+    fn a_closed_chatter_carries_the_part_as_far_as_its_hops() {
+        let map = Map::build(0.9, 0.6).unwrap();
+        let contact = Contact::new(&map);
+        let tangential = Tangential::build(0.9, SETTINGS).unwrap();
+        let mut state = Map::state(4.0, 1e-6).unwrap();
+        let chatter = contact.time_to_rest(state).unwrap();
+        let mut closed = Conveying::new(tangential, contact);
+        closed.velocity = 0.8;
+        let mut hops = closed;
+        closed.rest(state, chatter, 0.0);
+        for _ in 0..60 {
+            let impact = map.impact(state);
+            hops.impact(state, &impact);
+            state = impact.next;
+        }
+        let (closed, hops) = (closed.conveyed(), hops.conveyed());
+        // Second order: the shaking (1.5) over the chatter squared (1e-11).
+        assert!((closed.way - hops.way).abs() < 2.0 * chatter * chatter);
+        assert!(closed.way > 1e3 * chatter * chatter);
+        assert!((closed.flying / hops.flying - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nothing_seen_means_nothing() {
+        assert_eq!(Conveyed::default().time_mean(), None);
+        assert_eq!(Conveyed::default().impact_mean(), None);
+        assert_eq!(Conveyed::default().mean_interval(), None);
+    }
+}

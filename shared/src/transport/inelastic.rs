@@ -1,0 +1,169 @@
+//! The limit of dead parts, R and Rt to 0: a one-dimensional map (equation 38).
+
+use crate::feeder::OutOfRange;
+use crate::impact::{Contact, Kernel, Map, State};
+
+/// Parts that neither bounce nor keep any velocity: each flight begins with psi = 0 and phi = 0 at a
+/// phase where the track throws, and the phase of launch is all that the next flight depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inelastic {
+    map: Map,
+    contact: Contact,
+}
+
+/// One flight of a dead part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeadFlight {
+    /// Duration of the flight in rad.
+    pub flight: f64,
+    /// Phase where it lands, in rad, 0..2 pi.
+    pub landing: f64,
+    /// Time at rest before the next launch in rad, 0 where the track throws it at once.
+    pub wait: f64,
+    /// Phase of the next launch in rad, `arcsin k ..= pi - arcsin k`.
+    pub next: f64,
+}
+
+impl Inelastic {
+    /// The map of dead parts at `k` (0.001..=1000).
+    pub fn build(k: f64) -> Result<Self, OutOfRange> {
+        let map = Map::build(k, 0.0)?;
+        Ok(Self {
+            map,
+            contact: Contact::new(&map),
+        })
+    }
+
+    /// Phase where a resting part is thrown off in rad, `arcsin k`; `None` for k >= 1.
+    #[must_use]
+    pub fn lift_off(&self) -> Option<f64> {
+        self.contact.lift_off()
+    }
+
+    /// The flight launched at `phase`; `None` where the track does not throw the part there.
+    #[must_use]
+    pub fn flight(&self, phase: f64) -> Option<DeadFlight> {
+        let lift_off = self.contact.lift_off()?;
+        let start = Map::state(phase, 0.0).ok()?;
+        let impact = self.map.impact(start);
+        if impact.flight <= 0.0 {
+            return None;
+        }
+        let State { phase: landing, .. } = impact.next;
+        let wait = self.contact.wait(landing)?;
+        Some(DeadFlight {
+            flight: impact.flight,
+            landing,
+            wait,
+            next: if wait > 0.0 { lift_off } else { landing },
+        })
+    }
+
+    /// Mean velocity along the track in a flight of this duration, at gamma = 0, in units of `b w`
+    /// (equation 38 with `eta k/2`): `W = (k d/2) (eta - tan(alpha))`.
+    #[must_use]
+    pub fn velocity(&self, flight: f64, amplitude_ratio: f64, incline_tangent: f64) -> f64 {
+        0.5 * self.map.k() * flight * (amplitude_ratio - incline_tangent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Ended, Event, Impact, Orbit, Tangential, TangentialSettings};
+
+    #[test]
+    fn it_is_the_limit_of_the_full_map() {
+        // Above the phases where the track throws at once, one flight later a nearly dead part is where
+        // the dead one is, off by its own psi ~ R.
+        for k in [0.2, 0.5, 0.8] {
+            let dead = Inelastic::build(k).unwrap();
+            let nearly = Map::build(k, 1e-7).unwrap();
+            let (low, high) = (libm::asin(k), core::f64::consts::PI - libm::asin(k));
+            for step in 1..20 {
+                let phase = low + (high - low) * f64::from(step) / 20.0;
+                let flight = dead.flight(phase).unwrap();
+                let impact = nearly.impact(Map::state(phase, 0.0).unwrap());
+                assert!((impact.flight - flight.flight).abs() < 1e-12);
+                let first = Orbit::new(&nearly, impact.next).next().unwrap();
+                if flight.wait > 0.01 {
+                    assert!(
+                        matches!(first, Event::Rest { chatter, .. } if chatter < 1e-5),
+                        "{k} {phase}"
+                    );
+                } else if flight.wait == 0.0 {
+                    assert!(matches!(first, Event::Impact(_)));
+                }
+                assert!((low - 1e-12..=high + 1e-12).contains(&flight.next));
+            }
+        }
+    }
+
+    #[test]
+    fn its_orbits_are_those_of_restitution_zero() {
+        for k in [0.05, 0.15, 0.31, 0.6, 0.95] {
+            let dead = Inelastic::build(k).unwrap();
+            let map = Map::build(k, 0.0).unwrap();
+            let mut phase = dead.lift_off().unwrap();
+            let mut orbit = Orbit::from_rest(&map);
+            let mut flights = 0;
+            let mut seen = orbit.by_ref().filter_map(|event| match event {
+                Event::Impact(impact) => Some(impact.flight),
+                _ => None,
+            });
+            // At lift-off itself the rounding of arcsin k decides whether the track throws; from the
+            // first landing on both follow the same phases.
+            let first = seen.next().unwrap();
+            let nudged = dead.flight(phase + 1e-9).unwrap();
+            assert!((first - nudged.flight).abs() < 1e-6);
+            phase += first;
+            for flight in seen.take(10) {
+                let Some(next) = dead.flight(phase) else {
+                    break;
+                };
+                assert!((next.flight - flight).abs() < 1e-9, "{k} {phase}");
+                if next.wait > 0.0 {
+                    break;
+                }
+                phase = next.landing;
+                flights += 1;
+            }
+            // Hardly thrown, a dead part rests after its first flight; thrown high, it may never rest.
+            let ended = Orbit::from_rest(&map).watch(10_000, &mut ());
+            assert!(k < 0.5 || (flights, ended) == (0, Ended::Repeats));
+        }
+        assert_eq!(Inelastic::build(1.2).unwrap().flight(1.5), None);
+    }
+
+    #[test]
+    fn the_velocity_is_that_of_equation_11_with_nothing_kept() {
+        let settings = TangentialSettings {
+            restitution: 0.0,
+            amplitude_ratio: 1.7,
+            phase_lead: 0.0,
+            incline_tangent: 0.08,
+        };
+        for k in [0.1, 0.4, 0.9] {
+            let dead = Inelastic::build(k).unwrap();
+            let tangential = Tangential::build(k, settings).unwrap();
+            for step in 1..30 {
+                let low = libm::asin(k);
+                let phase = low + (core::f64::consts::PI - 2.0 * low) * f64::from(step) / 30.0;
+                let flight = dead.flight(phase).unwrap();
+                let launch = Map::state(phase, 0.0).unwrap();
+                let impact = Impact {
+                    flight: flight.flight,
+                    next: Map::state(flight.landing, 0.0).unwrap(),
+                    grazes: false,
+                };
+                let way = tangential.way(launch, &impact, 0.0);
+                let expected = dead.velocity(flight.flight, 1.7, 0.08);
+                // It follows from u(d) = 0, which the flight solves to rounding.
+                assert!(
+                    (way / flight.flight - expected).abs() < 1e-13,
+                    "{k} {phase}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! The times between impacts: their distribution and how far they are from independent (the renewal
+//! picture of equations 28 to 32).
+
+use crate::impact::{Impact, Observer, State};
+
+/// Histogram and autocorrelation of the times between impacts (symbol z, in rad), an observer.
+///
+/// Rests are not intervals between impacts in the paper's sense; they are left out, and a lift-off
+/// breaks the sequence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intervals<const BINS: usize, const LAGS: usize> {
+    low: f64,
+    high: f64,
+    centre: f64,
+    bins: [u64; BINS],
+    outside: u64,
+    count: u64,
+    longest: f64,
+    sum: f64,
+    squares: f64,
+    /// The last `LAGS` intervals less the centre, newest at `count - 1` modulo `LAGS`.
+    recent: [f64; LAGS],
+    /// How many of them belong to the present sequence.
+    held: usize,
+    products: [f64; LAGS],
+    pairs: [u64; LAGS],
+}
+
+impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
+    /// An observer with a histogram over `low..high` rad, equal bins. `centre` is a rough mean of the
+    /// intervals, subtracted so that their scatter keeps its digits; 0 does.
+    #[must_use]
+    pub fn new(low: f64, high: f64, centre: f64) -> Self {
+        Self {
+            low,
+            high,
+            centre,
+            bins: [0; BINS],
+            outside: 0,
+            count: 0,
+            longest: 0.0,
+            sum: 0.0,
+            squares: 0.0,
+            recent: [0.0; LAGS],
+            held: 0,
+            products: [0.0; LAGS],
+            pairs: [0; LAGS],
+        }
+    }
+
+    /// Intervals seen.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Their mean (symbol D) in rad.
+    #[must_use]
+    pub fn mean(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.centre + self.sum / self.count as f64)
+    }
+
+    /// Their standard deviation in rad.
+    #[must_use]
+    pub fn deviation(&self) -> Option<f64> {
+        self.variance().map(libm::sqrt)
+    }
+
+    /// The longest in rad.
+    #[must_use]
+    pub fn longest(&self) -> f64 {
+        self.longest
+    }
+
+    /// How many fell into each bin of `low..high`.
+    #[must_use]
+    pub fn bins(&self) -> &[u64; BINS] {
+        &self.bins
+    }
+
+    /// How many fell outside `low..high`.
+    #[must_use]
+    pub fn outside(&self) -> u64 {
+        self.outside
+    }
+
+    /// Autocorrelation at `lag` 1..=LAGS impacts, -1..1; `None` beyond, or where all intervals are
+    /// alike (a locked part), so that there is nothing to correlate.
+    ///
+    /// A renewal process, whose intervals are independent, has 0 at every lag.
+    #[must_use]
+    pub fn autocorrelation(&self, lag: usize) -> Option<f64> {
+        let n = lag.checked_sub(1)?;
+        let (products, pairs) = (*self.products.get(n)?, *self.pairs.get(n)?);
+        let (mean, variance) = (self.mean()?, self.variance()?);
+        // Below this the scatter is the rounding of phases.
+        if pairs == 0 || variance <= 1e-20 * mean * mean {
+            return None;
+        }
+        let apart = self.sum / self.count as f64;
+        Some((products / pairs as f64 - apart * apart) / variance)
+    }
+
+    fn variance(&self) -> Option<f64> {
+        let count = self.count as f64;
+        let apart = self.sum / count;
+        (self.count > 0).then(|| (self.squares / count - apart * apart).max(0.0))
+    }
+}
+
+impl<const BINS: usize, const LAGS: usize> Observer for Intervals<BINS, LAGS> {
+    fn impact(&mut self, _: State, impact: &Impact<State>) {
+        let z = impact.flight;
+        let place = (z - self.low) / (self.high - self.low) * BINS as f64;
+        match self.bins.get_mut(place as usize) {
+            Some(bin) if place >= 0.0 => *bin += 1,
+            _ => self.outside += 1,
+        }
+        self.longest = self.longest.max(z);
+        let apart = z - self.centre;
+        self.sum += apart;
+        self.squares += apart * apart;
+        if LAGS > 0 {
+            let newest = self.count as usize;
+            for lag in 1..=self.held.min(LAGS) {
+                self.products[lag - 1] += apart * self.recent[(newest + LAGS - lag) % LAGS];
+                self.pairs[lag - 1] += 1;
+            }
+            self.recent[newest % LAGS] = apart;
+            self.held = (self.held + 1).min(LAGS);
+        }
+        self.count += 1;
+    }
+
+    fn lift_off(&mut self, _: f64, _: f64) {
+        self.held = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Kernel, Map, Orbit};
+    use crate::transport::Spread;
+
+    fn interval(flight: f64) -> Impact<State> {
+        Impact {
+            flight,
+            next: Map::state(0.0, 0.0).unwrap(),
+            grazes: false,
+        }
+    }
+
+    #[test]
+    fn sums_are_those_of_the_definition() {
+        let values = [1.0, 4.0, 2.0, 5.0, 3.0, 3.5, 0.5, 9.0];
+        let mut seen = Intervals::<4, 3>::new(0.0, 8.0, 3.0);
+        let nowhere = Map::state(0.0, 0.0).unwrap();
+        for value in values {
+            seen.impact(nowhere, &interval(value));
+        }
+        let mean = values.iter().sum::<f64>() / 8.0;
+        let variance = values.iter().map(|z| (z - mean) * (z - mean)).sum::<f64>() / 8.0;
+        assert!((seen.mean().unwrap() - mean).abs() < 1e-14);
+        assert!((seen.deviation().unwrap() - libm::sqrt(variance)).abs() < 1e-14);
+        assert_eq!((seen.bins(), seen.outside()), (&[2, 3, 2, 0], 1));
+        for lag in 1..=3 {
+            let pairs = values.iter().zip(&values[lag..]);
+            let products =
+                pairs.map(|(a, b)| (a - 3.0) * (b - 3.0)).sum::<f64>() / (8 - lag) as f64;
+            let expected = (products - (mean - 3.0) * (mean - 3.0)) / variance;
+            assert!((seen.autocorrelation(lag).unwrap() - expected).abs() < 1e-14);
+        }
+        assert_eq!(
+            (seen.autocorrelation(0), seen.autocorrelation(4)),
+            (None, None)
+        );
+    }
+
+    #[test]
+    fn a_locked_part_has_one_interval_and_nothing_to_correlate() {
+        let map = Map::build(0.43, 0.2).unwrap();
+        let mut orbit = Orbit::new(&map, Map::state(0.457, 0.45).unwrap());
+        orbit.watch(300, &mut ());
+        let mut seen = Intervals::<8, 2>::new(6.0, 7.0, core::f64::consts::TAU);
+        orbit.watch(500, &mut seen);
+        assert!((seen.mean().unwrap() - core::f64::consts::TAU).abs() < 1e-13);
+        assert_eq!((seen.autocorrelation(1), seen.bins()[2]), (None, 500));
+    }
+
+    /// Flights in chaos are not a renewal process (physics, section 8): the lag-1 correlation differs
+    /// from 0 by many standard errors, and its sign depends on the regime.
+    #[test]
+    fn chaotic_flights_are_correlated() {
+        for (k, restitution, sign) in [(0.05, 0.9, 1.0), (0.34, 0.2, -1.0)] {
+            let map = Map::build(k, restitution).unwrap();
+            let spread = Spread::of((0..8).map(|n| {
+                let start = Map::state(0.4 + 1e-3 * f64::from(n), 0.45).unwrap();
+                let mut orbit = Orbit::new(&map, start);
+                orbit.watch(300, &mut ());
+                let mut seen = Intervals::<1, 1>::new(0.0, 1e3, 0.0);
+                orbit.watch(3000, &mut seen);
+                seen.autocorrelation(1).unwrap()
+            }));
+            let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
+            assert!(
+                sign * mean > 6.0 * error && mean.abs() > 0.2,
+                "{k} {restitution}: {mean} +- {error}"
+            );
+        }
+    }
+}

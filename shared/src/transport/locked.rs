@@ -1,0 +1,159 @@
+//! Closed forms of conveying in the locked regime (equations 20 to 23 and 37).
+
+use core::f64::consts::PI;
+
+use crate::impact::TangentialSettings;
+use crate::regime::Lock;
+
+/// Velocity along the track of a locked part in units of `b w` (equation 20):
+/// `W = eta cos(t0 + gamma) - pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
+///
+/// Every flight is alike, so this is time mean and impact mean at once.
+#[must_use]
+pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
+    let shaken = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
+    shaken - fall(lock.order(), k, settings)
+}
+
+/// Velocity just after each impact of a locked part (symbol phi) in units of `b w`:
+/// `-2 pi r k tan(alpha) Rt/(1 - Rt)`.
+#[must_use]
+pub fn launch_velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
+    let rt = settings.restitution;
+    -2.0 * PI * f64::from(lock.order()) * k * settings.incline_tangent * rt / (1.0 - rt)
+}
+
+/// Velocity at gamma = 0 written without the phase (equation 21), in units of `b w`:
+/// `W = pi r k { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }`. Restitution 0..1.
+///
+/// It is proportional to k, so `W b w` does not depend on the amplitude at all.
+#[must_use]
+pub fn velocity_in_phase(
+    order: u32,
+    k: f64,
+    restitution: f64,
+    settings: &TangentialSettings,
+) -> f64 {
+    let drive = settings.amplitude_ratio * (1.0 - restitution) / (1.0 + restitution);
+    PI * f64::from(order) * k * drive - fall(order, k, settings)
+}
+
+/// Tangent of the slope on which a locked part stands still (equation 23; at gamma = 0 equation 22):
+/// `eta cos(t0 + gamma) (1 - Rt) / (pi r k (1 + Rt))`.
+#[must_use]
+pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
+    let rt = settings.restitution;
+    settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead) * (1.0 - rt)
+        / (PI * f64::from(lock.order()) * k * (1.0 + rt))
+}
+
+/// Tangent of the critical slope at gamma = 0 (equation 22):
+/// `eta (1-R)(1-Rt) / ((1+R)(1+Rt))`, the same for every order and every k. Restitution 0..1.
+#[must_use]
+pub fn critical_slope_in_phase(restitution: f64, settings: &TangentialSettings) -> f64 {
+    let rt = settings.restitution;
+    settings.amplitude_ratio * (1.0 - restitution) * (1.0 - rt) / ((1.0 + restitution) * (1.0 + rt))
+}
+
+/// Largest impact mean at gamma = 0 in units of `b w` (equation 37):
+/// `eta (1 - tan(alpha)/tan(alpha_c))`, reached by a locked part at k1. Restitution 0..1, below 1.
+///
+/// It bounds the locked velocity and the impact mean, not the time mean, which can exceed it.
+#[must_use]
+pub fn bound(restitution: f64, settings: &TangentialSettings) -> f64 {
+    let rt = settings.restitution;
+    let loss = (1.0 + restitution) * (1.0 + rt) / ((1.0 - restitution) * (1.0 - rt));
+    settings.amplitude_ratio - settings.incline_tangent * loss
+}
+
+/// What the incline takes: `pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
+fn fall(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
+    let rt = settings.restitution;
+    PI * f64::from(order) * k * settings.incline_tangent * (1.0 + rt) / (1.0 - rt)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Contact, Kernel, Map, Orbit, Tangential};
+    use crate::regime::band;
+    use crate::transport::Conveying;
+
+    const LOCKS: [(f64, f64, u32); 6] = [
+        (0.43, 0.2, 1),
+        (0.23, 0.2, 2),
+        (0.55, 0.3, 1),
+        (0.75, 0.5, 1),
+        (0.45, 0.5, 2),
+        (1.2, 0.8, 1),
+    ];
+
+    fn settings(phase_lead: f64, incline_tangent: f64) -> TangentialSettings {
+        TangentialSettings {
+            restitution: 0.3,
+            amplitude_ratio: 1.5,
+            phase_lead,
+            incline_tangent,
+        }
+    }
+
+    #[test]
+    fn the_closed_form_is_what_the_map_conveys() {
+        for (k, restitution, order) in LOCKS {
+            for phase_lead in [-1.0, 0.0, 0.7, 2.5] {
+                let settings = settings(phase_lead, 0.05);
+                let map = Map::build(k, restitution).unwrap();
+                let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+                let tangential = Tangential::build(k, settings).unwrap();
+                let mut conveying = Conveying::new(tangential, Contact::new(&map));
+                let mut orbit = Orbit::new(&map, lock.state());
+                orbit.watch(100, &mut conveying);
+                conveying.restart();
+                orbit.watch(50, &mut conveying);
+                let conveyed = conveying.conveyed();
+                let expected = velocity(&lock, k, &settings);
+                // 0.3^100 of the settling is left; phases on a stable orbit are known to 1e-14.
+                assert!((conveyed.time_mean().unwrap() - expected).abs() < 1e-12);
+                assert!((conveyed.impact_mean().unwrap() - expected).abs() < 1e-12);
+                assert!(
+                    (conveying.velocity() - launch_velocity(&lock, k, &settings)).abs() < 1e-12
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn in_phase_the_velocity_is_proportional_to_k_and_zero_on_the_critical_slope() {
+        for (k, restitution, order) in LOCKS {
+            let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+            let flat = settings(0.0, 0.05);
+            let in_phase = velocity_in_phase(order, k, restitution, &flat);
+            assert!((velocity(&lock, k, &flat) - in_phase).abs() < 1e-14);
+            let half = velocity_in_phase(order, 0.5 * k, restitution, &flat);
+            assert!((in_phase - 2.0 * half).abs() < 1e-14);
+            for phase_lead in [-0.5, 0.0, 0.4] {
+                let tangent = critical_slope(&lock, k, &settings(phase_lead, 0.0));
+                let steep = settings(phase_lead, tangent);
+                assert!(velocity(&lock, k, &steep).abs() < 1e-14);
+            }
+            let tangent = critical_slope_in_phase(restitution, &flat);
+            assert!((critical_slope(&lock, k, &flat) - tangent).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn the_bound_is_the_velocity_at_birth() {
+        for restitution in [0.0, 0.2, 0.5, 0.9] {
+            for order in [1, 2, 5] {
+                let k1 = band::birth(restitution, order).unwrap();
+                let settings = settings(0.0, 0.03);
+                let there = velocity_in_phase(order, k1, restitution, &settings);
+                let bound = bound(restitution, &settings);
+                assert!((there - bound).abs() < 1e-13, "{restitution} {order}");
+                let critical = critical_slope_in_phase(restitution, &settings);
+                let printed = 1.5 * (1.0 - 0.03 / critical);
+                assert!((bound - printed).abs() < 1e-13);
+            }
+        }
+    }
+}

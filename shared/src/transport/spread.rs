@@ -1,0 +1,66 @@
+//! Mean and standard error of independent values.
+
+/// Mean and scatter of values that come one at a time (Welford's recurrence).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    count: u64,
+    mean: f64,
+    squares: f64,
+}
+
+impl Spread {
+    /// The spread of these values.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut spread = Self::default();
+        for value in values {
+            spread.add(value);
+        }
+        spread
+    }
+
+    /// Takes one more value.
+    pub fn add(&mut self, value: f64) {
+        self.count += 1;
+        let apart = value - self.mean;
+        self.mean += apart / self.count as f64;
+        self.squares += apart * (value - self.mean);
+    }
+
+    /// Number of values.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Their mean; `None` without a value.
+    #[must_use]
+    pub fn mean(&self) -> Option<f64> {
+        (self.count > 0).then_some(self.mean)
+    }
+
+    /// Standard error of the mean, if the values are independent; `None` with fewer than two.
+    #[must_use]
+    pub fn error(&self) -> Option<f64> {
+        let count = self.count as f64;
+        (self.count > 1).then(|| libm::sqrt(self.squares / (count - 1.0) / count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_and_error_are_those_of_the_textbook() {
+        let spread = Spread::of([2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]);
+        assert_eq!((spread.count(), spread.mean()), (8, Some(5.0)));
+        // Sum of squares 32, over 7 and 8.
+        assert!((spread.error().unwrap() - libm::sqrt(32.0 / 56.0)).abs() < 1e-15);
+        assert_eq!(Spread::default().mean(), None);
+        assert_eq!(Spread::of([1.0]).error(), None);
+        // A large offset costs no digits of the scatter.
+        let far = Spread::of([1e9 + 1.0, 1e9 + 2.0, 1e9 + 3.0]);
+        assert!((far.error().unwrap() - libm::sqrt(1.0 / 3.0)).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,163 @@
+//! Measuring one orbit after it has settled.
+
+use super::{Conveyed, Conveying};
+use crate::impact::{Contact, Ended, Map, Orbit, State, Tangential};
+
+/// Rad between rests from which on a part counts as hopping.
+const RARELY: f64 = 100.0 * core::f64::consts::TAU;
+
+/// How long an orbit is followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Effort {
+    /// Impacts left out while it settles.
+    pub settle: u64,
+    /// Impacts measured.
+    pub impacts: u64,
+}
+
+/// Where an orbit begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start {
+    /// The part lies on the track.
+    Rest,
+    /// The part has just struck the track.
+    Hop(State),
+}
+
+/// What a part does once it has settled, as far as conveying goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// It hops, for at least 100 drive cycles between rests. In wide chaos a part chatters to rest now
+    /// and then (at R = 0.9, k = 0.05 once in about 40 000 impacts), which ends nothing.
+    Hopping,
+    /// It hops, rests, and is thrown off again, every few drive cycles.
+    HopAndRest,
+    /// It rests for ever.
+    Rest,
+}
+
+/// One orbit, measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// What the part does.
+    pub motion: Motion,
+    /// What was conveyed: over exactly one period where the part came to rest twice, else over the
+    /// impacts asked for; nothing where it rests for ever.
+    pub conveyed: Conveyed,
+}
+
+/// Follows the orbit from `start` while it settles, then measures what it conveys.
+#[must_use]
+pub fn measure(map: &Map, tangential: Tangential, start: Start, effort: Effort) -> Measured {
+    let mut orbit = match start {
+        Start::Rest => Orbit::from_rest(map),
+        Start::Hop(state) => Orbit::new(map, state),
+    };
+    let mut conveying = Conveying::new(tangential, Contact::new(map));
+    orbit.watch(effort.settle, &mut conveying);
+    conveying.restart();
+    let ended = orbit.watch(effort.impacts, &mut conveying);
+    let conveyed = match ended {
+        Ended::RestsForEver => {
+            return Measured {
+                motion: Motion::Rest,
+                conveyed: Conveyed::default(),
+            };
+        }
+        Ended::Repeats => conveying.since_lift_off(),
+        Ended::Counted => conveying.conveyed(),
+    };
+    let time = conveyed.flying + conveyed.resting;
+    let motion = if time < RARELY * conveyed.rests as f64 {
+        Motion::HopAndRest
+    } else {
+        Motion::Hopping
+    };
+    Measured { motion, conveyed }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Kernel, TangentialSettings};
+    use crate::transport::{Spread, locked};
+
+    /// Parameters of the paper's section on chaotic conveying (physics, section 8).
+    const CHAOS: TangentialSettings = TangentialSettings {
+        restitution: 0.3,
+        amplitude_ratio: 2.0,
+        phase_lead: 0.0,
+        incline_tangent: 0.05,
+    };
+
+    fn runs(
+        k: f64,
+        restitution: f64,
+        settings: TangentialSettings,
+        impacts: u64,
+    ) -> [Measured; 12] {
+        let map = Map::build(k, restitution).unwrap();
+        let tangential = Tangential::build(k, settings).unwrap();
+        core::array::from_fn(|n| {
+            let n = n as f64;
+            let start = Map::state(0.5 + 0.5 * n, 1.0 + 0.37 * n).unwrap();
+            let effort = Effort {
+                settle: 300,
+                impacts,
+            };
+            measure(&map, tangential, Start::Hop(start), effort)
+        })
+    }
+
+    #[test]
+    fn the_time_mean_in_wide_chaos_exceeds_the_impact_mean_and_the_bound() {
+        let runs = runs(0.05, 0.9, CHAOS, 8000);
+        assert!(runs.iter().all(|run| run.motion == Motion::Hopping));
+        let per_time = Spread::of(runs.iter().filter_map(|run| run.conveyed.time_mean()));
+        let per_impact = Spread::of(runs.iter().filter_map(|run| run.conveyed.impact_mean()));
+        for (spread, printed, rounding) in [(per_impact, 0.0463, 5e-5), (per_time, 0.272, 5e-4)] {
+            let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
+            // Physics, section 8, rounded as printed there; 6 standard errors of 12 runs.
+            assert!(
+                (mean - printed).abs() < rounding + 6.0 * error,
+                "{mean} +- {error}"
+            );
+            assert!(error < 0.05 * mean, "{mean} +- {error}");
+        }
+        let bound = locked::bound(0.9, &CHAOS);
+        assert!(per_time.mean().unwrap() > bound + 6.0 * per_time.error().unwrap());
+        assert!(per_impact.mean().unwrap() < bound);
+    }
+
+    #[test]
+    fn motion_is_told_apart() {
+        let settings = CHAOS;
+        let tangential = Tangential::build(0.43, settings).unwrap();
+        let map = Map::build(0.43, 0.2).unwrap();
+        let effort = Effort {
+            settle: 200,
+            impacts: 1000,
+        };
+        // Physics, section 7: at k = 0.43 a part from rest chatters to rest every cycle, one that
+        // starts on the lock stays there.
+        let lying = measure(&map, tangential, Start::Rest, effort);
+        assert_eq!(lying.motion, Motion::HopAndRest);
+        let locked = Start::Hop(Map::state(0.457, 0.45).unwrap());
+        assert_eq!(
+            measure(&map, tangential, locked, effort).motion,
+            Motion::Hopping
+        );
+        let heavy = Map::build(1.5, 0.5).unwrap();
+        let tangential = Tangential::build(1.5, settings).unwrap();
+        let dead = measure(&heavy, tangential, Start::Rest, effort);
+        assert_eq!(
+            (dead.motion, dead.conveyed.time_mean()),
+            (Motion::Rest, None)
+        );
+        let thrown = Start::Hop(Map::state(1.0, 2.0).unwrap());
+        assert_eq!(
+            measure(&heavy, tangential, thrown, effort).motion,
+            Motion::Rest
+        );
+    }
+}
