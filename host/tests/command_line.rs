@@ -134,6 +134,15 @@ fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
         ("diagram --frequency 0", &["--frequency", "1..1000 Hz"]),
         ("diagram --incline 90", &["--incline", "-60..60 degrees"]),
         ("diagram --show height", &["height", "phase", "velocity"]),
+        ("basins --k 0.43", &["--restitution"]),
+        (
+            "basins --k 0 --restitution 0.2",
+            &["--k", "'0'", "0.001..1000"],
+        ),
+        (
+            "basins --k 0.43 --restitution 0.2 --grid 1",
+            &["--grid", "2..4000"],
+        ),
         (
             "diagram --out none/a.svg",
             &["none", "does not exist", "mkdir"],

@@ -88,6 +88,8 @@ enum Key {
     Area(usize),
     Strip,
     Tone(Tone),
+    /// A tone of a map, where hatches do not show.
+    Plain(Tone),
     Ink,
 }
 
@@ -199,7 +201,9 @@ impl Panel {
     /// A map of tones over the whole panel; `names` go to the legend.
     #[must_use]
     pub fn classes(mut self, grid: Grid<Tone>, names: &[(Tone, &str)]) -> Self {
-        self.tones(names);
+        for (tone, name) in names {
+            self.key(Key::Plain(*tone), name);
+        }
         self.items.push(Item::Classes(grid));
         self
     }
@@ -207,7 +211,9 @@ impl Panel {
     /// A ribbon of tones above the plot, as (from, to, tone) along the horizontal axis.
     #[must_use]
     pub fn ribbon(mut self, stretches: Vec<(f64, f64, Tone)>, names: &[(Tone, &str)]) -> Self {
-        self.tones(names);
+        for (tone, name) in names {
+            self.key(Key::Tone(*tone), name);
+        }
         self.ribbon = stretches;
         self
     }
@@ -261,12 +267,6 @@ impl Panel {
         let entry = (key, name.to_string());
         if !name.is_empty() && !self.legend.contains(&entry) {
             self.legend.push(entry);
-        }
-    }
-
-    fn tones(&mut self, names: &[(Tone, &str)]) {
-        for (tone, name) in names {
-            self.key(Key::Tone(*tone), name);
         }
     }
 
@@ -381,6 +381,9 @@ impl Panel {
                 }
                 Key::Strip => shapes.push(framed(box_, theme.strip(), theme.muted())),
                 Key::Tone(tone) => swatch(theme, *tone, box_, true, shapes),
+                Key::Plain(tone) => {
+                    shapes.push(framed(box_, tone.colour(theme), theme.muted()));
+                }
                 Key::Ink => {
                     for n in 0..13 {
                         let cell = Rect {

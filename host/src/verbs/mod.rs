@@ -32,6 +32,7 @@ macro_rules! verbs {
 }
 
 verbs! {
+    Basins => basins,
     Completions => completions,
     Diagram => diagram,
     Impacts => impacts,
