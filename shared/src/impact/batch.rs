@@ -19,14 +19,16 @@ pub const LANES: usize = 512;
 const GROUP: usize = 8;
 
 /// Kinds of flight that lanes are sorted by.
-const KINDS: usize = 3;
-const TALL: u8 = 0;
-const SHORT: u8 = 1;
-const LOW: u8 = 2;
-/// The lane waits for its caller.
-const RESTING: u8 = 3;
-/// No orbit was put into the lane.
-const EMPTY: u8 = 4;
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Tall,
+    Short,
+    Low,
+}
+
+impl Kind {
+    const ALL: [Self; 3] = [Self::Tall, Self::Short, Self::Low];
+}
 
 /// One orbit: a cache line.
 #[derive(Clone, Copy, Debug)]
@@ -34,17 +36,13 @@ const EMPTY: u8 = 4;
 struct Orbit {
     /// Phase, velocity, and the sine and cosine of the phase.
     launch: [f64; 4],
-    /// k, 1/k, the edge and its cosine.
+    /// k, 1/k, the edge and the restitution.
     track: [f64; 4],
 }
 
 impl Orbit {
     fn launch(&self) -> Launch<f64> {
         launch(self.launch)
-    }
-
-    fn track(&self) -> Track<f64> {
-        track(self.track)
     }
 }
 
@@ -58,13 +56,61 @@ fn launch<L: Lane>([phase, velocity, sine, cosine]: [L; 4]) -> Launch<L> {
     }
 }
 
-#[inline(always)]
-fn track<L: Lane>([k, per_k, edge, edge_cosine]: [L; 4]) -> Track<L> {
-    Track {
-        k,
-        per_k,
-        edge,
-        edge_cosine,
+/// Lanes of one kind, and room to fill the last register.
+#[derive(Clone, Debug)]
+struct Queue {
+    lanes: [u16; LANES + WIDEST],
+    count: usize,
+}
+
+impl Queue {
+    const EMPTY: Self = Self {
+        lanes: [0; LANES + WIDEST],
+        count: 0,
+    };
+
+    #[inline(always)]
+    fn push(&mut self, lane: u16) {
+        if let Some(place) = self.lanes.get_mut(self.count) {
+            *place = lane;
+            self.count += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn extend(&mut self, lanes: &[u16]) {
+        if let Some(places) = self.lanes.get_mut(self.count..self.count + lanes.len()) {
+            places.copy_from_slice(lanes);
+            self.count += lanes.len();
+        }
+    }
+}
+
+/// A yes or no for each lane.
+#[derive(Clone, Copy, Debug)]
+struct Set([u64; LANES / 64]);
+
+impl Set {
+    const EMPTY: Self = Self([0; LANES / 64]);
+
+    fn contains(&self, lane: usize) -> bool {
+        self.0
+            .get(lane / 64)
+            .is_some_and(|word| word >> (lane % 64) & 1 == 1)
+    }
+
+    fn put(&mut self, lane: usize, is_in: bool) {
+        if let Some(word) = self.0.get_mut(lane / 64) {
+            *word = *word & !(1 << (lane % 64)) | u64::from(is_in) << (lane % 64);
+        }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = usize> + '_ {
+        self.0.iter().enumerate().flat_map(|(n, &word)| {
+            core::iter::successors(Some(word), |&rest| Some(rest & rest.wrapping_sub(1)))
+                .take_while(|&rest| rest != 0)
+                .map(move |rest| 64 * n + rest.trailing_zeros() as usize)
+        })
     }
 }
 
@@ -88,11 +134,16 @@ fn track<L: Lane>([k, per_k, edge, edge_cosine]: [L; 4]) -> Track<L> {
 pub struct Block {
     simd: Simd,
     orbits: [Orbit; LANES],
-    restitution: [f64; LANES],
     flight: [f64; LANES],
-    kind: [u8; LANES],
-    /// Lanes whose last impact grazes, one bit each.
-    grazes: [u64; LANES / 64],
+    /// Lanes that hold an orbit.
+    filled: Set,
+    /// Lanes that wait for their caller.
+    resting: Set,
+    /// Lanes whose last impact grazes.
+    grazing: Set,
+    /// The lanes that fly next, by kind; only where `sorted`.
+    queues: [Queue; 3],
+    sorted: bool,
 }
 
 impl Default for Block {
@@ -121,10 +172,12 @@ impl Block {
                 launch: [0.0; 4],
                 track: [0.0; 4],
             }; LANES],
-            restitution: [0.0; LANES],
             flight: [0.0; LANES],
-            kind: [EMPTY; LANES],
-            grazes: [0; LANES / 64],
+            filled: Set::EMPTY,
+            resting: Set::EMPTY,
+            grazing: Set::EMPTY,
+            queues: [Queue::EMPTY; 3],
+            sorted: false,
         }
     }
 
@@ -141,19 +194,21 @@ impl Block {
     pub fn put(&mut self, lane: usize, map: &Map, state: State) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..511")?;
         let track = map.track();
-        self.orbits[lane].track = [track.k, track.per_k, track.edge, track.edge_cosine];
-        self.restitution[lane] = map.restitution();
+        self.orbits[lane].track = [track.k, track.per_k, track.edge, map.restitution()];
+        self.sorted &= self.resting.contains(lane);
+        self.filled.put(lane, true);
         self.start(lane, state);
         Ok(())
     }
 
-    /// Restarts the orbit of a lane from another state, on the same track.
+    /// Restarts the orbit of a lane from another state, on the same track; cheapest where it rests.
     ///
     /// # Errors
     /// Where there is no orbit in such a lane.
     pub fn restart(&mut self, lane: usize, state: State) -> Result<(), OutOfRange> {
-        let filled = lane < LANES && self.kind[lane] != EMPTY;
+        let filled = self.filled.contains(lane);
         accept("lane", lane as f64, filled, "a lane with an orbit in it")?;
+        self.sorted &= self.resting.contains(lane);
         self.start(lane, state);
         Ok(())
     }
@@ -162,24 +217,46 @@ impl Block {
         let launch = Launch::new(state.phase, state.velocity);
         let orbit = &mut self.orbits[lane];
         orbit.launch = [launch.phase, launch.velocity, launch.sine, launch.cosine];
-        self.kind[lane] = kind(&orbit.track(), &launch, self.restitution[lane]);
         self.flight[lane] = 0.0;
-        self.grazes[lane / 64] &= !(1 << (lane % 64));
+        self.grazing.put(lane, false);
+        self.resting.put(lane, false);
+        if self.sorted {
+            self.sort(lane);
+        }
+    }
+
+    /// Puts a lane into the queue of its kind.
+    fn sort(&mut self, lane: usize) {
+        let orbit = &self.orbits[lane];
+        let (track, launch) = (track(orbit.track), orbit.launch());
+        if launch.chatters_out(&track, orbit.track[3]) {
+            self.resting.put(lane, true);
+            return;
+        }
+        let kind = if launch.is_tall(&track) {
+            Kind::Tall
+        } else if launch.is_short(&track) {
+            Kind::Short
+        } else {
+            Kind::Low
+        };
+        self.queues[kind as usize].push(lane as u16);
     }
 
     /// Empties a lane.
     pub fn clear(&mut self, lane: usize) {
-        if let Some(kind) = self.kind.get_mut(lane) {
-            *kind = EMPTY;
-        }
+        self.sorted &= self.resting.contains(lane) || !self.filled.contains(lane);
+        self.filled.put(lane, false);
+        self.resting.put(lane, false);
     }
 
     /// The state of the orbit in a lane; `None` where there is none.
     #[must_use]
     pub fn state(&self, lane: usize) -> Option<State> {
-        let filled = *self.kind.get(lane)? != EMPTY;
-        let [phase, velocity, ..] = self.orbits[lane].launch;
-        filled.then_some(State { phase, velocity })
+        self.filled.contains(lane).then(|| {
+            let [phase, velocity, ..] = self.orbits[lane].launch;
+            State { phase, velocity }
+        })
     }
 
     /// The last impact of the orbit in a lane (flight 0 where it had none); `None` where there is no
@@ -189,25 +266,36 @@ impl Block {
         self.state(lane).map(|next| Impact {
             flight: self.flight[lane],
             next,
-            grazes: self.grazes[lane / 64] >> (lane % 64) & 1 == 1,
+            grazes: self.grazing.contains(lane),
         })
     }
 
     /// The lanes whose part is at rest, or chatters so closely to rest that
     /// [`Contact::time_to_rest`](super::Contact::time_to_rest) sums the rest of it. They wait until they
-    /// are restarted, cleared or put anew.
+    /// are restarted, cleared or put anew. A lane is looked at when [`Block::advance`] begins and after
+    /// each of its impacts.
     pub fn resting(&self) -> impl Iterator<Item = usize> + '_ {
-        (0..LANES).filter(|&lane| self.kind[lane] == RESTING)
+        self.resting.iter()
     }
 
     /// Whether the orbit in a lane waits, as [`Block::resting`] says.
     #[must_use]
     pub fn rests(&self, lane: usize) -> bool {
-        self.kind.get(lane) == Some(&RESTING)
+        self.resting.contains(lane)
     }
 
     /// Takes every orbit that does not rest this many impacts further.
     pub fn advance(&mut self, impacts: u32) {
+        if !self.sorted {
+            self.queues = [Queue::EMPTY; 3];
+            let waiting = self.resting;
+            for lane in 0..LANES {
+                if self.filled.contains(lane) && !waiting.contains(lane) {
+                    self.sort(lane);
+                }
+            }
+            self.sorted = true;
+        }
         match self.simd {
             #[cfg(target_arch = "x86_64")]
             Simd::Avx512 => x86::advance_avx512(self, impacts),
@@ -215,6 +303,17 @@ impl Block {
             Simd::Avx2 => x86::advance_avx2(self, impacts),
             _ => advance::<f64>(self, impacts),
         }
+    }
+}
+
+/// The track of the columns of orbits.
+#[inline(always)]
+fn track<L: Lane>([k, per_k, edge, _]: [L; 4]) -> Track<L> {
+    Track {
+        k,
+        per_k,
+        edge,
+        edge_cosine: Track::edge_cosine(k),
     }
 }
 
@@ -244,43 +343,12 @@ mod x86 {
     }
 }
 
-/// The kind of one launch.
-fn kind(track: &Track<f64>, launch: &Launch<f64>, restitution: f64) -> u8 {
-    kinds(track, launch, restitution)[0]
-}
-
-/// The kind of each lane's launch.
-#[inline(always)]
-fn kinds<L: Lane>(track: &Track<L>, launch: &Launch<L>, restitution: L) -> [u8; WIDEST] {
-    let tall = L::bits(launch.is_tall(track));
-    let short = L::bits(launch.is_short(track));
-    let mut kinds = [0; WIDEST];
-    if tall.count_ones() as usize == L::WIDTH {
-        return kinds;
-    }
-    let resting = L::bits(launch.chatters_out(track, restitution));
-    for (lane, kind) in kinds.iter_mut().enumerate().take(L::WIDTH) {
-        let bit = |mask: u32| (mask >> lane & 1) as u8;
-        *kind = if bit(resting) == 1 {
-            RESTING
-        } else {
-            (1 - bit(tall)) * (LOW - bit(short))
-        };
-    }
-    kinds
-}
-
-/// Lanes of one kind, in groups of registers.
-struct Queue {
-    lanes: [u16; LANES + WIDEST],
-    count: usize,
-}
-
 /// What the stages of a kernel hand on, for each register of a group.
 #[derive(Clone, Copy)]
 struct Stage<L: Lane> {
     launch: Launch<L>,
     track: Track<L>,
+    restitution: L,
     crossing: tall::Crossing<L>,
     stretch: low::Stretch<L>,
     close: L,
@@ -291,11 +359,10 @@ struct Stage<L: Lane> {
 #[inline(always)]
 fn advance<L: Lane>(block: &mut Block, impacts: u32) {
     let zero = L::splat(0.0);
-    let launch = launch([zero; 4]);
-    let track = track([zero; 4]);
     let mut stages = [Stage {
-        launch,
-        track,
+        launch: launch([zero; 4]),
+        track: track([zero; 4]),
+        restitution: zero,
         crossing: tall::Crossing::none(),
         stretch: low::Stretch::none(),
         close: zero,
@@ -306,23 +373,15 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         },
         certain: zero.below(zero),
     }; GROUP];
-    let mut queues = [const {
-        Queue {
-            lanes: [0; LANES + WIDEST],
-            count: 0,
-        }
-    }; KINDS + 2];
+    let mut queues = [Queue::EMPTY; 3];
     for _ in 0..impacts {
-        for queue in &mut queues {
+        core::mem::swap(&mut queues, &mut block.queues);
+        for queue in &mut block.queues {
             queue.count = 0;
         }
-        for (lane, &kind) in block.kind.iter().enumerate() {
-            let queue = &mut queues[usize::from(kind).min(KINDS + 1)];
-            queue.lanes[queue.count % LANES] = lane as u16;
-            queue.count += 1;
-        }
-        block.grazes = [0; LANES / 64];
-        for (kind, queue) in queues[..KINDS].iter_mut().enumerate() {
+        block.grazing = Set::EMPTY;
+        for kind in Kind::ALL {
+            let queue = &mut queues[kind as usize];
             let count = queue.count.min(LANES);
             if count == 0 {
                 continue;
@@ -332,31 +391,45 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
             queue.lanes[count..count + WIDEST].fill(last);
             let mut at = 0;
             while at < count {
-                let registers = (count - at).div_ceil(L::WIDTH).min(GROUP);
+                let some = (count - at).min(GROUP * L::WIDTH);
+                let registers = some.div_ceil(L::WIDTH);
                 let lanes = &queue.lanes[at..(at + registers * L::WIDTH).min(LANES + WIDEST)];
-                group(block, kind as u8, lanes, &mut stages[..registers]);
-                at += registers * L::WIDTH;
+                group(block, kind, lanes, some, &mut stages[..registers]);
+                at += some;
             }
         }
     }
 }
 
-/// One impact of the lanes of a group, all of one kind.
+/// One impact of the lanes of a group, all of one kind; the first `count` of them count.
 #[inline(always)]
-fn group<L: Lane>(block: &mut Block, kind: u8, lanes: &[u16], stages: &mut [Stage<L>]) {
+fn group<L: Lane>(
+    block: &mut Block,
+    kind: Kind,
+    lanes: &[u16],
+    count: usize,
+    stages: &mut [Stage<L>],
+) {
     for (stage, lanes) in stages.iter_mut().zip(lanes.chunks_exact(L::WIDTH)) {
-        let orbit = |n: usize| &block.orbits[usize::from(lanes[n.min(L::WIDTH - 1)]) % LANES];
-        let numbers = [0, 1, 2, 3, 4, 5, 6, 7];
-        stage.launch = launch(L::gather(numbers.map(|n| &orbit(n).launch)));
-        stage.track = track(L::gather(numbers.map(|n| &orbit(n).track)));
+        let mut launches = [&block.orbits[0].launch; WIDEST];
+        let mut tracks = [&block.orbits[0].track; WIDEST];
+        for (n, &lane) in lanes.iter().enumerate() {
+            let orbit = &block.orbits[usize::from(lane) % LANES];
+            launches[n] = &orbit.launch;
+            tracks[n] = &orbit.track;
+        }
+        stage.launch = launch(L::gather(launches));
+        let columns = L::gather(tracks);
+        stage.track = track(columns);
+        stage.restitution = columns[3];
         match kind {
-            TALL => stage.crossing = tall::crossing(&stage.track, &stage.launch),
-            SHORT => stage.close = short::guess(&stage.track, &stage.launch),
-            _ => stage.stretch = low::stretch(&stage.track, &stage.launch),
+            Kind::Tall => stage.crossing = tall::crossing(&stage.track, &stage.launch),
+            Kind::Short => stage.close = short::guess(&stage.track, &stage.launch),
+            Kind::Low => stage.stretch = low::stretch(&stage.track, &stage.launch),
         }
     }
     match kind {
-        TALL => {
+        Kind::Tall => {
             for stage in &mut *stages {
                 stage.close = tall::approach(&stage.track, &stage.launch, &stage.crossing);
             }
@@ -364,13 +437,13 @@ fn group<L: Lane>(block: &mut Block, kind: u8, lanes: &[u16], stages: &mut [Stag
                 stage.landing = finish(&stage.track, &stage.launch, stage.close).0;
             }
         }
-        SHORT => {
+        Kind::Short => {
             for stage in &mut *stages {
                 (stage.landing, stage.certain) =
                     short::landing(&stage.track, &stage.launch, stage.close);
             }
         }
-        _ => {
+        Kind::Low => {
             for stage in &mut *stages {
                 stage.close = low::approach(&stage.track, &stage.launch, &stage.stretch);
             }
@@ -380,45 +453,67 @@ fn group<L: Lane>(block: &mut Block, kind: u8, lanes: &[u16], stages: &mut [Stag
             }
         }
     }
+    let mut left = count;
     for (stage, lanes) in stages.iter_mut().zip(lanes.chunks_exact(L::WIDTH)) {
-        if kind != TALL && L::any(!stage.certain) {
-            let certain = L::bits(stage.certain);
-            let mut flight = stage.landing.flight.to_array();
-            let mut phase = stage.landing.phase.to_array();
-            let mut arrival = stage.landing.arrival.to_array();
-            for (n, &lane) in lanes.iter().enumerate() {
-                if certain >> n & 1 == 0 {
-                    let lane = usize::from(lane) % LANES;
-                    let orbit = &block.orbits[lane];
-                    let (landing, grazes) = search::landing(&orbit.track(), &orbit.launch());
-                    flight[n] = landing.flight;
-                    phase[n] = landing.phase;
-                    arrival[n] = landing.arrival;
-                    block.grazes[lane / 64] |= u64::from(grazes) << (lane % 64);
-                }
-            }
-            stage.landing = Landing {
-                flight: L::from_array(flight),
-                phase: L::from_array(phase),
-                arrival: L::from_array(arrival),
-            };
+        if kind != Kind::Tall && L::any(!stage.certain) {
+            search_for(block, stage, lanes);
         }
-        let mut restitution = [0.0; WIDEST];
-        for (value, &lane) in restitution.iter_mut().zip(lanes) {
-            *value = block.restitution[usize::from(lane) % LANES];
-        }
-        let restitution = L::from_array(restitution);
-        let next = Launch::new(stage.landing.phase, restitution * stage.landing.arrival);
-        let kinds = kinds(&stage.track, &next, restitution);
+        let next = Launch::new(
+            stage.landing.phase,
+            stage.restitution * stage.landing.arrival,
+        );
+        let tall = L::bits(next.is_tall(&stage.track));
         let rows = L::rows([next.phase, next.velocity, next.sine, next.cosine]);
         let flight = stage.landing.flight.to_array();
         for (n, &lane) in lanes.iter().enumerate() {
             let lane = usize::from(lane) % LANES;
             block.orbits[lane].launch = rows[n];
             block.flight[lane] = flight[n];
-            block.kind[lane] = kinds[n];
+        }
+        let lanes = &lanes[..left.min(L::WIDTH)];
+        left -= lanes.len();
+        if tall.count_ones() as usize == L::WIDTH {
+            block.queues[Kind::Tall as usize].extend(lanes);
+        } else {
+            let short = L::bits(next.is_short(&stage.track));
+            let resting = L::bits(next.chatters_out(&stage.track, stage.restitution));
+            for (n, &lane) in lanes.iter().enumerate() {
+                if resting >> n & 1 == 1 {
+                    block.resting.put(usize::from(lane), true);
+                } else {
+                    // Tall 0, short 1, low 2.
+                    let bit = |mask: u32| (mask >> n & 1) as usize;
+                    let kind = (1 - bit(tall)) * (2 - bit(short));
+                    block.queues[kind.min(2)].push(lane);
+                }
+            }
         }
     }
+}
+
+/// The landings of the lanes of which the closed forms are not certain.
+#[inline(always)]
+fn search_for<L: Lane>(block: &mut Block, stage: &mut Stage<L>, lanes: &[u16]) {
+    let certain = L::bits(stage.certain);
+    let mut flight = stage.landing.flight.to_array();
+    let mut phase = stage.landing.phase.to_array();
+    let mut arrival = stage.landing.arrival.to_array();
+    for (n, &lane) in lanes.iter().enumerate() {
+        if certain >> n & 1 == 0 {
+            let lane = usize::from(lane) % LANES;
+            let orbit = &block.orbits[lane];
+            let (landing, grazes) = search::landing(&track(orbit.track), &orbit.launch());
+            flight[n] = landing.flight;
+            phase[n] = landing.phase;
+            arrival[n] = landing.arrival;
+            block.grazing.put(lane, grazes);
+        }
+    }
+    stage.landing = Landing {
+        flight: L::from_array(flight),
+        phase: L::from_array(phase),
+        arrival: L::from_array(arrival),
+    };
 }
 
 #[cfg(test)]

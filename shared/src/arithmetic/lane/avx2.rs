@@ -5,7 +5,7 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{Lane, ROUNDER};
+use super::{Lane, ROUNDER, WIDEST};
 use crate::arithmetic::node;
 
 /// Four f64.
@@ -133,25 +133,8 @@ impl Lane for Avx2 {
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
-        // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
-        unsafe {
-            let index = rounded.index();
-            let (low, high) = (
-                _mm256_castsi256_si128(index),
-                _mm256_extracti128_si256::<1>(index),
-            );
-            let pair = |n: i64| _mm_loadu_pd(node::DOUBLE.as_ptr().add(n as usize).cast());
-            let a = pair(_mm_cvtsi128_si64(low));
-            let b = pair(_mm_extract_epi64::<1>(low));
-            let c = pair(_mm_cvtsi128_si64(high));
-            let d = pair(_mm_extract_epi64::<1>(high));
-            let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
-            let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
-            (
-                Self(_mm256_unpacklo_pd(ac, bd)),
-                Self(_mm256_unpackhi_pd(ac, bd)),
-            )
-        }
+        let (sine, cosine) = fetch(rounded.index());
+        (Self(sine), Self(cosine))
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> Self {
@@ -166,52 +149,86 @@ impl Lane for Avx2 {
         }
     }
     #[inline(always)]
-    fn gather(rows: [&[f64; 4]; super::WIDEST]) -> [Self; 4] {
-        // SAFETY: the CPU has AVX2, see the module; each row is four f64.
-        unsafe {
-            let row = |n: usize| _mm256_loadu_pd(rows[n].as_ptr());
-            Self::transpose([row(0), row(1), row(2), row(3)]).map(Self)
-        }
+    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4] {
+        let [a, b, c, d, ..] = rows;
+        let [a, b, c, d] = load_transposed([a, b, c, d]);
+        [Self(a), Self(b), Self(c), Self(d)]
     }
     #[inline(always)]
-    fn rows(columns: [Self; 4]) -> [[f64; 4]; super::WIDEST] {
-        let mut rows = [[0.0; 4]; super::WIDEST];
-        // SAFETY: the CPU has AVX2, see the module; each row is four f64.
-        unsafe {
-            let transposed = Self::transpose(columns.map(|column| column.0));
-            for (row, vector) in rows.iter_mut().zip(transposed) {
-                _mm256_storeu_pd(row.as_mut_ptr(), vector);
-            }
-        }
+    fn rows([a, b, c, d]: [Self; 4]) -> [[f64; 4]; WIDEST] {
+        let mut rows = [[0.0; 4]; WIDEST];
+        store_transposed([a.0, b.0, c.0, d.0], &mut rows[..4]);
         rows
     }
     #[inline(always)]
-    fn from_array(values: [f64; super::WIDEST]) -> Self {
+    fn from_array(values: [f64; WIDEST]) -> Self {
         // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
         Self(unsafe { _mm256_loadu_pd(values.as_ptr()) })
     }
     #[inline(always)]
-    fn to_array(self) -> [f64; super::WIDEST] {
-        let mut values = [0.0; super::WIDEST];
+    fn to_array(self) -> [f64; WIDEST] {
+        let mut values = [0.0; WIDEST];
         // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
         unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
         values
     }
 }
 
-impl Avx2 {
-    #[inline(always)]
-    fn transpose([a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
-        // SAFETY: the CPU has AVX2, see the module.
-        unsafe {
-            let (ab_low, ab_high) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
-            let (cd_low, cd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
-            [
-                _mm256_permute2f128_pd::<0x20>(ab_low, cd_low),
-                _mm256_permute2f128_pd::<0x20>(ab_high, cd_high),
-                _mm256_permute2f128_pd::<0x31>(ab_low, cd_low),
-                _mm256_permute2f128_pd::<0x31>(ab_high, cd_high),
-            ]
-        }
+/// Sine and cosine of the nodes with these numbers, each below the table's length.
+#[inline(always)]
+pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
+    // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
+    unsafe {
+        let (low, high) = (
+            _mm256_castsi256_si128(index),
+            _mm256_extracti128_si256::<1>(index),
+        );
+        let table = node::DOUBLE.as_ptr();
+        let a = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(low) as usize).cast());
+        let b = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(low) as usize).cast());
+        let c = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(high) as usize).cast());
+        let d = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(high) as usize).cast());
+        let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
+        let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
+        (_mm256_unpacklo_pd(ac, bd), _mm256_unpackhi_pd(ac, bd))
+    }
+}
+
+/// Four rows as four columns.
+#[inline(always)]
+pub(super) fn load_transposed([a, b, c, d]: [&[f64; 4]; 4]) -> [__m256d; 4] {
+    // SAFETY: the CPU has AVX2, see the module; each row is four f64.
+    unsafe {
+        transpose([
+            _mm256_loadu_pd(a.as_ptr()),
+            _mm256_loadu_pd(b.as_ptr()),
+            _mm256_loadu_pd(c.as_ptr()),
+            _mm256_loadu_pd(d.as_ptr()),
+        ])
+    }
+}
+
+/// Four columns as the first four of `rows`.
+#[inline(always)]
+pub(super) fn store_transposed(columns: [__m256d; 4], rows: &mut [[f64; 4]]) {
+    let transposed = transpose(columns);
+    for (row, vector) in rows.iter_mut().zip(transposed) {
+        // SAFETY: the CPU has AVX2, see the module; each row is four f64.
+        unsafe { _mm256_storeu_pd(row.as_mut_ptr(), vector) };
+    }
+}
+
+#[inline(always)]
+fn transpose([a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
+    // SAFETY: the CPU has AVX2, see the module.
+    unsafe {
+        let (ab_low, ab_high) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
+        let (cd_low, cd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
+        [
+            _mm256_permute2f128_pd::<0x20>(ab_low, cd_low),
+            _mm256_permute2f128_pd::<0x20>(ab_high, cd_high),
+            _mm256_permute2f128_pd::<0x31>(ab_low, cd_low),
+            _mm256_permute2f128_pd::<0x31>(ab_high, cd_high),
+        ]
     }
 }

@@ -6,7 +6,7 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{Lane, WIDEST};
+use super::{Lane, WIDEST, avx2};
 use crate::arithmetic::node;
 
 /// Eight f64.
@@ -95,19 +95,11 @@ impl Avx512 {
         }
     }
 
+    /// The register of two halves.
     #[inline(always)]
-    fn transpose([a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
+    fn join(low: __m256d, high: __m256d) -> Self {
         // SAFETY: the CPU has AVX-512, see the module.
-        unsafe {
-            let (ab_low, ab_high) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
-            let (cd_low, cd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
-            [
-                _mm256_permute2f128_pd::<0x20>(ab_low, cd_low),
-                _mm256_permute2f128_pd::<0x20>(ab_high, cd_high),
-                _mm256_permute2f128_pd::<0x31>(ab_low, cd_low),
-                _mm256_permute2f128_pd::<0x31>(ab_high, cd_high),
-            ]
-        }
+        Self(unsafe { _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(low), high) })
     }
 }
 
@@ -157,15 +149,17 @@ impl Lane for Avx512 {
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
-        // SAFETY: the CPU has AVX-512, see the module; an index is below the table's length.
-        unsafe {
-            let at = _mm512_slli_epi64::<1>(rounded.index());
-            let table: *const f64 = node::DOUBLE.as_ptr().cast();
+        // Plain loads: the gather instruction takes several times as long on some CPUs.
+        let index = rounded.index();
+        // SAFETY: the CPU has AVX-512, see the module.
+        let (low, high) = unsafe {
             (
-                Self(_mm512_i64gather_pd::<8>(at, table)),
-                Self(_mm512_i64gather_pd::<8>(at, table.add(1))),
+                _mm512_castsi512_si256(index),
+                _mm512_extracti64x4_epi64::<1>(index),
             )
-        }
+        };
+        let (low, high) = (avx2::fetch(low), avx2::fetch(high));
+        (Self::join(low.0, high.0), Self::join(low.1, high.1))
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> Self {
@@ -173,33 +167,22 @@ impl Lane for Avx512 {
         Self(unsafe { _mm512_cvtepi64_pd(rounded.index()) })
     }
     #[inline(always)]
-    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4] {
-        // SAFETY: the CPU has AVX-512, see the module; each row is four f64.
-        unsafe {
-            let row = |n: usize| _mm256_loadu_pd(rows[n].as_ptr());
-            let low = Self::transpose([row(0), row(1), row(2), row(3)]);
-            let high = Self::transpose([row(4), row(5), row(6), row(7)]);
-            [0, 1, 2, 3].map(|n| {
-                Self(_mm512_insertf64x4::<1>(
-                    _mm512_castpd256_pd512(low[n]),
-                    high[n],
-                ))
-            })
-        }
+    fn gather([a, b, c, d, e, f, g, h]: [&[f64; 4]; WIDEST]) -> [Self; 4] {
+        let low = avx2::load_transposed([a, b, c, d]);
+        let high = avx2::load_transposed([e, f, g, h]);
+        [
+            Self::join(low[0], high[0]),
+            Self::join(low[1], high[1]),
+            Self::join(low[2], high[2]),
+            Self::join(low[3], high[3]),
+        ]
     }
     #[inline(always)]
-    fn rows(columns: [Self; 4]) -> [[f64; 4]; WIDEST] {
+    fn rows([a, b, c, d]: [Self; 4]) -> [[f64; 4]; WIDEST] {
         let mut rows = [[0.0; 4]; WIDEST];
-        // SAFETY: the CPU has AVX-512, see the module; each row is four f64.
-        unsafe {
-            let halves = columns.map(Self::halves);
-            for half in 0..2 {
-                let transposed = Self::transpose(halves.map(|column| column[half]));
-                for (row, vector) in rows[4 * half..].iter_mut().zip(transposed) {
-                    _mm256_storeu_pd(row.as_mut_ptr(), vector);
-                }
-            }
-        }
+        let (a, b, c, d) = (a.halves(), b.halves(), c.halves(), d.halves());
+        avx2::store_transposed([a[0], b[0], c[0], d[0]], &mut rows[..4]);
+        avx2::store_transposed([a[1], b[1], c[1], d[1]], &mut rows[4..]);
         rows
     }
     #[inline(always)]

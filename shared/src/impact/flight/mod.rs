@@ -20,7 +20,6 @@ pub(crate) mod tall;
 use core::f64::consts::{FRAC_PI_2, PI};
 
 use crate::arithmetic::lane::{Arc, Lane, Node, sine_cosine};
-use crate::arithmetic::square_root;
 
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,21 +37,23 @@ pub(crate) struct Track<L> {
 impl Track<f64> {
     /// The track of `k`.
     pub fn new(k: f64) -> Self {
-        let (edge, edge_cosine) = if k < 1.0 {
-            (libm::asin(k), square_root((1.0 - k) * (1.0 + k)))
-        } else {
-            (FRAC_PI_2, 0.0)
-        };
         Self {
             k,
             per_k: 1.0 / k,
-            edge,
-            edge_cosine,
+            edge: if k < 1.0 { libm::asin(k) } else { FRAC_PI_2 },
+            edge_cosine: Self::edge_cosine(k),
         }
     }
 }
 
 impl<L: Lane> Track<L> {
+    /// Cosine of the edge of `k`.
+    #[inline(always)]
+    pub fn edge_cosine(k: L) -> L {
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        ((one - k) * (one + k)).max(zero).sqrt()
+    }
+
     /// `k/2`.
     #[inline(always)]
     fn half(&self) -> L {
