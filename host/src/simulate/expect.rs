@@ -1,6 +1,6 @@
 //! What a scene must come to, written in the scene file before it is run.
 
-use kband::control::{Event, Fault, State};
+use kband::control::{Event, Fault, Limits, State};
 use toml::Value;
 
 use super::outcome::Outcome;
@@ -18,6 +18,7 @@ pub struct Expectation {
     regime: Option<String>,
     k: Option<(f64, f64)>,
     speed: Option<(f64, f64)>,
+    limits: Option<Vec<String>>,
     within: Option<f64>,
 }
 
@@ -46,6 +47,19 @@ impl Expectation {
                 return Err(section.refuse("regime", &value, "a regime in words"));
             };
             expected.regime = Some(words.clone());
+        }
+        if let Some(value) = section.take("limits") {
+            let names = &Limits::ALL.map(Limits::name)[..];
+            let limit = |item: &Value| {
+                let name = item.as_str().filter(|name| names.contains(name));
+                name.map(String::from)
+            };
+            let list = value.as_array();
+            let list = list.and_then(|list| list.iter().map(limit).collect::<Option<Vec<_>>>());
+            let list = list.ok_or_else(|| {
+                section.refuse("limits", &value, &format!("a list of {}", names.join(", ")))
+            })?;
+            expected.limits = Some(list);
         }
         for (key, slot) in [("k", &mut expected.k), ("speed", &mut expected.speed)] {
             if let Some(value) = section.take(key) {
@@ -96,6 +110,12 @@ impl Expectation {
             let expected = names(&mut events.iter().copied());
             if came != expected {
                 unmet.push(format!("events: expected {expected}; came {came}"));
+            }
+        }
+        if let Some(limits) = &self.limits {
+            let (came, expected) = (outcome.limits().join(", "), limits.join(", "));
+            if came != expected {
+                unmet.push(format!("limits: expected [{expected}], came to [{came}]"));
             }
         }
         if let Some(regime) = &self.regime

@@ -99,6 +99,14 @@ impl SceneFile {
                 other => return Err(root.refuse("seed", &other, "a whole number from 0")),
             };
         }
+        if let Some(start) = root.take("start") {
+            scene.start = match start.as_str() {
+                Some("ordinary") => Start::Ordinary,
+                Some("reset") => Start::Reset,
+                Some("refused") => Start::Refused,
+                _ => return Err(root.refuse("start", &start, "ordinary, reset, refused")),
+            };
+        }
         for (name, keys, required) in SECTIONS {
             let mut section = root.section(name)?;
             for (n, key) in keys.iter().enumerate() {
@@ -209,7 +217,7 @@ impl SceneFile {
         };
         let settings = &self.scene.settings;
         let mut controller =
-            Controller::build(settings, self.scene.target, Start::Ordinary).map_err(named)?;
+            Controller::build(settings, self.scene.target, self.scene.start).map_err(named)?;
         self.scene.check().map_err(named)?;
         let targets = self.scene.disturbances.iter().flatten();
         let later = targets.filter_map(|disturbance| match disturbance.change {

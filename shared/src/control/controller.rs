@@ -248,7 +248,11 @@ impl Controller {
             count: 0,
         };
         controller.set_target(target)?;
+        // A controller that starts with its target has not been given one.
         controller.news = Events::default();
+        if controller.no_band.is_some() {
+            controller.news.push(Event::NoSetpoint);
+        }
         Ok(controller)
     }
 

@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::feeder::Plant;
 use super::scene::Scene;
-use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal, Start};
+use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal};
 use crate::feeder::OutOfRange;
 
 /// One cycle of the closed loop.
@@ -32,7 +32,7 @@ impl ClosedLoop {
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         Ok(Self {
             signal: Signal::build(&scene.settings)?,
-            controller: Controller::build(&scene.settings, scene.target, Start::Ordinary)?,
+            controller: Controller::build(&scene.settings, scene.target, scene.start)?,
             bench: Bench::build(scene)?,
         })
     }

@@ -1,7 +1,7 @@
 //! A scene: the plant as it is, where it differs from what the controller was told, and what happens
 //! to it in time.
 
-use crate::control::{Settings, Target};
+use crate::control::{Settings, Start, Target};
 use crate::feeder::{OutOfRange, accept};
 
 /// Most parts that a plant carries.
@@ -100,6 +100,8 @@ pub struct Scene {
     pub settings: Settings,
     /// What the user wants.
     pub target: Target,
+    /// Why the controller starts.
+    pub start: Start,
     /// The drive as it is.
     pub drive: DriveModel,
     /// The accelerometer as it is.
@@ -122,6 +124,7 @@ impl Default for Scene {
         Self {
             settings: Settings::default(),
             target: Target::Locked { order: 1 },
+            start: Start::Ordinary,
             drive: DriveModel::default(),
             sensor: SensorModel::default(),
             parts,

@@ -1,0 +1,66 @@
+//! One test for each scene: what the file expects is what comes, and nothing else.
+
+use kband_host::desk::Desk;
+use kband_host::simulate::{Outcome, SceneFile};
+
+fn run(name: &str) {
+    let path = kband_tests::root()
+        .join("tests/scenes")
+        .join(name)
+        .with_extension("toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let file = SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{refusal}"));
+    let desk = Desk::new(Some(1)).unwrap();
+    let outcome = Outcome::run(&file, &desk).unwrap_or_else(|refusal| panic!("{refusal}"));
+    let expected = file
+        .expectation
+        .expect("a scene states what must come of it");
+    let unmet = expected.unmet(&outcome);
+    assert!(unmet.is_empty(), "{}", unmet.join("\n"));
+}
+
+macro_rules! scenes {
+    ($($name:ident)+) => {
+        $(#[test]
+        fn $name() {
+            run(stringify!($name));
+        })+
+
+        #[test]
+        fn every_scene_has_its_test() {
+            let listed = [$(stringify!($name)),+];
+            for entry in std::fs::read_dir(kband_tests::root().join("tests/scenes")).unwrap() {
+                let path = entry.unwrap().path();
+                let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+                assert!(listed.contains(&name.as_str()), "{name} has no test");
+            }
+        }
+    };
+}
+
+scenes! {
+    empty_band
+    from_rest
+    gain_drift
+    link_lost
+    lock_lost
+    locked
+    locked_order_2
+    many_parts
+    new_target
+    no_response
+    not_captured
+    output_limit
+    outside_every_band
+    over_amplitude
+    over_temperature
+    sensor_inverted
+    sensor_lost
+    sensor_saturated
+    settings_invalid
+    stack_low
+    stop_and_start
+    stopped
+    watchdog_reset
+    watchdog_reset_stays_off
+}
