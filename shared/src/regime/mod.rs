@@ -1,8 +1,14 @@
-//! Regimes of the impact map: where a part locks to the drive, and how it gets there.
+//! Regimes of the impact map: where a part locks to the drive, doubles, goes chaotic or rests, and how it
+//! is brought onto the lock.
 
 pub mod band;
 pub mod capture;
+pub mod cascade;
+pub mod chaos;
+pub mod classify;
+pub mod exponent;
 pub mod lock;
+pub mod reach;
 
 pub use band::{Band, Margins, NoBand};
 pub use lock::Lock;

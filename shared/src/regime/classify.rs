@@ -1,0 +1,625 @@
+//! Which regime a part is in, told from the phases of its impacts alone.
+//!
+//! A board hears when a part strikes; it sees neither its velocity nor its rest. The classifier keeps the
+//! times of the last N impacts and asks after how many of them, and how many whole drive cycles, the
+//! pattern repeats; impacts whose intervals shrink towards nothing are a part coming to rest.
+
+use core::f64::consts::TAU;
+
+use crate::arithmetic::Phase;
+use crate::feeder::{OutOfRange, accept};
+
+/// What a part does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Regime {
+    /// It lies on the track, or none is there: nothing strikes.
+    Rest,
+    /// It hops, chatters to rest and is thrown off again, the same every so many cycles.
+    HopAndRest {
+        /// Drive cycles from rest to rest.
+        cycles: u32,
+    },
+    /// It strikes once every `order` cycles, at one phase.
+    Locked {
+        /// Drive cycles per impact (symbol r).
+        order: u32,
+    },
+    /// It repeats after `2^doublings` impacts of `order` cycles on average.
+    Doubled {
+        /// Drive cycles per impact (symbol r).
+        order: u32,
+        /// How often the period has doubled.
+        doublings: u32,
+    },
+    /// It repeats after `impacts` impacts in `cycles` cycles, which is no doubling of a lock.
+    Periodic {
+        /// Impacts in a period (symbol p).
+        impacts: u32,
+        /// Drive cycles in a period.
+        cycles: u32,
+    },
+    /// It repeats after no number of impacts that the memory holds twice.
+    Chaotic,
+    /// Too little or too contradictory was heard.
+    Undecided,
+}
+
+/// A regime and how sure it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// The regime.
+    pub regime: Regime,
+    /// 0 (a guess) to 1: the share of the evidence that agrees, over what would agree by chance, times
+    /// the share of the evidence that was asked for.
+    pub confidence: f32,
+}
+
+/// How well impacts are heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HearingSettings {
+    /// Standard deviation of an impact's phase in rad, 0..=0.5; 0 for computed impacts.
+    pub noise: f64,
+    /// Shortest interval at which two impacts are told apart, in rad, 1e-6..=1.
+    pub resolution: f64,
+}
+
+impl HearingSettings {
+    /// Computed impacts.
+    pub const COMPUTED: Self = Self {
+        noise: 0.0,
+        resolution: 1e-3,
+    };
+
+    /// The board's ear at an impact-to-noise ratio of 26 dB and 20 kHz.
+    pub const EAR: Self = Self {
+        noise: 0.03,
+        resolution: 0.2,
+    };
+}
+
+/// Drive cycles of silence after which nothing is said to strike, on top of three times the longest
+/// recent interval.
+const SILENCE: u64 = 4;
+
+/// Rests that must follow each other regularly.
+const RESTS: usize = 4;
+
+/// A drive cycle in the classifier's time.
+const CYCLE: u64 = 1 << 32;
+
+/// The memory of the last N impacts of one part; N of 64 tells periods up to 21 apart, 512 up to 170.
+#[derive(Clone, Copy, Debug)]
+pub struct Classifier<const N: usize> {
+    /// Deviation of a difference of two times that still counts as none.
+    tolerance: u32,
+    noise: f64,
+    resolution: u64,
+    /// Times in 2^-32 cycles.
+    times: [u64; N],
+    count: u64,
+    now: u64,
+    began: u64,
+    /// The last interval, and how many before it shrank in a row.
+    interval: u64,
+    shrinking: u32,
+    resting: bool,
+    /// First impacts after the last rests, newest first.
+    launches: [u64; RESTS],
+    rests: u32,
+}
+
+impl<const N: usize> Classifier<N> {
+    /// An empty memory; the refusal names the parameter.
+    pub fn build(settings: HearingSettings) -> Result<Self, OutOfRange> {
+        let HearingSettings { noise, resolution } = settings;
+        accept("noise", noise, (0.0..=0.5).contains(&noise), "0..0.5 rad")?;
+        accept(
+            "resolution",
+            resolution,
+            (1e-6..=1.0).contains(&resolution),
+            "0.000001..1 rad",
+        )?;
+        let steps = |radians: f64| radians * (CYCLE as f64 / TAU);
+        Ok(Self {
+            // Three standard deviations of a difference; without noise, rounding and the last of a
+            // settling transient.
+            tolerance: steps((3.0 * core::f64::consts::SQRT_2 * noise).max(1e-6)) as u32,
+            noise: steps(noise),
+            resolution: steps(resolution) as u64,
+            times: [0; N],
+            count: 0,
+            now: 0,
+            began: 0,
+            interval: 0,
+            shrinking: 0,
+            resting: false,
+            launches: [0; RESTS],
+            rests: 0,
+        })
+    }
+
+    /// Forgets all impacts; time goes on.
+    pub fn forget(&mut self) {
+        self.count = 0;
+        self.began = self.now;
+        self.shrinking = 0;
+        self.resting = false;
+        self.rests = 0;
+    }
+
+    /// Time has come to the start of drive cycle `cycle`, counted from 0 at the first.
+    pub fn cycle(&mut self, cycle: u32) {
+        self.now = self.now.max(u64::from(cycle) << 32);
+    }
+
+    /// An impact in drive cycle `cycle` at `phase`. An earlier time than the last impact's is ignored.
+    pub fn impact(&mut self, cycle: u32, phase: Phase) {
+        self.impact_at(u64::from(cycle) << 32 | u64::from(phase.bits()));
+    }
+
+    /// Lets `duration` rad of drive phase pass without an impact: a rest.
+    pub fn wait(&mut self, duration: f64) {
+        self.now += libm::round(duration.max(0.0) * (CYCLE as f64 / TAU)) as u64;
+    }
+
+    /// An impact after a further `flight` rad of drive phase.
+    pub fn flight(&mut self, flight: f64) {
+        let now = self.now;
+        self.wait(flight);
+        let landed = self.now;
+        self.now = now;
+        self.impact_at(landed);
+    }
+
+    fn impact_at(&mut self, time: u64) {
+        let last = self.time(0);
+        if self.count > 0 && time < last {
+            return;
+        }
+        self.now = self.now.max(time);
+        if self.count > 0 {
+            let interval = time - last;
+            // The tail of the chatter may be heard as intervals of about the resolution.
+            if self.resting && interval > 3 * self.resolution {
+                self.launches.rotate_right(1);
+                self.launches[0] = time;
+                self.rests = self.rests.saturating_add(1);
+                self.resting = false;
+            }
+            let shrinks = self.count > 1 && interval < self.interval;
+            self.shrinking = if shrinks { self.shrinking + 1 } else { 0 };
+            // Chatter shrinks in proportion: has its next interval become too short to hear?
+            if self.shrinking >= 2
+                && interval < CYCLE / 4
+                && u128::from(interval) * u128::from(interval)
+                    < u128::from(self.resolution) * u128::from(self.interval)
+            {
+                self.resting = true;
+            }
+            self.interval = interval;
+        }
+        self.times[(self.count % N as u64) as usize] = time;
+        self.count += 1;
+    }
+
+    /// Time of the impact `back` impacts ago.
+    fn time(&self, back: usize) -> u64 {
+        let index = self.count + 2 * N as u64 - 1 - back as u64;
+        self.times[(index % N as u64) as usize]
+    }
+
+    /// The regime as far as the memory shows it.
+    #[must_use]
+    pub fn verdict(&self) -> Verdict {
+        let filled = self.count.min(N as u64) as usize;
+        let undecided = |confidence: f32| Verdict {
+            regime: Regime::Undecided,
+            confidence,
+        };
+        if let Some(silent) = self.silence(filled) {
+            return silent;
+        }
+        if let Some(resting) = self.hop_and_rest() {
+            return resting;
+        }
+        let mut best = 0.0_f32;
+        for impacts in 1..=filled / 3 {
+            let compared = filled - impacts;
+            let wanted = (2 * impacts).max(8);
+            if compared < wanted {
+                break;
+            }
+            let (share, cycles) = self.repeats(impacts, filled);
+            best = best.max(share);
+            if share >= 0.9 && cycles > 0 {
+                let regime = self.named(impacts as u32, cycles, filled);
+                let enough = (compared as f32 / (2 * wanted) as f32).min(1.0);
+                return Verdict {
+                    regime,
+                    confidence: self.over_chance(share) * enough,
+                };
+            }
+        }
+        if filled < N {
+            return undecided(filled as f32 / N as f32 * 0.5);
+        }
+        let against = 1.0 - self.over_chance(best);
+        if against > 0.5 {
+            Verdict {
+                regime: Regime::Chaotic,
+                confidence: against,
+            }
+        } else {
+            undecided(0.5)
+        }
+    }
+
+    /// Rest, if silence has lasted.
+    fn silence(&self, filled: usize) -> Option<Verdict> {
+        let longest = (1..filled)
+            .map(|back| self.time(back - 1) - self.time(back))
+            .max()
+            .unwrap_or(CYCLE);
+        let silent = self.now - if filled > 0 { self.time(0) } else { self.began };
+        let enough = 3 * longest + SILENCE * CYCLE;
+        if silent > enough {
+            return Some(Verdict {
+                regime: Regime::Rest,
+                confidence: (silent as f32 / (2 * enough) as f32).min(1.0),
+            });
+        }
+        None
+    }
+
+    /// Hop and rest, if the last rests follow each other after equal numbers of whole cycles.
+    fn hop_and_rest(&self) -> Option<Verdict> {
+        if self.rests < RESTS as u32 {
+            return None;
+        }
+        let period = (self.launches[0] - self.launches[1] + CYCLE / 2) / CYCLE;
+        if period == 0 || self.now - self.launches[0] > 2 * period * CYCLE {
+            return None;
+        }
+        let regular = self
+            .launches
+            .windows(2)
+            .filter(|pair| self.is_whole(pair[0] - pair[1], period))
+            .count();
+        // One of three may have been misheard.
+        (regular + 1 >= RESTS - 1).then_some(Verdict {
+            regime: Regime::HopAndRest {
+                cycles: period as u32,
+            },
+            confidence: self.over_chance(regular as f32 / (RESTS - 1) as f32),
+        })
+    }
+
+    /// Whether `duration` is `cycles` whole cycles, within the tolerance.
+    fn is_whole(&self, duration: u64, cycles: u64) -> bool {
+        duration.abs_diff(cycles * CYCLE) <= u64::from(self.tolerance)
+    }
+
+    /// The share of impacts that are repeated `impacts` later after one number of whole cycles, and that
+    /// number.
+    fn repeats(&self, impacts: usize, filled: usize) -> (f32, u32) {
+        let mut best = (0, 0);
+        // The newest pairs propose the number; one of three may have been misheard.
+        for newest in 0..3 {
+            let duration = self.time(newest) - self.time(newest + impacts);
+            let cycles = (duration + CYCLE / 2) / CYCLE;
+            let agree = (0..filled - impacts)
+                .filter(|&back| self.is_whole(self.time(back) - self.time(back + impacts), cycles))
+                .count();
+            if agree > best.0 {
+                best = (agree, cycles as u32);
+            }
+        }
+        (best.0 as f32 / (filled - impacts) as f32, best.1)
+    }
+
+    /// The regime of a pattern that repeats after `impacts` impacts in `cycles` cycles.
+    fn named(&self, impacts: u32, cycles: u32, filled: usize) -> Regime {
+        if !impacts.is_power_of_two() || !cycles.is_multiple_of(impacts) {
+            return Regime::Periodic { impacts, cycles };
+        }
+        let order = cycles / impacts;
+        match impacts.trailing_zeros() {
+            0 if self.alternates(order, filled) => Regime::Doubled {
+                order,
+                doublings: 1,
+            },
+            0 => Regime::Locked { order },
+            doublings => Regime::Doubled { order, doublings },
+        }
+    }
+
+    /// Whether a lock heard through noise alternates: a doubling smaller than the noise of one impact,
+    /// found in the alternating mean of all.
+    fn alternates(&self, order: u32, filled: usize) -> bool {
+        let mut sum = 0.0;
+        let mut terms = 0.0;
+        for back in 0..filled - 1 {
+            let duration = self.time(back) - self.time(back + 1);
+            let excess = duration as i64 - (u64::from(order) * CYCLE) as i64;
+            if excess.unsigned_abs() <= u64::from(self.tolerance) {
+                sum += if back % 2 == 0 { excess } else { -excess } as f64;
+                terms += 1.0;
+            }
+        }
+        // The alternating sum of differences is twice that of the times: 2 sigma sqrt(n).
+        self.noise > 0.0 && terms > 15.0 && libm::fabs(sum) > 8.0 * self.noise * libm::sqrt(terms)
+    }
+
+    /// `share` over the share that random phases would reach.
+    fn over_chance(&self, share: f32) -> f32 {
+        let chance = (2.0 * self.tolerance as f32 / CYCLE as f32).min(0.9);
+        ((share - chance) / (1.0 - chance)).clamp(0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Event, Kernel, Map, Orbit, State};
+    use crate::regime::{Lock, exponent};
+
+    /// The verdict on an orbit, `settle` events after its start, over `events` more.
+    fn verdict(k: f64, restitution: f64, start: Option<State>, events: usize) -> Verdict {
+        let map = Map::build(k, restitution).unwrap();
+        let orbit = match start {
+            Some(start) => Orbit::new(&map, start),
+            None => Orbit::from_rest(&map),
+        };
+        let mut classifier = Classifier::<256>::build(HearingSettings::COMPUTED).unwrap();
+        for event in orbit.take(3000 + events).skip(3000) {
+            match event {
+                Event::Impact(impact) => classifier.flight(impact.flight),
+                Event::Rest { chatter, .. } => classifier.wait(chatter),
+                Event::LiftOff { wait, .. } => classifier.wait(wait),
+            }
+        }
+        classifier.verdict()
+    }
+
+    fn near_lock(k: f64, restitution: f64, order: u32) -> Option<State> {
+        Some(exponent::start(&Map::build(k, restitution).unwrap(), order))
+    }
+
+    #[test]
+    fn computed_orbits_are_told_apart() {
+        for (k, restitution, order, regime) in [
+            (0.43, 0.2, 1, Regime::Locked { order: 1 }),
+            (0.23, 0.2, 2, Regime::Locked { order: 2 }),
+            (0.157, 0.2, 3, Regime::Locked { order: 3 }),
+            (0.75, 0.5, 1, Regime::Locked { order: 1 }),
+            (
+                0.38,
+                0.2,
+                1,
+                Regime::Doubled {
+                    order: 1,
+                    doublings: 1,
+                },
+            ),
+            (
+                0.363,
+                0.2,
+                1,
+                Regime::Doubled {
+                    order: 1,
+                    doublings: 2,
+                },
+            ),
+            (
+                0.3596,
+                0.2,
+                1,
+                Regime::Doubled {
+                    order: 1,
+                    doublings: 3,
+                },
+            ),
+            (
+                0.35889,
+                0.2,
+                1,
+                Regime::Doubled {
+                    order: 1,
+                    doublings: 4,
+                },
+            ),
+            (
+                0.41,
+                0.5,
+                2,
+                Regime::Doubled {
+                    order: 2,
+                    doublings: 1,
+                },
+            ),
+            (0.35, 0.2, 1, Regime::Chaotic),
+            (0.34, 0.2, 1, Regime::Chaotic),
+            (0.582, 0.5, 1, Regime::Chaotic),
+        ] {
+            let found = verdict(k, restitution, near_lock(k, restitution, order), 600);
+            assert_eq!(found.regime, regime, "k {k} R {restitution}: {found:?}");
+            assert!(found.confidence > 0.9, "k {k} R {restitution}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn parts_from_rest_hop_and_rest() {
+        for (k, restitution) in [
+            (0.43, 0.2),
+            (0.9, 0.5),
+            (0.55, 0.3),
+            (0.75, 0.5),
+            (0.97, 0.8),
+        ] {
+            let found = verdict(k, restitution, None, 2000);
+            assert!(
+                matches!(found.regime, Regime::HopAndRest { .. }),
+                "{k}: {found:?}"
+            );
+            assert!(found.confidence > 0.9, "{k}: {found:?}");
+        }
+        // Just below k = 1 the hop is short: one rest in each cycle.
+        let found = verdict(0.97, 0.2, None, 2000);
+        assert_eq!(found.regime, Regime::HopAndRest { cycles: 1 });
+    }
+
+    #[test]
+    fn silence_is_rest_and_little_is_undecided() {
+        let mut classifier = Classifier::<64>::build(HearingSettings::EAR).unwrap();
+        assert_eq!(classifier.verdict().regime, Regime::Undecided);
+        for cycle in 0..4 {
+            classifier.impact(cycle, Phase::from_bits(1 << 28));
+        }
+        assert_eq!(classifier.verdict().regime, Regime::Undecided);
+        classifier.cycle(40);
+        let found = classifier.verdict();
+        assert_eq!(found.regime, Regime::Rest);
+        assert!(found.confidence > 0.9);
+        classifier.forget();
+        assert_eq!(classifier.verdict().regime, Regime::Undecided);
+        classifier.cycle(60);
+        assert_eq!(classifier.verdict().regime, Regime::Rest);
+    }
+
+    /// Normally distributed numbers, by a sum of twelve uniform ones.
+    struct Noise(u64);
+
+    impl Noise {
+        fn next(&mut self) -> f64 {
+            let mut sum = -6.0;
+            for _ in 0..12 {
+                self.0 = self
+                    .0
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                sum += (self.0 >> 11) as f64 / (1_u64 << 53) as f64;
+            }
+            sum
+        }
+    }
+
+    /// The verdict of the board's memory on `cycles` cycles of an orbit heard with noise.
+    fn heard(
+        k: f64,
+        restitution: f64,
+        start: Option<State>,
+        noise: f64,
+        cycles: f64,
+        seed: u64,
+    ) -> Verdict {
+        let map = Map::build(k, restitution).unwrap();
+        let orbit = match start {
+            Some(start) => Orbit::new(&map, start),
+            None => Orbit::from_rest(&map),
+        };
+        let settings = HearingSettings {
+            noise,
+            ..HearingSettings::EAR
+        };
+        let mut classifier = Classifier::<64>::build(settings).unwrap();
+        let mut random = Noise(seed);
+        let (mut time, mut last) = (0.0, -1.0);
+        for event in orbit {
+            match event {
+                Event::Impact(impact) => {
+                    time += impact.flight;
+                    // The ear takes what comes within its resolution for one impact.
+                    if time - last > settings.resolution {
+                        last = time;
+                        let stamp = ((time + noise * random.next()) / TAU).max(0.0);
+                        let cycle = libm::floor(stamp);
+                        classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
+                    }
+                }
+                Event::Rest { chatter, .. } => time += chatter,
+                Event::LiftOff { wait, .. } => time += wait,
+            }
+            if time > cycles * TAU {
+                break;
+            }
+        }
+        classifier.verdict()
+    }
+
+    #[test]
+    fn the_board_tells_regimes_apart_through_noise() {
+        let locked = |k, restitution| near_lock(k, restitution, 1);
+        for (k, restitution, start, regime) in [
+            (0.43, 0.2, locked(0.43, 0.2), Regime::Locked { order: 1 }),
+            (0.75, 0.5, locked(0.75, 0.5), Regime::Locked { order: 1 }),
+            (
+                0.38,
+                0.2,
+                locked(0.38, 0.2),
+                Regime::Doubled {
+                    order: 1,
+                    doublings: 1,
+                },
+            ),
+            (0.34, 0.2, locked(0.34, 0.2), Regime::Chaotic),
+            (0.577, 0.5, locked(0.577, 0.5), Regime::Chaotic),
+        ] {
+            let right = (1..=40)
+                .filter(|&seed| heard(k, restitution, start, 0.03, 120.0, seed).regime == regime)
+                .count();
+            // Measured: 40 of 40.
+            assert!(right >= 38, "k {k} R {restitution}: {right} of 40");
+        }
+        for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
+            let right = (1..=40)
+                .filter(|&seed| {
+                    matches!(
+                        heard(k, restitution, None, 0.03, 120.0, seed).regime,
+                        Regime::HopAndRest { .. }
+                    )
+                })
+                .count();
+            assert!(right >= 36, "k {k} R {restitution}: {right} of 40");
+        }
+    }
+
+    #[test]
+    fn confidence_falls_with_missed_and_invented_impacts() {
+        let phase = Phase::from_radians(Lock::at(0.43, 0.2, 1).unwrap().unwrap().state().phase);
+        let confidence = |missed_every: u32| {
+            let mut classifier = Classifier::<64>::build(HearingSettings::EAR).unwrap();
+            for cycle in 0..100 {
+                if cycle % missed_every != missed_every - 1 {
+                    classifier.impact(cycle, phase);
+                }
+            }
+            let verdict = classifier.verdict();
+            if verdict.regime == (Regime::Locked { order: 1 }) {
+                verdict.confidence
+            } else {
+                0.0
+            }
+        };
+        assert!(confidence(1000) > 0.99);
+        assert!(confidence(20) > 0.85 && confidence(20) < confidence(1000));
+        assert!(confidence(2) == 0.0);
+    }
+
+    #[test]
+    fn times_that_run_backwards_are_ignored() {
+        let mut classifier = Classifier::<64>::build(HearingSettings::EAR).unwrap();
+        for cycle in 0..100 {
+            classifier.impact(cycle, Phase::ZERO);
+            classifier.impact(cycle / 2, Phase::from_bits(77));
+        }
+        assert!(classifier.verdict().confidence >= 0.0);
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        for (noise, resolution, parameter) in [(-0.1, 0.1, "noise"), (0.1, 0.0, "resolution")] {
+            let refused = Classifier::<64>::build(HearingSettings { noise, resolution });
+            assert_eq!(refused.unwrap_err().parameter, parameter);
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! Lyapunov exponent: how fast neighbouring orbits part.
+
+use core::f64::consts::TAU;
+
+use super::cascade::Estimate;
+use super::lock::Lock;
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::{Event, Kernel, Map, Orbit, State, Tangent};
+
+/// Batches whose scatter gives the statistical error.
+const BATCHES: u32 = 32;
+
+/// How an exponent is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExponentSettings {
+    /// Impacts that are left out at the start.
+    pub settle: u32,
+    /// Impacts that are measured, 320..=1e9.
+    pub impacts: u32,
+}
+
+/// What the orbit turned out to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// The exponent is negative by more than three standard errors: periodic.
+    Regular,
+    /// It is positive by more than three standard errors, and the part never came to rest.
+    Chaotic,
+    /// Neither within three standard errors.
+    Undecided,
+    /// The part came to rest after so many impacts; what looked chaotic until then was transient, for
+    /// an orbit that rests once has forgotten everything.
+    Rest {
+        /// Impacts before it, settling included.
+        after: u32,
+    },
+}
+
+/// Largest Lyapunov exponent of one orbit.
+///
+/// With rest the values are those of the flight until then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exponent {
+    /// Per impact, with its standard error by batch means.
+    pub per_impact: Estimate,
+    /// Per drive cycle, with its standard error.
+    pub per_cycle: Estimate,
+    /// Mean flight in drive cycles.
+    pub flight: f64,
+    /// What the orbit is.
+    pub motion: Motion,
+}
+
+/// Measures the largest Lyapunov exponent of the orbit of `map` from `start` with the tangent map.
+///
+/// The two exponents of an orbit add up to `2 ln R` per impact exactly (`det J = R^2 psi / psi'`).
+pub fn measure(
+    map: &Map,
+    start: State,
+    settings: ExponentSettings,
+) -> Result<Exponent, OutOfRange> {
+    accept(
+        "impacts",
+        f64::from(settings.impacts),
+        (10 * BATCHES..=1_000_000_000).contains(&settings.impacts),
+        "320..1000000000",
+    )?;
+    let start = Map::state(start.phase, start.velocity)?;
+    let batch = settings.impacts / BATCHES;
+    let mut sums = Sums::default();
+    let mut current = Batch::default();
+    let mut direction = [1.0, 0.0];
+    let mut orbit = Orbit::new(map, start);
+    let mut count = 0_u32;
+    let mut rest = None;
+    let all = settings.settle.saturating_add(batch * BATCHES);
+    while count < all {
+        let before = orbit.state();
+        let impact = match orbit.next() {
+            Some(Event::Impact(impact)) => impact,
+            // A start at rest lifts off; an orbit that comes to rest is over.
+            Some(Event::LiftOff { .. }) if count == 0 => continue,
+            Some(Event::LiftOff { .. } | Event::Rest { .. }) | None => {
+                rest = Some(count);
+                break;
+            }
+        };
+        count += 1;
+        // A grazing impact has no tangent; its neighbourhood has measure zero, and the direction is kept.
+        if let Some(tangent) = Tangent::of(map, before, &impact) {
+            let [[a, b], [c, d]] = tangent.jacobian;
+            let next = [
+                a * direction[0] + b * direction[1],
+                c * direction[0] + d * direction[1],
+            ];
+            let size = libm::sqrt(next[0] * next[0] + next[1] * next[1]);
+            if size > 0.0 && size.is_finite() {
+                direction = [next[0] / size, next[1] / size];
+                if count > settings.settle {
+                    current.growth += libm::log(size);
+                }
+            }
+        }
+        if count > settings.settle {
+            current.cycles += impact.flight / TAU;
+            current.impacts += 1;
+            if current.impacts == batch {
+                sums.add(&current);
+                current = Batch::default();
+            }
+        }
+    }
+    if sums.batches < 2 && current.impacts > 0 {
+        sums.add(&current);
+    }
+    Ok(sums.exponent(rest))
+}
+
+/// A start near the locked orbit of `order` where there is one, else lift-off: from there an orbit of
+/// the cascade or of the chaos behind it is met, which a start from rest mostly is not.
+#[must_use]
+pub fn start(map: &Map, order: u32) -> State {
+    match Lock::at(map.k(), map.restitution(), order) {
+        Ok(Some(lock)) => State {
+            phase: lock.state().phase + 1e-3,
+            velocity: lock.state().velocity,
+        },
+        _ => State {
+            phase: libm::asin(map.k().min(1.0)),
+            velocity: 0.0,
+        },
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Batch {
+    growth: f64,
+    cycles: f64,
+    impacts: u32,
+}
+
+/// Sums over batches for the mean growth per impact, per cycle, and their scatter.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    batches: u32,
+    impacts: f64,
+    growth: f64,
+    cycles: f64,
+    rate: f64,
+    rate_square: f64,
+    speed: f64,
+    speed_square: f64,
+}
+
+impl Sums {
+    fn add(&mut self, batch: &Batch) {
+        let rate = batch.growth / f64::from(batch.impacts);
+        let speed = batch.growth / batch.cycles;
+        self.batches += 1;
+        self.impacts += f64::from(batch.impacts);
+        self.growth += batch.growth;
+        self.cycles += batch.cycles;
+        self.rate += rate;
+        self.rate_square += rate * rate;
+        self.speed += speed;
+        self.speed_square += speed * speed;
+    }
+
+    fn exponent(&self, rest: Option<u32>) -> Exponent {
+        let n = f64::from(self.batches);
+        let error = |sum: f64, square: f64| {
+            if self.batches < 2 {
+                return f64::INFINITY;
+            }
+            let mean = sum / n;
+            libm::sqrt((square / n - mean * mean).max(0.0) / (n - 1.0))
+        };
+        let per_impact = Estimate {
+            value: self.growth / self.impacts,
+            error: error(self.rate, self.rate_square),
+        };
+        let motion = match rest {
+            Some(after) => Motion::Rest { after },
+            None if per_impact.value > 3.0 * per_impact.error => Motion::Chaotic,
+            None if per_impact.value < -3.0 * per_impact.error => Motion::Regular,
+            None => Motion::Undecided,
+        };
+        Exponent {
+            per_impact,
+            per_cycle: Estimate {
+                value: self.growth / self.cycles,
+                error: error(self.speed, self.speed_square),
+            },
+            flight: self.cycles / self.impacts,
+            motion,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn exponent(k: f64, restitution: f64, impacts: u32) -> Exponent {
+        let map = Map::build(k, restitution).unwrap();
+        measure(
+            &map,
+            start(&map, 1),
+            ExponentSettings {
+                settle: 2000,
+                impacts,
+            },
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn exponents_are_the_references() {
+        // Physics, section 11: +-0.003; the statistical error of this run comes on top, four of its
+        // standard errors.
+        for (k, restitution, reference) in [
+            (0.358, 0.2, 0.0778),
+            (0.355, 0.2, 0.0522),
+            (0.35, 0.2, 0.3622),
+            (0.34, 0.2, 0.5020),
+            (0.586, 0.5, 0.0860),
+        ] {
+            let found = exponent(k, restitution, IMPACTS);
+            let Estimate { value, error } = found.per_impact;
+            assert!(error < 0.01, "{k}: {found:?}");
+            assert!(
+                (value - reference).abs() < 0.003 + 4.0 * error,
+                "{k}: {found:?}"
+            );
+            assert_eq!(found.motion, Motion::Chaotic, "{k}: {found:?}");
+            assert!((found.per_cycle.value * found.flight / value - 1.0).abs() < 1e-12);
+        }
+    }
+
+    const IMPACTS: u32 = 100_000;
+
+    #[test]
+    fn on_a_locked_orbit_the_exponent_is_the_logarithm_of_its_multiplier() {
+        for (k, restitution) in [(0.43, 0.2), (0.40, 0.2), (0.75, 0.5), (0.9, 0.5)] {
+            let lock = Lock::at(k, restitution, 1).unwrap().unwrap();
+            let found = exponent(k, restitution, 3200);
+            let expected = libm::log(lock.multipliers().modulus());
+            // A turning direction averages out like 1 / impacts.
+            assert!(
+                (found.per_impact.value - expected).abs() < 2e-3,
+                "{k} {found:?} {expected}"
+            );
+            assert_eq!(found.motion, Motion::Regular);
+            assert!((found.flight - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn transient_chaos_ends_at_rest_and_says_so() {
+        // Physics, section 6: at R = 0.5 hopping survives only down to k of about 0.57.
+        let map = Map::build(0.5, 0.5).unwrap();
+        let found = measure(
+            &map,
+            start(&map, 1),
+            ExponentSettings {
+                settle: 0,
+                impacts: 100_000,
+            },
+        )
+        .unwrap();
+        assert!(
+            matches!(found.motion, Motion::Rest { after } if after > 0),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        let map = Map::build(0.4, 0.2).unwrap();
+        let settings = ExponentSettings {
+            settle: 0,
+            impacts: 100,
+        };
+        let refused = measure(&map, start(&map, 1), settings).unwrap_err();
+        assert_eq!(refused.parameter, "impacts");
+    }
+}

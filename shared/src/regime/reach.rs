@@ -1,0 +1,135 @@
+//! Where in a band a part that starts from rest really locks.
+
+use super::lock::Lock;
+use crate::feeder::OutOfRange;
+use crate::impact::{Event, Kernel, Map, Orbit};
+
+/// What becomes of a part that starts from rest at a constant amplitude.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FromRest {
+    /// It locks.
+    Locks,
+    /// It comes to rest again; as all rests are followed by the same orbit, it does so for ever.
+    Rests,
+    /// It does neither within 5000 impacts.
+    Elsewhere,
+}
+
+/// Follows a part from rest at `k` until it locks in `order` or rests again.
+pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOfRange> {
+    let lock = Lock::at(k, restitution, order)?.filter(Lock::attracts);
+    let map = Map::build(k, restitution)?;
+    for event in Orbit::from_rest(&map).take(5000) {
+        match event {
+            Event::LiftOff { .. } => {}
+            Event::Rest { .. } => return Ok(FromRest::Rests),
+            Event::Impact(impact) => {
+                if lock.is_some_and(|lock| lock.distance(impact.next) < 1e-3) {
+                    return Ok(FromRest::Locks);
+                }
+            }
+        }
+    }
+    // k >= 1: the orbit ended at rest for ever.
+    Ok(if k >= 1.0 {
+        FromRest::Rests
+    } else {
+        FromRest::Elsewhere
+    })
+}
+
+/// The part of a band in which a part from rest locks, measured on a grid of k.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Highest k of the grid up to which every k from the low edge on locks; `None` if the first does not.
+    pub edge: Option<f64>,
+    /// Highest k of the grid that locks; `None` if none does.
+    pub highest: Option<f64>,
+    /// Share of the grid that locks, 0..=1.
+    pub share: f64,
+    /// Step of the grid.
+    pub step: f64,
+}
+
+impl Reach {
+    /// Tries `samples` (at least 1) values of k evenly inside `low..high`, each with every restitution of
+    /// `parts`; k counts only where all parts lock.
+    pub fn measure(
+        low: f64,
+        high: f64,
+        parts: &[f64],
+        order: u32,
+        samples: u32,
+    ) -> Result<Self, OutOfRange> {
+        let samples = samples.max(1);
+        let step = (high - low) / f64::from(samples);
+        let mut reach = Self {
+            edge: None,
+            highest: None,
+            share: 0.0,
+            step,
+        };
+        let mut unbroken = true;
+        let mut held = 0_u32;
+        for sample in 0..samples {
+            let k = low + (f64::from(sample) + 0.5) * step;
+            let mut all = true;
+            for &restitution in parts {
+                if from_rest(k, restitution, order)? != FromRest::Locks {
+                    all = false;
+                    break;
+                }
+            }
+            unbroken &= all;
+            if all {
+                held += 1;
+                reach.highest = Some(k);
+                if unbroken {
+                    reach.edge = Some(k);
+                }
+            }
+        }
+        reach.share = f64::from(held) / f64::from(samples);
+        Ok(reach)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::band;
+    use super::*;
+
+    fn reach(restitution: f64, order: u32, samples: u32) -> Reach {
+        let low = band::flip(restitution, order).unwrap();
+        let high = band::birth(restitution, order).unwrap();
+        Reach::measure(low, high, &[restitution], order, samples).unwrap()
+    }
+
+    #[test]
+    fn low_restitution_reaches_the_lower_part_of_the_band() {
+        // Physics, section 7: locks below 0.4117, with single k failing close below, never above 0.4183.
+        let found = reach(0.2, 1, 200);
+        let edge = found.edge.unwrap();
+        assert!((0.4105..0.4122).contains(&edge), "{found:?}");
+        assert!(
+            (edge..0.4184).contains(&found.highest.unwrap()),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn lively_parts_and_higher_orders_are_not_reached_from_rest() {
+        for (restitution, order) in [(0.3, 1), (0.5, 1), (0.2, 2), (0.2, 3)] {
+            let found = reach(restitution, order, 60);
+            assert!(found.edge.is_none() && found.share < 0.02, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn slivers_are_found_where_they_are() {
+        // The first flights from rest end next to the locked orbit for some single k above R = 0.26.
+        assert_eq!(from_rest(0.4441, 0.26, 1).unwrap(), FromRest::Locks);
+        assert_eq!(from_rest(0.50, 0.26, 1).unwrap(), FromRest::Rests);
+        assert_eq!(from_rest(1.2, 0.8, 1).unwrap(), FromRest::Rests);
+    }
+}
