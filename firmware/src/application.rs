@@ -71,7 +71,8 @@ impl Exchange {
         self.cycle.wait().await
     }
 
-    fn command(&self, command: Command) {
+    /// What the drive is to do from the next cycle on.
+    pub fn command(&self, command: Command) {
         self.command.lock(|cell| cell.set(command));
         self.commanded.store(true, Ordering::Release);
     }

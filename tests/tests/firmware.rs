@@ -5,14 +5,19 @@ use std::time::Duration;
 
 use kband::plant::ClosedLoop;
 use kband_firmware::trial::{Line, Trial};
-use kband_tests::emulator::{self, Machine, Options, Output};
+use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
 use kband_tests::images;
 
 fn virtual_feeder(word: &'static str, seconds: u64) -> Output {
+    clocked(word, Clock::Steady, seconds)
+}
+
+fn clocked(word: &'static str, clock: Clock, seconds: u64) -> Output {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let options = Options {
         word: Some(word),
+        clock,
         ..Options::default()
     };
     emulator::run(&image, options, Duration::from_secs(seconds))
@@ -91,6 +96,23 @@ fn a_task_that_hangs_starves_the_watchdog() {
     assert!(lines[0].ends_with(" Power"), "{text}");
     assert_eq!(lines[1..3], ["drive off", "watchdog bites"], "{text}");
     assert!(lines[3].ends_with(" Watchdog"), "{text}");
+}
+
+#[test]
+fn a_sample_takes_a_tenth_of_the_core_at_most() {
+    let text = clocked("count", Clock::Instructions, 60).passed();
+    let counts = |name: &str| -> (u32, u32) {
+        let line = text.lines().find_map(|line| line.strip_prefix(name));
+        let words: Vec<&str> = line.unwrap_or_default().split_whitespace().collect();
+        (words[1].parse().unwrap(), words[3].parse().unwrap())
+    };
+    for name in ["signal path:", "sample interrupt:"] {
+        let (mean, most) = counts(name);
+        println!("{name} mean {mean}, most {most} instructions a sample");
+        // 420 is a tenth of 84 MHz / 20 kHz; the sample in which a cycle ends hands the cycle over.
+        assert!(mean > 20 && mean <= 250, "{text}");
+        assert!(most <= 840, "{text}");
+    }
 }
 
 #[test]

@@ -22,6 +22,8 @@ use kband_firmware::trial::{Line, Trial};
 use kband_firmware::watch::{Roll, Watched};
 use systick_timer::SystickDriver;
 
+use crate::count::count;
+
 /// QEMU clocks the machine's SysTick at 168 MHz.
 const CORE_CLOCK: u64 = 168_000_000;
 /// QEMU clocks the machine's timers at 1 GHz: 25 us, for the emulated time is not what samples count.
@@ -244,7 +246,7 @@ async fn main(spawner: Spawner) {
         _ => {}
     }
     let trial = match word {
-        "hang" => Trial::ALL.first().copied(),
+        "hang" | "count" => Trial::ALL.first().copied(),
         name => Trial::named(name),
     };
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
@@ -263,6 +265,10 @@ async fn main(spawner: Spawner) {
             finish(false);
         }
     };
+    if word == "count" {
+        count(&mut core.SYST, signal, controller, bench);
+        finish(true);
+    }
     BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };

@@ -8,11 +8,14 @@
 //! | word | does |
 //! |---|---|
 //! | the name of a trial | runs it and prints its trace |
+//! | `count` | counts the instructions of the sample interrupt; needs a clock that counts them |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
 //! | `hang` | a task never returns: the watchdog has to bite |
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(target_os = "none")]
+mod count;
 #[cfg(target_os = "none")]
 mod emulated;
 

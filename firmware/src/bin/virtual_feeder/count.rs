@@ -1,0 +1,110 @@
+//! How many instructions the sample interrupt takes.
+
+use core::hint::black_box;
+use core::sync::atomic::{AtomicU16, Ordering};
+
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m_semihosting::heprintln;
+use kband::control::{AdcCode, Controller, Signal};
+use kband::plant::Bench;
+use kband_firmware::application::{Exchange, Sampler};
+use kband_firmware::board::{Drive, Sense};
+use kband_firmware::watch::{Roll, Watched};
+
+/// SysTick's full range; one pass of it is 16.7 million ticks, 99 million instructions.
+const FULL: u32 = 0x00ff_ffff;
+/// Cycles of the drive that are counted, after as many that are not.
+const CYCLES: u32 = 20;
+
+static EXCHANGE: Exchange = Exchange::new();
+static ROLL: Roll = Roll::of(&[Watched::Samples]);
+
+/// The reading that the bench gave before the count.
+static READING: AtomicU16 = AtomicU16::new(0);
+
+/// Gives that reading.
+struct Reading;
+
+impl Sense for Reading {
+    fn sample(&mut self) -> AdcCode {
+        AdcCode(READING.load(Ordering::Relaxed))
+    }
+}
+
+/// The last output.
+struct Taken(f32);
+
+impl Drive for Taken {
+    fn set(&mut self, output: f32) {
+        self.0 = black_box(output);
+    }
+
+    fn off(&mut self) {
+        self.0 = black_box(0.0);
+    }
+}
+
+/// Instructions in hundredths for a difference of the counter: one is a nanosecond, a tick 1000/168.
+fn instructions(ticks: u32) -> u64 {
+    u64::from(ticks) * 100_000 / 168
+}
+
+/// Counts the sample interrupt over whole cycles of the drive, and prints mean and most.
+///
+/// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
+/// counter's step of six instructions, the mean to a sixtieth of one.
+pub fn count(timer: &mut SYST, mut signal: Signal, mut controller: Controller, mut bench: Bench) {
+    timer.set_clock_source(SystClkSource::Core);
+    timer.set_reload(FULL);
+    timer.clear_current();
+    timer.enable_counter();
+    let lap = |work: &mut dyn FnMut()| {
+        let before = SYST::get_current();
+        work();
+        before.wrapping_sub(SYST::get_current()) & FULL
+    };
+    // Closed loop to a lively state: drive up, parts in flight.
+    let mut cycles = 0;
+    while cycles < 60 {
+        let before = signal.phase();
+        let sampled = signal.sample(bench.sample());
+        bench.hold(sampled.output, (signal.phase() - before).bits());
+        if sampled.wrapped {
+            let report = controller.cycle(signal.cycle(), &bench.inputs());
+            signal.command(report.command);
+            EXCHANGE.command(report.command);
+            cycles += 1;
+        }
+    }
+    let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
+    let mut path = signal;
+    let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
+    let (mut sum, mut most, mut samples, mut whole_sum, mut whole_most) = (0, 0, 0_u32, 0, 0);
+    cycles = 0;
+    while cycles < CYCLES {
+        let code = black_box(bench.sample());
+        let mut sampled = None;
+        let ticks = lap(&mut || sampled = Some(black_box(path.sample(black_box(code)))));
+        READING.store(code.0, Ordering::Relaxed);
+        let whole = lap(&mut || sampler.interrupt());
+        sum += ticks;
+        most = most.max(ticks);
+        whole_sum += whole;
+        whole_most = whole_most.max(whole);
+        samples += 1;
+        if let Some(sampled) = sampled {
+            bench.hold(sampled.output, 10_737_418);
+            cycles += u32::from(sampled.wrapped);
+        }
+    }
+    let idle = instructions(empty) / 1000;
+    let mean = |sum: u32| (instructions(sum) / u64::from(samples)).saturating_sub(idle) as u32;
+    let peak = |most: u32| (instructions(most).saturating_sub(idle) / 100) as u32;
+    heprintln!("signal path: mean {} most {}", mean(sum) / 100, peak(most));
+    heprintln!(
+        "sample interrupt: mean {} most {}",
+        mean(whole_sum) / 100,
+        peak(whole_most)
+    );
+}
