@@ -23,9 +23,12 @@ fn main() {
     }
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let memory = root.join("memory.x");
+    let memory = match env::var_os("CARGO_FEATURE_STM32G474RE") {
+        Some(_) => root.join("firmware/stm32g474re.x"),
+        None => root.join("memory.x"),
+    };
     println!("cargo:rerun-if-changed={}", memory.display());
-    fs::copy(&memory, out.join("memory.x")).expect("memory.x at the root of the workspace");
+    fs::copy(&memory, out.join("memory.x")).expect("the board's memory is described");
     fs::write(out.join("layout.x"), LAYOUT).expect("OUT_DIR is writable");
     println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x"] {

@@ -19,5 +19,7 @@ pub mod board;
 pub mod cortex;
 pub mod last_words;
 pub mod start;
+#[cfg(target_os = "none")]
+pub mod stm32;
 pub mod trial;
 pub mod watch;

@@ -1,8 +1,14 @@
-//! The application on an STM32F405RG board.
+//! The application on a board: STM32F405RG by default, Nucleo-G474RE with its feature.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
 mod board;
+#[cfg(all(target_os = "none", feature = "stm32f405rg"))]
+#[path = "stm32f405rg.rs"]
+mod chip;
+#[cfg(all(target_os = "none", feature = "stm32g474re"))]
+#[path = "stm32g474re.rs"]
+mod chip;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

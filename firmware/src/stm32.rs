@@ -1,0 +1,236 @@
+//! What the boards with an STM32 share: half bridge, converter, inputs and lamps, watchdog.
+//!
+//! The pins are the same on every board, so that one page of wiring serves them all.
+
+use embassy_stm32::Peri;
+use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
+use embassy_stm32::dac::{DacChannel, Value};
+use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac;
+use embassy_stm32::pac::timer::vals::Mms;
+use embassy_stm32::peripherals::{
+    ADC1, DAC1, IWDG, PA1, PA4, PA8, PB0, PB1, PB10, PB11, PB13, TIM1,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::Channel;
+use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
+use embassy_stm32::timer::low_level::CountingMode;
+use embassy_stm32::timer::simple_pwm::PwmPin;
+use embassy_stm32::wdg::IndependentWatchdog;
+use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE, State};
+
+use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
+use crate::cortex::stack_low;
+
+/// Time in which neither switch of the half bridge conducts, as a share of a second: 1 us.
+const DEAD_TIME: u32 = 1_000_000;
+/// Period of the watchdog in us. A cycle at 5 Hz takes 0.2 s, so that each gets a chance to check in.
+const WATCHDOG_PERIOD: u32 = 800_000;
+
+/// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
+///
+/// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %. The voltage is 0..3.3 V
+/// with the middle for 0, for an external amplifier.
+pub struct HalfBridge {
+    pwm: ComplementaryPwm<'static, TIM1>,
+    voltage: DacChannel<'static, Blocking>,
+    full: f32,
+    on: bool,
+}
+
+impl HalfBridge {
+    /// The bridge, off; the core's clock in Hz is what TIM1 counts.
+    #[must_use]
+    pub fn new(
+        timer: Peri<'static, TIM1>,
+        high: Peri<'static, PA8>,
+        low: Peri<'static, PB13>,
+        converter: Peri<'static, DAC1>,
+        voltage: Peri<'static, PA4>,
+        core_clock: u32,
+    ) -> Self {
+        let mut pwm = ComplementaryPwm::new(
+            timer,
+            Some(PwmPin::new(high, OutputType::PushPull)),
+            Some(ComplementaryPwmPin::new(low, OutputType::PushPull)),
+            None,
+            None,
+            None,
+            None,
+            None,
+            None,
+            Hertz(SAMPLE_RATE),
+            CountingMode::CenterAlignedBothInterrupts,
+        );
+        pwm.set_master_output_enable(false);
+        pwm.set_dead_time((core_clock / DEAD_TIME) as u16);
+        // One update a period, where the counter turns at its bottom: the repetition counter is
+        // written while the counter stands, or the update would come at its top.
+        let timer = pac::TIM1;
+        timer.cr1().modify(|control| control.set_cen(false));
+        timer.cnt().write(|count| count.set_cnt(0));
+        pwm.set_repetition_counter(1);
+        timer.egr().write(|event| event.set_ug(true));
+        timer.cr2().modify(|control| control.set_mms(Mms::UPDATE));
+        timer.cr1().modify(|control| control.set_cen(true));
+        let full = pwm.get_max_duty() as f32;
+        pwm.set_duty(Channel::Ch1, (0.5 * full) as u32);
+        pwm.enable(Channel::Ch1);
+        let mut voltage = DacChannel::new_blocking(converter, voltage);
+        voltage.set(Value::Bit12Right(MIDDLE));
+        Self {
+            pwm,
+            voltage,
+            full,
+            on: false,
+        }
+    }
+}
+
+/// Middle of the 12-bit voltage output.
+const MIDDLE: u16 = 2048;
+
+impl Drive for HalfBridge {
+    #[inline]
+    fn set(&mut self, output: f32) {
+        let share = 0.5 + 0.5 * output.clamp(-1.0, 1.0);
+        self.pwm.set_duty(Channel::Ch1, (share * self.full) as u32);
+        self.voltage
+            .set(Value::Bit12Right((share * 4095.0 + 0.5) as u16));
+        if !self.on {
+            self.on = true;
+            self.pwm.set_master_output_enable(true);
+        }
+    }
+
+    fn off(&mut self) {
+        self.on = false;
+        drive_off();
+    }
+}
+
+/// Takes the power from the half bridge and the voltage to its middle, by registers alone.
+pub fn drive_off() {
+    // Without the main output enable both switches are held open.
+    pac::TIM1.bdtr().modify(|register| register.set_moe(false));
+    pac::DAC1
+        .dhr12r(0)
+        .write(|register| register.set_dhr(MIDDLE));
+}
+
+/// The accelerometer on PA1, converted where TIM1 turns: far from the switching of the bridge.
+pub struct Converter(InjectedAdc<'static, ADC1, 1>);
+
+impl Converter {
+    /// The converter, its interrupt asked for at the end of each conversion.
+    #[must_use]
+    pub fn new(
+        converter: Adc<'static, ADC1>,
+        accelerometer: Peri<'static, PA1>,
+        sample_time: SampleTime,
+    ) -> Self {
+        Self(converter.setup_injected_conversions(
+            [(accelerometer.degrade_adc(), sample_time)],
+            embassy_stm32::triggers::TIM1_TRGO,
+            pac::adc::vals::Exten::RISING_EDGE,
+            true,
+        ))
+    }
+}
+
+impl Sense for Converter {
+    #[inline]
+    fn sample(&mut self) -> AdcCode {
+        AdcCode(self.0.read_injected_samples()[0])
+    }
+}
+
+/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool).
+pub struct Terminals {
+    enable: Input<'static>,
+    cool: Input<'static>,
+}
+
+impl Terminals {
+    /// The inputs, inactive where nothing is wired: a broken wire stops the drive.
+    #[must_use]
+    pub fn new(enable: Peri<'static, PB0>, cool: Peri<'static, PB1>) -> Self {
+        Self {
+            enable: Input::new(enable, Pull::Down),
+            cool: Input::new(cool, Pull::Up),
+        }
+    }
+}
+
+impl Panel for Terminals {
+    fn inputs(&mut self) -> Inputs {
+        Inputs {
+            enable: self.enable.is_high(),
+            over_temperature: self.cool.is_high(),
+            link_heard: false,
+            stack_low: stack_low(),
+        }
+    }
+}
+
+/// Outputs: ready on PB10 (the wanted regime is held), fault on PB11.
+pub struct Lamps {
+    ready: Output<'static>,
+    fault: Output<'static>,
+}
+
+impl Lamps {
+    /// Both off.
+    #[must_use]
+    pub fn new(ready: Peri<'static, PB10>, fault: Peri<'static, PB11>) -> Self {
+        Self {
+            ready: Output::new(ready, Level::Low, Speed::Low),
+            fault: Output::new(fault, Level::Low, Speed::Low),
+        }
+    }
+}
+
+impl Monitor for Lamps {
+    fn report(&mut self, report: &Report) {
+        let ready = matches!(report.state, State::Holding | State::Locked);
+        self.ready.set_level(ready.into());
+        self.fault.set_level(report.fault.is_some().into());
+        for event in report.events.iter() {
+            defmt::info!(
+                "cycle {}: {} (k {}, b {} mm)",
+                report.cycle,
+                event.name(),
+                report.k,
+                report.amplitude * 1e3
+            );
+        }
+        if let Some(fault) = report.fault
+            && report
+                .events
+                .iter()
+                .any(|event| event == kband::control::Event::Faulted)
+        {
+            defmt::error!("fault {}: {}", fault.number(), fault.name());
+        }
+    }
+}
+
+/// The independent watchdog.
+pub struct Guard(IndependentWatchdog<'static, IWDG>);
+
+impl Guard {
+    /// The watchdog, started; nothing but a reset stops it.
+    #[must_use]
+    pub fn new(watchdog: Peri<'static, IWDG>) -> Self {
+        let mut guard = IndependentWatchdog::new(watchdog, WATCHDOG_PERIOD);
+        guard.unleash();
+        Self(guard)
+    }
+}
+
+impl Watchdog for Guard {
+    fn feed(&mut self) {
+        self.0.pet();
+    }
+}
