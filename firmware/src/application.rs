@@ -172,6 +172,7 @@ pub async fn control(
             if exchange.cycle.signaled() || !controller.plan_step() {
                 break;
             }
+            roll.check_in(Watched::Cycle);
             yield_now().await;
         }
     }

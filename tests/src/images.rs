@@ -29,11 +29,25 @@ pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
     built
         .get_or_insert_default()
         .entry(key)
-        .or_insert_with(|| compile(package, bin, machine))
+        .or_insert_with(|| compile(package, bin, machine, None))
         .clone()
 }
 
-fn compile(package: &str, bin: &str, machine: Machine) -> PathBuf {
+/// The binary `bin` of `package` with these features in place of the default ones.
+///
+/// It lies where the one with the default features would: the next build of that replaces it.
+///
+/// # Panics
+/// As [`build`].
+#[must_use]
+pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) -> PathBuf {
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    let key = (package.to_owned(), bin.to_owned(), machine);
+    built.get_or_insert_default().remove(&key);
+    compile(package, bin, machine, Some(features))
+}
+
+fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let target = machine.target();
     let mut arguments = Vec::new();
     if !compiles_for(&[], target) {
@@ -48,6 +62,9 @@ fn compile(package: &str, bin: &str, machine: Machine) -> PathBuf {
     arguments.extend(["build", "--quiet", "--locked", "--profile", "firmware"].map(str::to_owned));
     for (option, value) in [("--package", package), ("--bin", bin), ("--target", target)] {
         arguments.extend([option.to_owned(), value.to_owned()]);
+    }
+    if let Some(features) = features {
+        arguments.extend(["--no-default-features", "--features", features].map(str::to_owned));
     }
     let output = limited("900", "cargo", |cargo| {
         cargo.args(&arguments).arg("--target-dir").arg(&folder);

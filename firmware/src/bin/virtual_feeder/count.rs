@@ -1,4 +1,4 @@
-//! How many instructions the sample interrupt takes.
+//! How many instructions the sample interrupt and the plan of the capture take.
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
@@ -50,7 +50,8 @@ fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
 }
 
-/// Counts the sample interrupt over whole cycles of the drive, and prints mean and most.
+/// Counts the plan of the capture, then the sample interrupt over whole cycles of the drive; prints
+/// mean and most.
 ///
 /// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
 /// counter's step of six instructions, the mean to a sixtieth of one.
@@ -64,6 +65,24 @@ pub fn count(timer: &mut SYST, mut signal: Signal, mut controller: Controller, m
         work();
         before.wrapping_sub(SYST::get_current()) & FULL
     };
+    // The plan of the capture, slice by slice as the control task does it.
+    let (mut plan, mut longest, mut slices) = (0_u64, 0, 0_u32);
+    loop {
+        let mut more = false;
+        let ticks = lap(&mut || more = black_box(controller.plan_step()));
+        plan += instructions(ticks) / 100;
+        longest = longest.max(ticks);
+        slices += 1;
+        if !more || slices > 100_000 {
+            break;
+        }
+    }
+    heprintln!(
+        "capture plan: {} instructions in {} slices, most {}",
+        plan,
+        slices,
+        instructions(longest) / 100
+    );
     // Closed loop to a lively state: drive up, parts in flight.
     let mut cycles = 0;
     while cycles < 60 {

@@ -28,8 +28,8 @@ use crate::count::count;
 const CORE_CLOCK: u64 = 168_000_000;
 /// QEMU clocks the machine's timers at 1 GHz: 25 us, for the emulated time is not what samples count.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
-/// Samples after which the emulated watchdog bites: a quarter of a second.
-const WATCHDOG_SAMPLES: u32 = 5_000;
+/// Interrupts after which the emulated watchdog bites: half a second of emulated time.
+const WATCHDOG_SAMPLES: u32 = 20_000;
 /// Semihosting operation that gives the command line.
 const GET_CMDLINE: usize = 0x15;
 
@@ -135,6 +135,8 @@ fn TIM3() {
         CAUSE.store(CAUSE_WATCHDOG, Ordering::Relaxed);
         SCB::sys_reset();
     }
+    // Standing still is being alive.
+    ROLL.check_in(Watched::Samples);
     if EXCHANGE.owed() {
         return;
     }

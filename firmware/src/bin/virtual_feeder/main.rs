@@ -8,7 +8,7 @@
 //! | word | does |
 //! |---|---|
 //! | the name of a trial | runs it and prints its trace |
-//! | `count` | counts the instructions of the sample interrupt; needs a clock that counts them |
+//! | `count` | counts the instructions of the sample interrupt and of the plan of the capture; needs a clock that counts them |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
 //! | `hang` | a task never returns: the watchdog has to bite |
