@@ -2,19 +2,14 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use super::flight::{Launch, REMAINDER, Track};
 use super::{Kernel, Map, State};
 use crate::feeder::OutOfRange;
-
-/// Largest third-order remainder of the closure that is accepted, in rad: half an ulp of a phase.
-const REMAINDER: f64 = 2e-16;
-/// Largest relative change of the pull during a chatter that is closed. It keeps the rest inside
-/// `sin < k` and the fourth order below the third.
-const CHANGE: f64 = 1e-3;
 
 /// When contact of a part with the track begins and ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    k: f64,
+    track: Track<f64>,
     restitution: f64,
     /// No velocity above this can be closed at any phase, so fast hops cost no trigonometry.
     ceiling: f64,
@@ -39,7 +34,7 @@ impl Contact {
         let pull = 1.0 + k;
         let least = (0.45 / pull).min(1.575 / (pull * pull));
         Self {
-            k,
+            track: Track::new(k),
             restitution,
             ceiling: libm::cbrt(REMAINDER / least) * pull * (1.0 - restitution),
             lift_off: (k < 1.0).then(|| libm::asin(k)),
@@ -61,34 +56,32 @@ impl Contact {
     /// `(2/9) z^3 (8 (c/A)^2 (1 + 3R/2 + R^2) - 3 (s/A) (1 + R)^2) / (1 + R + R^2)`, at most
     /// `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`; the closure is taken where that is below 2e-16 rad and the
     /// pull A changes by less than 1e-3 of itself, so that the part is still pulled down when it
-    /// comes to rest. A velocity of 0 rests at once where the track does not throw it.
+    /// comes to rest. A velocity of 0 rests at once where the track does not throw it. A lane of
+    /// [`Block`](super::batch::Block) waits on the same decision.
     #[must_use]
     pub fn time_to_rest(&self, state: State) -> Option<f64> {
         let State { phase, velocity } = state;
         if velocity > self.ceiling {
             return None;
         }
-        let (sine, cosine) = libm::sincos(phase);
-        let pull = self.k - sine;
-        if velocity <= 0.0 {
-            return (pull > 0.0 || (pull == 0.0 && cosine <= 0.0)).then_some(0.0);
-        }
-        if pull <= 0.0 || self.restitution >= 1.0 {
+        let launch = Launch::new(phase, velocity);
+        if !launch.chatters_out(&self.track, self.restitution) {
             return None;
         }
+        if velocity <= 0.0 {
+            return Some(0.0);
+        }
+        let pull = self.track.k - launch.sine;
         let z = velocity / (pull * (1.0 - self.restitution));
-        let slope = cosine / pull;
-        let bend = libm::fabs(sine) / pull;
-        let exact = z * z * z * (2.1 * slope * slope + 0.9 * bend) <= REMAINDER;
-        let steady = 2.0 * z * libm::fabs(slope) <= CHANGE && 2.0 * z * z * bend <= CHANGE;
-        (exact && steady).then_some(2.0 * z + 4.0 / 3.0 * slope * z * z)
+        let slope = launch.cosine / pull;
+        Some(2.0 * z + 4.0 / 3.0 * slope * z * z)
     }
 
     /// Way that a velocity along the track carries the part during a closed chatter, per unit of that
     /// velocity, in rad: `2 psi / (A (1 - R Rt))`, to first order in psi.
     #[must_use]
     pub fn chatter_reach(&self, state: State, tangential_restitution: f64) -> f64 {
-        let pull = self.k - libm::sin(state.phase);
+        let pull = self.track.k - libm::sin(state.phase);
         if pull > 0.0 && state.velocity > 0.0 {
             2.0 * state.velocity / (pull * (1.0 - self.restitution * tangential_restitution))
         } else {
@@ -112,13 +105,13 @@ impl Contact {
     #[must_use]
     pub fn wait_by_polling(&self, phase: f64) -> Option<f64> {
         const STEP: f64 = TAU / 256.0;
-        if libm::sin(phase) >= self.k {
+        if libm::sin(phase) >= self.track.k {
             return self.wait(phase);
         }
         for n in 0..257 {
             let (from, to) = (f64::from(n) * STEP, f64::from(n + 1) * STEP);
-            let crest = turned(FRAC_PI_2 - phase - from) < STEP && self.k < 1.0;
-            if crest || libm::sin(phase + to) >= self.k {
+            let crest = turned(FRAC_PI_2 - phase - from) < STEP && self.track.k < 1.0;
+            if crest || libm::sin(phase + to) >= self.track.k {
                 // The polled step holds the crossing, the exact phase of which is arcsin k.
                 return self
                     .wait(phase)

@@ -157,20 +157,35 @@ impl<L: Lane> Launch<L> {
         !zero.below(self.velocity) & !held.below(zero)
     }
 
-    /// Whether the part rests, or hops so little that its chatter to rest has a closed form: less than
-    /// 1e-5 of the pull, over so short a time that the pull changes by less than 1e-4 of itself.
+    /// Whether the part rests, or hops so little that the closed form of its chatter to rest is exact
+    /// to f64.
+    ///
+    /// With `A = k - sin t` and `z = psi / (A (1 - R))`: the third order of the chatter's duration, at
+    /// most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`, is below [`REMAINDER`], and A changes by less than
+    /// [`CHANGE`] of itself meanwhile. Written without divisions.
     #[inline(always)]
     pub fn chatters_out(&self, track: &Track<L>, restitution: L) -> L::Mask {
+        let zero = L::splat(0.0);
+        let (s, c, hop) = (self.sine.abs(), self.cosine.abs(), self.velocity);
         let pull = track.k - self.sine;
         let lost = L::splat(1.0) - restitution;
-        let hop = self.velocity;
-        let closing = L::splat(0.0).below(pull)
-            & !(L::splat(1e-5) * pull * lost).below(hop)
-            & !(L::splat(1e-4) * (pull * pull) * lost).below((hop + hop) * self.cosine.abs())
-            & L::splat(0.0).below(lost);
+        let reach = pull * lost;
+        let squared = pull * pull;
+        let third = (hop * hop * hop) * (L::splat(2.1) * (c * c) + L::splat(0.9) * (s * pull));
+        let exact = !(L::splat(REMAINDER) * (reach * reach * reach) * squared).below(third);
+        let turning = !(L::splat(CHANGE) * (reach * pull)).below((hop + hop) * c);
+        let bending = !(L::splat(CHANGE) * (reach * reach) * pull).below((hop + hop) * hop * s);
+        let closing = zero.below(pull) & zero.below(lost) & exact & turning & bending;
         closing | self.rests(track)
     }
 }
+
+/// Largest third order of a chatter's duration that its closed form leaves out, in rad: half an ulp of
+/// a phase.
+pub(crate) const REMAINDER: f64 = 2e-16;
+/// Largest relative change of the pull during a chatter that is closed. It keeps the rest inside
+/// `sin < k` and the fourth order below the third.
+pub(crate) const CHANGE: f64 = 1e-3;
 
 /// The end of a flight.
 #[derive(Clone, Copy, Debug)]
