@@ -105,16 +105,16 @@ compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev
 
 step "format" 60 cargo fmt --all --check
 step "clippy for the desk" 900 cargo clippy --locked --workspace --all-targets -- -D warnings
-step "clippy for the target" 600 $cross clippy --locked --target $thumb \
+step "clippy for the target" 900 $cross clippy --locked --target $thumb \
     --package kband-firmware --package kband-emulated -- -D warnings
 # One package at a time, as the tests ask for them: together they would get each other's features.
 for package in kband-emulated kband-firmware; do
     step "images of $package" 900 $cross build --locked --profile firmware --target $thumb \
         --package $package --bins --target-dir "$target/emulated"
 done
-step "test builds" 1200 cargo test --locked --workspace --no-run
-step "unit tests" 600 cargo test --locked --workspace --no-fail-fast --lib --bins
-step "doc tests" 600 cargo test --locked --workspace --no-fail-fast --doc
-step "integration and emulated tests" 900 cargo test --locked --workspace --no-fail-fast --test '*'
+step "test builds" 1200 cargo test --locked --no-run
+step "unit tests" 600 cargo test --locked --no-fail-fast --lib --bins
+step "doc tests" 600 cargo test --locked --no-fail-fast --doc
+step "integration and emulated tests" 900 cargo test --locked --no-fail-fast --test '*'
 RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --no-deps --lib
 finish
