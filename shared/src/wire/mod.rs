@@ -1,1 +1,42 @@
-//! (being built)
+//! The link between board and desk: messages in checked frames.
+//!
+//! A frame on the line is COBS (Cheshire & Baker 1997) with a zero at its end, so that a receiver finds
+//! the next frame after any garbage. Inside are, in this order:
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 1 | version: [`VERSION`], or 0 for the question and the answer who is there |
+//! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
+//! | 1 | sequence: the board answers with the one it was asked with; telemetry has 0 |
+//! | | the message: postcard of [`Request`] or [`Response`] |
+//! | 4 | CRC-32 (IEEE 802.3) of all before it |
+//!
+//! The question who is there is a frame of version 0 without a message; its answer is [`Identity`] as
+//! version, schema (4 bytes) and the name of the image. These two never change, so that any desk can
+//! tell any board what it speaks. Everything else may change with [`VERSION`] and [`SCHEMA`], and is
+//! refused where they differ.
+//!
+//! Whatever cannot be read is refused and counted ([`Counters`]); nothing is guessed, clipped or
+//! half done.
+
+mod frame;
+mod message;
+mod receiver;
+
+pub use frame::{
+    FRAME_MOST, Identity, Incoming, Outgoing, Unsendable, read_answer, read_request,
+    write_identity, write_question, write_request, write_response,
+};
+pub use message::{
+    Counters, Record, Refusal, Request, Response, SelfTest, Setting, Target, Telemetry,
+};
+pub use receiver::{Receiver, Unreadable};
+
+/// Version of everything but the question who is there.
+pub const VERSION: u8 = 1;
+
+/// Hash of the golden frames: it changes with every message.
+pub const SCHEMA: u32 = 0xbb98_fec2;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,267 @@
+//! Frames: written into a buffer ready for the line, read from one that the receiver took off it.
+
+use serde::{Deserialize, Serialize};
+
+use super::message::{Request, Response};
+use super::receiver::Unreadable;
+use super::{SCHEMA, VERSION};
+
+/// Longest frame on the line in bytes, the zero at its end included.
+pub const FRAME_MOST: usize = 320;
+
+/// Most bytes inside a frame: COBS adds one in 254.
+const INSIDE_MOST: usize = FRAME_MOST - 3;
+const HEAD: usize = 4;
+const CHECK: usize = 4;
+/// Version of the question and the answer who is there.
+const IDENTIFY: u8 = 0;
+
+/// A message too long for a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unsendable;
+
+/// What a board reads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Incoming<'a> {
+    /// The question who is there.
+    Question {
+        /// To answer with.
+        sequence: u8,
+    },
+    /// A request.
+    Request {
+        /// To answer with.
+        sequence: u8,
+        /// What is asked.
+        request: Request<'a>,
+    },
+}
+
+/// Who is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity<'a> {
+    /// The [`VERSION`] that the board speaks.
+    pub version: u8,
+    /// The [`SCHEMA`] that the board speaks.
+    pub schema: u32,
+    /// Name, version and build of its image.
+    pub image: &'a str,
+}
+
+/// What a desk reads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Outgoing<'a> {
+    /// Who is there.
+    Identity {
+        /// That of the question.
+        sequence: u8,
+        /// The answer.
+        identity: Identity<'a>,
+    },
+    /// A response.
+    Response {
+        /// That of the request; 0 unasked.
+        sequence: u8,
+        /// What is said.
+        response: Response<'a>,
+    },
+}
+
+/// The frame of a request.
+pub fn write_request<'b>(
+    buffer: &'b mut [u8; FRAME_MOST],
+    sequence: u8,
+    request: &Request<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    write_message(buffer, sequence, request)
+}
+
+/// The frame of a response.
+pub fn write_response<'b>(
+    buffer: &'b mut [u8; FRAME_MOST],
+    sequence: u8,
+    response: &Response<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    write_message(buffer, sequence, response)
+}
+
+/// The frame of the question who is there; frozen.
+pub fn write_question(buffer: &mut [u8; FRAME_MOST], sequence: u8) -> Result<&[u8], Unsendable> {
+    let mut inside = [0; INSIDE_MOST];
+    inside[0] = IDENTIFY;
+    inside[1] = sequence;
+    finish(buffer, &mut inside, 2)
+}
+
+/// The frame of the answer who is there; frozen.
+pub fn write_identity<'b>(
+    buffer: &'b mut [u8; FRAME_MOST],
+    sequence: u8,
+    identity: &Identity<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    let mut inside = [0; INSIDE_MOST];
+    let image = identity.image.as_bytes();
+    let length = 7 + image.len();
+    inside[0] = IDENTIFY;
+    inside[1] = sequence;
+    inside[2] = identity.version;
+    inside[3..7].copy_from_slice(&identity.schema.to_le_bytes());
+    inside
+        .get_mut(7..length)
+        .ok_or(Unsendable)?
+        .copy_from_slice(image);
+    finish(buffer, &mut inside, length)
+}
+
+/// What is inside a frame that the receiver took off the line of a board.
+pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+    match open(inside)? {
+        (IDENTIFY, [sequence]) => Ok(Incoming::Question {
+            sequence: *sequence,
+        }),
+        (IDENTIFY, _) => Err(Unreadable::Unknown),
+        (version, rest) => {
+            let (sequence, request) = read_message(version, rest)?;
+            Ok(Incoming::Request { sequence, request })
+        }
+    }
+}
+
+/// What is inside a frame that the receiver took off the line of a desk.
+pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
+    match open(inside)? {
+        (IDENTIFY, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
+            sequence: *sequence,
+            identity: Identity {
+                version: *version,
+                schema: u32::from_le_bytes([*a, *b, *c, *d]),
+                image: core::str::from_utf8(image).map_err(|_| Unreadable::Unknown)?,
+            },
+        }),
+        (IDENTIFY, _) => Err(Unreadable::Unknown),
+        (version, rest) => {
+            let (sequence, response) = read_message(version, rest)?;
+            Ok(Outgoing::Response { sequence, response })
+        }
+    }
+}
+
+fn write_message<'b>(
+    buffer: &'b mut [u8; FRAME_MOST],
+    sequence: u8,
+    message: &impl Serialize,
+) -> Result<&'b [u8], Unsendable> {
+    let mut inside = [0; INSIDE_MOST];
+    let [low, high, ..] = SCHEMA.to_le_bytes();
+    inside[..HEAD].copy_from_slice(&[VERSION, low, high, sequence]);
+    let room = inside
+        .get_mut(HEAD..INSIDE_MOST - CHECK)
+        .ok_or(Unsendable)?;
+    let length = postcard::to_slice(message, room)
+        .map_err(|_| Unsendable)?
+        .len();
+    finish(buffer, &mut inside, HEAD + length)
+}
+
+fn read_message<'a, M: Deserialize<'a>>(
+    version: u8,
+    rest: &'a [u8],
+) -> Result<(u8, M), Unreadable> {
+    let [low, high, ..] = SCHEMA.to_le_bytes();
+    match rest {
+        [a, b, sequence, message @ ..] if version == VERSION && [*a, *b] == [low, high] => {
+            match postcard::take_from_bytes(message) {
+                Ok((message, [])) => Ok((*sequence, message)),
+                _ => Err(Unreadable::Unknown),
+            }
+        }
+        _ => Err(Unreadable::Foreign),
+    }
+}
+
+/// Adds the check to the first `length` bytes and encodes them.
+fn finish<'b>(
+    buffer: &'b mut [u8; FRAME_MOST],
+    inside: &mut [u8; INSIDE_MOST],
+    length: usize,
+) -> Result<&'b [u8], Unsendable> {
+    let check = crc(&inside[..length.min(INSIDE_MOST)]).to_le_bytes();
+    inside
+        .get_mut(length..length + CHECK)
+        .ok_or(Unsendable)?
+        .copy_from_slice(&check);
+    let mut code_at = 0;
+    let mut end = 1;
+    let mut code = 1_u8;
+    for &byte in &inside[..length + CHECK] {
+        if byte != 0 {
+            buffer[end] = byte;
+            end += 1;
+            code += 1;
+        }
+        if byte == 0 || code == u8::MAX {
+            buffer[code_at] = code;
+            code_at = end;
+            end += 1;
+            code = 1;
+        }
+    }
+    buffer[code_at] = code;
+    buffer[end] = 0;
+    Ok(&buffer[..=end])
+}
+
+/// A frame around arbitrary bytes, with a sound check.
+#[cfg(test)]
+pub(super) fn write_inside<'b>(buffer: &'b mut [u8; FRAME_MOST], plain: &[u8]) -> &'b [u8] {
+    let mut inside = [0; INSIDE_MOST];
+    inside[..plain.len()].copy_from_slice(plain);
+    finish(buffer, &mut inside, plain.len()).unwrap()
+}
+
+/// The version of a sound frame and what follows it.
+fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
+    let (sound, check) = inside
+        .split_last_chunk::<CHECK>()
+        .ok_or(Unreadable::Corrupt)?;
+    if crc(sound) != u32::from_le_bytes(*check) {
+        return Err(Unreadable::Corrupt);
+    }
+    let (version, rest) = sound.split_first().ok_or(Unreadable::Corrupt)?;
+    Ok((*version, rest))
+}
+
+/// CRC-32 of IEEE 802.3, four bits at a time: a table of 64 bytes for some twelve instructions a byte.
+fn crc(bytes: &[u8]) -> u32 {
+    const TABLE: [u32; 16] = {
+        let mut table = [0; 16];
+        let mut nibble = 0;
+        while nibble < 16 {
+            let mut value = nibble as u32;
+            let mut bit = 0;
+            while bit < 4 {
+                value = (value >> 1) ^ (0xedb8_8320 & (value & 1).wrapping_neg());
+                bit += 1;
+            }
+            table[nibble] = value;
+            nibble += 1;
+        }
+        table
+    };
+    !bytes.iter().fold(!0, |sum, byte| {
+        let sum = sum ^ u32::from(*byte);
+        let sum = (sum >> 4) ^ TABLE[(sum & 15) as usize];
+        (sum >> 4) ^ TABLE[(sum & 15) as usize]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_check_is_the_one_of_ieee_802_3() {
+        // The check value of the catalogue of CRC algorithms.
+        assert_eq!(crc(b"123456789"), 0xcbf4_3926);
+    }
+}

@@ -1,0 +1,229 @@
+//! What board and desk say to each other.
+
+use serde::{Deserialize, Serialize};
+
+use crate::control;
+
+/// What the desk asks of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request<'a> {
+    /// The setting of this number, from 0; refused past the last one.
+    Setting(u8),
+    /// The setting of this key.
+    Get(&'a str),
+    /// A new value for a setting; refused outside its range. It counts at once where the drive is off.
+    Set {
+        /// The setting's key.
+        key: &'a str,
+        /// Its new value.
+        value: f32,
+    },
+    /// Keeps the settings beyond a loss of power; refused while the drive runs.
+    Save,
+    /// Takes the defaults for all settings; refused while the drive runs.
+    Defaults,
+    /// A new target; refused outside its range.
+    Target(Target),
+    /// Withdraws the drive's enable, or gives it back; the enable input has to be active too.
+    Enable(bool),
+    /// Telemetry every so many drive cycles from now on; 0 ends it.
+    Telemetry(u16),
+    /// The first record of the event log from this number on.
+    Event(u32),
+    /// A test of the board's own parts; refused while the drive runs.
+    SelfTest,
+    /// What was counted on the link since the start.
+    Counters,
+    /// What the firmware said last before its last reset.
+    LastWords,
+    /// Nothing, but the desk is there.
+    Alive,
+}
+
+/// What the board says to the desk.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Response<'a> {
+    /// It is done.
+    Done,
+    /// It is not done, and nothing was changed.
+    Refused(Refusal<'a>),
+    /// A setting.
+    Setting(Setting<'a>),
+    /// A record of the event log, or none from that number on.
+    Event(Option<Record>),
+    /// The result of the test.
+    SelfTest(SelfTest),
+    /// The counters.
+    Counters(Counters),
+    /// The last words, if there were any.
+    LastWords(Option<&'a str>),
+    /// One drive cycle; sent unasked once telemetry is on.
+    Telemetry(Telemetry),
+}
+
+/// Why a request was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Refusal<'a> {
+    /// There is no such setting.
+    Unknown,
+    /// A value outside what its parameter accepts.
+    OutOfRange {
+        /// The parameter.
+        parameter: &'a str,
+        /// What is accepted, in words, with the unit.
+        accepted: &'a str,
+    },
+    /// Not while the drive runs.
+    Running,
+    /// The memory of the settings failed.
+    Store,
+}
+
+/// A setting with what may be known of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setting<'a> {
+    /// Its number, from 0.
+    pub number: u8,
+    /// Its key.
+    pub key: &'a str,
+    /// Its unit.
+    pub unit: &'a str,
+    /// Its value.
+    pub value: f32,
+    /// Smallest accepted value.
+    pub low: f32,
+    /// Largest accepted value.
+    pub high: f32,
+    /// Value on first start.
+    pub default: f32,
+}
+
+/// What is wanted of the parts; [`control::Target`] on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Target {
+    /// Locked, one impact every so many cycles.
+    Locked(u8),
+    /// Chaotic.
+    Chaotic,
+    /// A value of k.
+    K(f32),
+    /// A normal amplitude b in mm.
+    Amplitude(f32),
+    /// A conveying speed in mm/s.
+    Speed(f32),
+}
+
+impl From<control::Target> for Target {
+    fn from(target: control::Target) -> Self {
+        match target {
+            control::Target::Locked { order } => Self::Locked(order),
+            control::Target::Chaotic => Self::Chaotic,
+            control::Target::K(k) => Self::K(k),
+            control::Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
+            control::Target::Speed(speed) => Self::Speed(speed),
+        }
+    }
+}
+
+impl From<Target> for control::Target {
+    fn from(target: Target) -> Self {
+        match target {
+            Target::Locked(order) => Self::Locked { order },
+            Target::Chaotic => Self::Chaotic,
+            Target::K(k) => Self::K(k),
+            Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
+            Target::Speed(speed) => Self::Speed(speed),
+        }
+    }
+}
+
+/// One drive cycle as the controller saw it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Telemetry {
+    /// Cycles since the start.
+    pub cycle: u32,
+    /// Measured k; infinite at rest.
+    pub k: f32,
+    /// Measured normal amplitude of the track (symbol b) in m.
+    pub amplitude: f32,
+    /// Amplitude chosen for the target, in m; 0 where there is none.
+    pub setpoint: f32,
+    /// Phase lead of the track before the output, in rad.
+    pub lead: f32,
+    /// Output of the drive as a share of full output.
+    pub output: f32,
+    /// Impacts heard per cycle.
+    pub rate: f32,
+    /// Mean phase of the track at the impacts heard, in rad.
+    pub phase: f32,
+    /// Confidence that the parts are in the wanted lock, 0..1.
+    pub confidence: f32,
+    /// Number of the state ([`control::State`]).
+    pub state: u8,
+    /// Number of the fault ([`control::Fault`]), 0 for none.
+    pub fault: u8,
+    /// Bits of the limits ([`control::Limits`]).
+    pub limits: u16,
+}
+
+impl From<&control::Report> for Telemetry {
+    fn from(report: &control::Report) -> Self {
+        Self {
+            cycle: report.cycle,
+            k: report.k,
+            amplitude: report.amplitude,
+            setpoint: report.setpoint,
+            lead: report.lead,
+            output: report.command.amplitude,
+            rate: report.rate,
+            phase: report.phase,
+            confidence: report.confidence,
+            state: report.state.number(),
+            fault: report.fault.map_or(0, control::Fault::number),
+            limits: report.limits.bits(),
+        }
+    }
+}
+
+/// A record of the event log.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Its number; numbers missing before it were overwritten.
+    pub number: u32,
+    /// Drive cycle in which it happened.
+    pub cycle: u32,
+    /// Number of the event ([`control::Event`]).
+    pub event: u8,
+    /// Number of the fault at that time, 0 for none.
+    pub fault: u8,
+}
+
+/// What the board found in itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SelfTest {
+    /// Whether the accelerometer stands where zero acceleration has it, gravity and noise allowed.
+    pub sensor: bool,
+    /// Whether the settings in memory are those in use.
+    pub settings: bool,
+    /// Bytes of the stack that were never used.
+    pub stack_free: u32,
+    /// Drive cycles whose control came too late.
+    pub missed: u32,
+}
+
+/// What was counted on the link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Requests that were read.
+    pub requests: u32,
+    /// Frames longer than any message.
+    pub oversized: u32,
+    /// Frames shorter than any message, or not COBS, or with a wrong CRC.
+    pub corrupt: u32,
+    /// Frames of another version or schema.
+    pub foreign: u32,
+    /// Sound frames whose message is not known.
+    pub unknown: u32,
+    /// Requests beyond what a drive cycle answers.
+    pub flooded: u32,
+}

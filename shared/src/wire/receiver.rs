@@ -1,0 +1,102 @@
+//! Frames taken off the line, byte by byte.
+
+use super::frame::FRAME_MOST;
+use super::message::Counters;
+
+/// Why a frame was not read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unreadable {
+    /// Longer than any message.
+    Oversized,
+    /// Shorter than any message, not COBS, or with a wrong check.
+    Corrupt,
+    /// Of another version or schema.
+    Foreign,
+    /// Sound, but no known message.
+    Unknown,
+}
+
+impl Counters {
+    /// Counts a frame that was not read.
+    pub fn count(&mut self, why: Unreadable) {
+        let counter = match why {
+            Unreadable::Oversized => &mut self.oversized,
+            Unreadable::Corrupt => &mut self.corrupt,
+            Unreadable::Foreign => &mut self.foreign,
+            Unreadable::Unknown => &mut self.unknown,
+        };
+        *counter = counter.wrapping_add(1);
+    }
+}
+
+/// Collects bytes until a frame is whole; never more than [`FRAME_MOST`] of them.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    buffer: [u8; FRAME_MOST],
+    length: usize,
+    overrun: bool,
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Receiver {
+    /// A receiver with nothing in it.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; FRAME_MOST],
+            length: 0,
+            overrun: false,
+        }
+    }
+
+    /// Takes a byte off the line; what is inside the frame that it ends, or why that cannot be read.
+    /// Zeros between frames are nothing.
+    pub fn take(&mut self, byte: u8) -> Option<Result<&[u8], Unreadable>> {
+        if byte != 0 {
+            match self.buffer.get_mut(self.length) {
+                Some(slot) => {
+                    *slot = byte;
+                    self.length += 1;
+                }
+                None => self.overrun = true,
+            }
+            return None;
+        }
+        let length = core::mem::take(&mut self.length);
+        if core::mem::take(&mut self.overrun) {
+            return Some(Err(Unreadable::Oversized));
+        }
+        if length == 0 {
+            return None;
+        }
+        Some(match decode(&mut self.buffer[..length]) {
+            Some(inside) => Ok(&self.buffer[..inside]),
+            None => Err(Unreadable::Corrupt),
+        })
+    }
+}
+
+/// Decodes COBS in place; the length of what is inside.
+fn decode(frame: &mut [u8]) -> Option<usize> {
+    let (mut from, mut to) = (0, 0);
+    while from < frame.len() {
+        let code = usize::from(frame[from]);
+        let end = from + code;
+        if code == 0 || end > frame.len() {
+            return None;
+        }
+        frame.copy_within(from + 1..end, to);
+        to += code - 1;
+        from = end;
+        if from < frame.len() && code != usize::from(u8::MAX) {
+            frame[to] = 0;
+            to += 1;
+        }
+    }
+    Some(to)
+}

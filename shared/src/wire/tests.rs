@@ -1,0 +1,271 @@
+//! The golden frames, and what is done with frames that are none.
+
+use std::format;
+use std::string::String;
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::*;
+
+fn requests() -> Vec<Request<'static>> {
+    std::vec![
+        Request::Setting(3),
+        Request::Get("frequency"),
+        Request::Set {
+            key: "restitution_low",
+            value: 0.18,
+        },
+        Request::Save,
+        Request::Defaults,
+        Request::Target(Target::Locked(1)),
+        Request::Target(Target::Chaotic),
+        Request::Target(Target::K(0.41)),
+        Request::Target(Target::Amplitude(0.25)),
+        Request::Target(Target::Speed(12.5)),
+        Request::Enable(true),
+        Request::Telemetry(5),
+        Request::Event(300),
+        Request::SelfTest,
+        Request::Counters,
+        Request::LastWords,
+        Request::Alive,
+    ]
+}
+
+fn responses() -> Vec<Response<'static>> {
+    std::vec![
+        Response::Done,
+        Response::Refused(Refusal::Unknown),
+        Response::Refused(Refusal::OutOfRange {
+            parameter: "frequency",
+            accepted: "5..500 Hz",
+        }),
+        Response::Refused(Refusal::Running),
+        Response::Refused(Refusal::Store),
+        Response::Setting(Setting {
+            number: 0,
+            key: "frequency",
+            unit: "Hz",
+            value: 50.0,
+            low: 5.0,
+            high: 500.0,
+            default: 50.0,
+        }),
+        Response::Event(Some(Record {
+            number: 300,
+            cycle: 70_000,
+            event: 9,
+            fault: 0,
+        })),
+        Response::Event(None),
+        Response::SelfTest(SelfTest {
+            sensor: true,
+            settings: false,
+            stack_free: 20_000,
+            missed: 0,
+        }),
+        Response::Counters(Counters {
+            requests: 1,
+            oversized: 2,
+            corrupt: 3,
+            foreign: 4,
+            unknown: 5,
+            flooded: 600,
+        }),
+        Response::LastWords(Some("panic at lib.rs:7")),
+        Response::LastWords(None),
+        Response::Telemetry(Telemetry {
+            cycle: 500,
+            k: 0.41,
+            amplitude: 0.000_25,
+            setpoint: 0.000_25,
+            lead: -1.5,
+            output: 0.3,
+            rate: 1.0,
+            phase: 0.7,
+            confidence: 0.95,
+            state: 4,
+            fault: 0,
+            limits: 2,
+        }),
+    ]
+}
+
+/// Bytes of the golden frames without version, schema and check, which follow from them.
+fn golden() -> Vec<(String, String)> {
+    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    let mut buffer = [0; 256];
+    let mut lines = Vec::new();
+    for request in requests() {
+        let bytes = postcard::to_slice(&request, &mut buffer).unwrap();
+        lines.push((format!("{request:?}"), hex(bytes)));
+    }
+    for response in responses() {
+        let bytes = postcard::to_slice(&response, &mut buffer).unwrap();
+        lines.push((format!("{response:?}"), hex(bytes)));
+    }
+    lines
+}
+
+fn hash(lines: &[(String, String)]) -> u32 {
+    lines
+        .iter()
+        .flat_map(|(_, hex)| hex.bytes().chain([b'\n']))
+        .fold(0x811c_9dc5, |sum, byte| {
+            (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+        })
+}
+
+#[test]
+fn the_schema_is_the_hash_of_the_golden_messages() {
+    let lines = golden();
+    assert_eq!(
+        SCHEMA,
+        hash(&lines),
+        "a message changed: set wire::SCHEMA to {:#010x}, and add a request or response here for a new \
+         message; raise wire::VERSION if the meaning of a message changed too. They are now:\n{lines:#?}",
+        hash(&lines)
+    );
+}
+
+#[test]
+fn the_frozen_frames_never_change() {
+    let mut buffer = [0; FRAME_MOST];
+    assert_eq!(
+        write_question(&mut buffer, 0x2a).unwrap(),
+        QUESTION,
+        "the question who is there is frozen"
+    );
+    let identity = Identity {
+        version: 1,
+        schema: 0x0102_0304,
+        image: "kband",
+    };
+    assert_eq!(
+        write_identity(&mut buffer, 0x2a, &identity).unwrap(),
+        ANSWER,
+        "the answer who is there is frozen"
+    );
+}
+
+// Computed apart from this code, with the CRC-32 of another library.
+const QUESTION: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
+const ANSWER: &[u8] = &[
+    0x01, 0x10, 0x2a, 0x01, 0x04, 0x03, 0x02, 0x01, 0x6b, 0x62, 0x61, 0x6e, 0x64, 0xca, 0xd5, 0xfd,
+    0xf8, 0x00,
+];
+
+fn receive(bytes: &[u8]) -> Vec<Result<Vec<u8>, Unreadable>> {
+    let mut receiver = Receiver::new();
+    bytes
+        .iter()
+        .filter_map(|byte| receiver.take(*byte).map(|frame| frame.map(<[u8]>::to_vec)))
+        .collect()
+}
+
+#[test]
+fn every_message_arrives_as_it_was_sent() {
+    let mut buffer = [0; FRAME_MOST];
+    for (sequence, request) in (0..).zip(requests()) {
+        let frame = write_request(&mut buffer, sequence, &request).unwrap();
+        let inside = receive(frame).remove(0).unwrap();
+        let expected = Incoming::Request { sequence, request };
+        assert_eq!(read_request(&inside), Ok(expected));
+    }
+    for (sequence, response) in (0..).zip(responses()) {
+        let frame = write_response(&mut buffer, sequence, &response).unwrap();
+        let inside = receive(frame).remove(0).unwrap();
+        let expected = Outgoing::Response { sequence, response };
+        assert_eq!(read_answer(&inside), Ok(expected));
+    }
+    let inside = receive(write_question(&mut buffer, 9).unwrap()).remove(0);
+    assert_eq!(
+        read_request(&inside.unwrap()),
+        Ok(Incoming::Question { sequence: 9 })
+    );
+    let identity = Identity {
+        version: VERSION,
+        schema: SCHEMA,
+        image: "kband 0.1.0",
+    };
+    let inside = receive(write_identity(&mut buffer, 9, &identity).unwrap()).remove(0);
+    let expected = Outgoing::Identity {
+        sequence: 9,
+        identity,
+    };
+    assert_eq!(read_answer(&inside.unwrap()), Ok(expected));
+}
+
+#[test]
+fn a_frame_is_refused_for_what_is_wrong_with_it() {
+    let mut buffer = [0; FRAME_MOST];
+    let frame = write_request(&mut buffer, 7, &Request::Get("frequency"))
+        .unwrap()
+        .to_vec();
+    let refusal = |bytes: &[u8]| -> Option<Unreadable> {
+        let inside = match receive(bytes).pop()? {
+            Ok(inside) => inside,
+            Err(why) => return Some(why),
+        };
+        read_request(&inside).err()
+    };
+    for cut in 1..frame.len() - 1 {
+        let mut short = frame[..cut].to_vec();
+        short.push(0);
+        assert_eq!(refusal(&short), Some(Unreadable::Corrupt), "cut at {cut}");
+    }
+    let long = [&[1; FRAME_MOST + 1][..], &[0]].concat();
+    assert_eq!(refusal(&long), Some(Unreadable::Oversized));
+    // Of another version, of another schema, with a trailing byte, with no such message.
+    let inside = receive(&frame).remove(0).unwrap();
+    let plain = &inside[..inside.len() - 4];
+    let foreign = |at: usize| {
+        let mut plain = plain.to_vec();
+        plain[at] ^= 0x40;
+        plain
+    };
+    let unknown = [&plain[..4], &[0x7f]].concat();
+    let trailing = [plain, &[1]].concat();
+    let question = std::vec![0, 1, 2];
+    for (plain, why) in [
+        (foreign(0), Unreadable::Foreign),
+        (foreign(1), Unreadable::Foreign),
+        (foreign(2), Unreadable::Foreign),
+        (unknown, Unreadable::Unknown),
+        (trailing, Unreadable::Unknown),
+        (question, Unreadable::Unknown),
+    ] {
+        let mut buffer = [0; FRAME_MOST];
+        let bytes = frame::write_inside(&mut buffer, &plain).to_vec();
+        assert_eq!(refusal(&bytes), Some(why), "{plain:x?}");
+    }
+    // After any garbage the next frame is read.
+    let resynchronised = [&long[..], &[3, 1, 0][..], &frame[..]].concat();
+    assert_eq!(refusal(&resynchronised), None);
+}
+
+proptest! {
+    #[test]
+    fn one_wrong_bit_is_never_taken(at in 0_usize..4096, bit in 0_u8..8) {
+        let mut buffer = [0; FRAME_MOST];
+        let request = Request::Set { key: "restitution_low", value: 0.18 };
+        let mut frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
+        let at = at % (frame.len() - 1);
+        frame[at] ^= 1 << bit;
+        for inside in receive(&frame).into_iter().flatten() {
+            prop_assert!(read_request(&inside).is_err());
+        }
+    }
+
+    #[test]
+    fn any_text_of_a_key_survives(key in "\\PC{0,60}", value: f32) {
+        let mut buffer = [0; FRAME_MOST];
+        let request = Request::Set { key: &key, value };
+        let frame = write_request(&mut buffer, 1, &request).unwrap().to_vec();
+        let inside = receive(&frame).remove(0).unwrap();
+        let Ok(Incoming::Request { request: Request::Set { key: k, value: v }, .. }) =
+            read_request(&inside) else { panic!() };
+        prop_assert_eq!((k, v.to_bits()), (&key[..], value.to_bits()));
+    }
+}
