@@ -1,15 +1,15 @@
 //! The number systems: binary angles, their sine and cosine, fixed-point formats.
 
-mod fixed;
+pub(crate) mod fixed;
 pub(crate) mod lane;
 #[allow(dead_code)]
 pub(crate) mod node;
 mod phase;
 #[allow(unsafe_code)]
 mod root;
-mod trigonometry;
+pub(crate) mod trigonometry;
 
 pub use fixed::Velocity;
 pub use phase::Phase;
 pub(crate) use root::{square_root, square_root_single};
-pub use trigonometry::{sine_cosine_fixed, sine_cosine_single};
+pub use trigonometry::{sine_cosine_fixed, sine_cosine_integer, sine_cosine_single};

@@ -5,6 +5,7 @@
 use core::f64::consts::TAU;
 
 use super::Phase;
+use super::fixed::high;
 use super::node;
 
 /// Radians in one step of a phase.
@@ -70,6 +71,70 @@ pub fn sine_cosine_fixed(phase: Phase) -> (i32, i32) {
     )
 }
 
+/// Sine and cosine of a phase in steps of 2^-30, in integers alone, for CPUs without an FPU.
+///
+/// Measured over 2^20 spread phases and all nodes: error at most 3.8e-9, RMS 9.6e-10.
+///
+/// ```
+/// use kband::arithmetic::{Phase, sine_cosine_integer};
+/// let (sine, cosine) = sine_cosine_integer(Phase::from_radians(0.5));
+/// assert!((f64::from(sine) / 1073741824.0 - 0.5_f64.sin()).abs() < 4e-9);
+/// assert!((f64::from(cosine) / 1073741824.0 - 0.5_f64.cos()).abs() < 4e-9);
+/// ```
+#[must_use]
+#[inline(always)]
+pub fn sine_cosine_integer(phase: Phase) -> (i32, i32) {
+    let (index, distance) = nearest(phase);
+    let [sine, cosine] = node::FIXED[index];
+    // 2 pi in steps of 2^-28: the angle in steps of 2^-34.
+    let d = high(distance << 6, 1_686_629_713);
+    let powers = Powers::of(d);
+    (
+        sine + powers.rise(sine, cosine),
+        cosine - powers.rise(-cosine, sine),
+    )
+}
+
+/// Sine and versine of an angle below 1/32 rad, in integers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Powers {
+    /// `sin d`, steps of 2^-34.
+    pub arc: i32,
+    /// `d - sin d`, steps of 2^-34.
+    pub lag: i32,
+    /// `1 - cos d`, steps of 2^-36.
+    pub versine: i32,
+    /// `d^2 / 2 - (1 - cos d)`, steps of 2^-36.
+    pub flat: i32,
+}
+
+impl Powers {
+    /// Of `d` in steps of 2^-34.
+    #[inline(always)]
+    pub fn of(d: i32) -> Self {
+        // d^2 / 2 from the upper and lower half of d; the square of the lower one is below a step.
+        let (upper, lower) = (d >> 14, d & 0x3fff);
+        let half_square = ((upper * upper) >> 5) + ((upper * lower) >> 18);
+        // d^3 / 6, 16 bits of each factor; 10923 / 2^15 is 1/3.
+        let lag = (((upper * (half_square >> 10)) >> 14) * 10_923) >> 13;
+        // d^4 / 24 is (d^2 / 2)^2 / 6, 683 / 2^12 is 1/6.
+        let short = half_square >> 16;
+        let flat = (short * short * 683) >> 16;
+        Self {
+            arc: d - lag,
+            lag,
+            versine: half_square - flat,
+            flat,
+        }
+    }
+
+    /// `sin(t + d) - sin t`, steps of 2^-30.
+    #[inline(always)]
+    pub fn rise(&self, sine: i32, cosine: i32) -> i32 {
+        (high(cosine, self.arc) >> 2) - (high(sine, self.versine) >> 4)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,5 +182,18 @@ mod tests {
         });
         std::println!("Q30: max {largest:e} rms {rms:e}");
         assert!(largest < 2.7e-9 && rms < 5.5e-10);
+    }
+
+    #[test]
+    fn integers_hold_their_error() {
+        let (largest, rms) = errors(|phase| {
+            let (sine, cosine) = sine_cosine_integer(phase);
+            (
+                f64::from(sine) / 1_073_741_824.0,
+                f64::from(cosine) / 1_073_741_824.0,
+            )
+        });
+        std::println!("integer: max {largest:e} rms {rms:e}");
+        assert!(largest < 4e-9 && rms < 1e-9);
     }
 }

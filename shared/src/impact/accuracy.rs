@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 use std::vec::Vec;
 
-use super::{Hybrid, Kernel, Map, Single, State};
+use super::{Hybrid, Integer, Kernel, Map, Single, State};
 
 /// Uniform numbers in 0..1 (splitmix64).
 struct Random(u64);
@@ -139,4 +139,12 @@ fn single_holds_its_errors() {
     holds::<Single>(high, [2e-6, 9e-5, 5e-4, 4e-4]);
     holds::<Single>(low, [2e-6, 2e-5, 2e-4, 1e-4]);
     holds::<Single>(logarithmic, [2e-6, 5e-6, 4e-4, 1e-4]);
+}
+
+#[test]
+fn integer_holds_its_errors() {
+    holds::<Integer>(high, [4e-9, 7e-8, 2e-6, 1e-6]);
+    holds::<Integer>(low, [4e-9, 1e-7, 3e-6, 1e-6]);
+    holds::<Integer>(logarithmic, [4e-9, 1e-6, 6e-5, 1e-6]);
+    holds::<Integer>(launch, [4e-9, 2e-7, 3e-5, 1e-6]);
 }

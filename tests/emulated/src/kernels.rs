@@ -1,6 +1,6 @@
 //! The kernels for microcontrollers: the work that all machines do alike.
 
-use kband::impact::{Hybrid, HybridState, Kernel, Landing, Single, SingleState};
+use kband::impact::{Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState};
 
 /// A kernel with its step in machine units.
 pub trait Machine: Kernel + Copy {
@@ -14,6 +14,16 @@ impl Machine for Hybrid {
     #[inline(always)]
     fn land(&self, state: HybridState) -> Landing<HybridState> {
         Hybrid::land(self, state)
+    }
+    fn bits(state: HybridState) -> [u32; 2] {
+        [state.phase.bits(), state.velocity.bits()]
+    }
+}
+
+impl Machine for Integer {
+    #[inline(always)]
+    fn land(&self, state: HybridState) -> Landing<HybridState> {
+        Integer::land(self, state)
     }
     fn bits(state: HybridState) -> [u32; 2] {
         [state.phase.bits(), state.velocity.bits()]
@@ -100,6 +110,7 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
     [
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
         (Single::NAME, hash_orbits::<Single>),
+        (Integer::NAME, hash_orbits::<Integer>),
     ]
     .into_iter()
     .map(|(name, hash)| (name, hash(10_000)))

@@ -1,0 +1,798 @@
+//! The impact map in integers alone, for a CPU without an FPU (Cortex-M0+, M3).
+//!
+//! The same search as in the kernels with an FPU, on exact heights: the phase is an integer, so a
+//! flight to a table node or to the end of a hump has an exact time, and its height follows from 64-bit
+//! products. No 64-bit division, and 32-bit ones only by a reciprocal from a table.
+
+use super::anchor::SetUp;
+use super::{HybridState, Impact, Kernel, Landing, State};
+use crate::arithmetic::fixed::{
+    Reciprocal, high, high as product_high, square_root_scaled, wide, wide_signed,
+};
+use crate::arithmetic::trigonometry::Powers;
+use crate::arithmetic::{Phase, Velocity, node, sine_cosine_integer};
+use crate::feeder::{OutOfRange, accept};
+
+/// The impact map in integers (`integer`).
+///
+/// State and range as [`Hybrid`](super::Hybrid), but for the velocity: 0..=29; an orbit that would leave
+/// it (only with a restitution above 0.93) is held at the top.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Integer {
+    /// Phase where a hump begins, and its length.
+    entry: u32,
+    hump: u32,
+    /// k, steps of 2^-28; the lesser of k and 1, steps of 2^-30.
+    k: i32,
+    threshold: i32,
+    /// Slope of the sine at the entry of a hump, steps of 2^-26.
+    flank: i32,
+    /// k pi, steps of 2^-48.
+    half_turn_fall: u64,
+    /// 1 / (2 pi k), steps of 2^-24.
+    inverse: u32,
+    /// The least square of the speed at height 0 of a high flight, steps of 2^-27.
+    high: i32,
+    /// Restitution, steps of 2^-32, 1 as 2^32 - 1.
+    restitution: u32,
+}
+
+const TOP: f64 = 29.0;
+const TOP_BITS: u32 = 29 << 26;
+const ONE: i32 = 1 << 30;
+/// 2 pi, steps of 2^-28.
+const TURN: i32 = 1_686_629_713;
+/// 1 / (2 pi), steps of 2^-32: turns in a radian.
+const TURNS: i32 = 683_565_276;
+/// A turn in steps of a phase.
+const WHOLE: i64 = 1 << 32;
+/// The farthest that the expansion about a node is used: 1/40 rad in steps of 2^-34.
+const REACH: i32 = ((1_i64 << 34) / 40) as i32;
+
+/// Distance of two nodes, steps of 2^-34 rad.
+const SPACING: i32 = (node::SPACING * 17_179_869_184.0) as i32;
+
+/// Height and slope of the flight above the track at a node, with sine and cosine there.
+#[derive(Clone, Copy, Debug)]
+struct Local {
+    /// Steps of 2^-30, saturating.
+    height: i32,
+    /// Steps of 2^-26.
+    slope: i32,
+    sine: i32,
+    cosine: i32,
+    /// `sin - k`, steps of 2^-28: the curvature.
+    curvature: i32,
+}
+
+/// A flight.
+struct Ballistic<'a> {
+    kernel: &'a Integer,
+    phase: u32,
+    sine: i32,
+    cosine: i32,
+    velocity: u32,
+    /// Launch velocity in the frame of the feeder, psi + cos t, steps of 2^-48.
+    rise: i64,
+}
+
+/// A bracket with one down-crossing, where to begin in it, all in steps of a phase.
+struct Bracket {
+    low: i64,
+    high: i64,
+    start: i64,
+}
+
+/// What the flight near launch says.
+enum Start {
+    /// A short hop: flight in steps of 2^-34 rad and arrival speed in steps of 2^-26.
+    Hop { flight: i32, arrival: i32 },
+    /// The flight clears the coming hump.
+    Clears,
+    /// Nothing.
+    Open,
+}
+
+impl Integer {
+    /// One flight and the impact that ends it. A resting part stays: flight 0.
+    #[must_use]
+    pub fn land(&self, state: HybridState) -> Landing<HybridState> {
+        let (sine, cosine) = sine_cosine_integer(state.phase);
+        let phase = state.phase.bits();
+        let velocity = state.velocity.bits();
+        let flight = Ballistic {
+            kernel: self,
+            phase,
+            sine,
+            cosine,
+            velocity,
+            rise: (i64::from(velocity) << 22) + (i64::from(cosine) << 18),
+        };
+        if let Some((node, offset)) = flight.fall() {
+            let local = flight.local(node);
+            return flight.settle(node, local, offset, false);
+        }
+        let throws = phase.wrapping_sub(self.entry) < self.hump;
+        if velocity == 0 && !throws {
+            return Landing {
+                steps: 0,
+                next: state,
+                grazes: false,
+            };
+        }
+        self.low(&flight, throws)
+    }
+
+    #[inline(never)]
+    fn low(&self, flight: &Ballistic<'_>, throws: bool) -> Landing<HybridState> {
+        let start = if throws {
+            flight.start_late()
+        } else {
+            flight.start()
+        };
+        let clears = match start {
+            Start::Hop { flight: d, arrival } => {
+                let steps = (high(d, TURNS) + 2) >> 2;
+                return flight.landing(i64::from(steps), arrival.max(0) as u32, false);
+            }
+            Start::Clears => true,
+            Start::Open => false,
+        };
+        let (bracket, grazes) = flight.segment(throws, clears);
+        let (node, local, offset) = flight.solve(bracket);
+        flight.settle(node, local, offset, grazes)
+    }
+}
+
+impl Ballistic<'_> {
+    /// `mean` flight velocity, `v - k d / 2`, after `steps`, and what it fell short of the launch
+    /// velocity; steps of 2^-48.
+    #[inline(always)]
+    fn mean(&self, steps: i64) -> (i64, i64) {
+        let fall = product_32(steps, self.kernel.half_turn_fall as i64);
+        (self.rise - fall, fall)
+    }
+
+    /// Ballistic rise in turns (steps of 2^-32 of rad / 2 pi, saturating) and velocity (steps of 2^-26)
+    /// after `steps`.
+    #[inline(never)]
+    fn ballistic(&self, steps: i64) -> (i32, i64) {
+        let (mean, fall) = self.mean(steps);
+        let rise = product_32(steps, mean) >> 16;
+        let turns = if rise > i64::from(i32::MAX) {
+            i32::MAX
+        } else if rise < i64::from(i32::MIN) {
+            i32::MIN
+        } else {
+            rise as i32
+        };
+        (turns, mean - fall)
+    }
+
+    /// Height over `level` (steps of 2^-30) after `steps`, steps of 2^-30, saturating; and velocity.
+    #[inline(always)]
+    fn over(&self, steps: i64, level: i32) -> (i32, i32) {
+        let (turns, velocity) = self.ballistic(steps);
+        // Steps of 2^-28 do not overflow; those of 2^-30 do beyond a height of 2.
+        let coarse = high(turns, TURN) + (self.sine >> 2) - (level >> 2);
+        let height = if coarse >= 1 << 29 {
+            i32::MAX
+        } else if coarse < -(1 << 29) {
+            -i32::MAX
+        } else {
+            let rise = (high(turns, TURN) << 2) | (turns.wrapping_mul(TURN) as u32 >> 30) as i32;
+            rise.wrapping_add(self.sine).wrapping_sub(level)
+        };
+        (height, (velocity >> 22) as i32)
+    }
+
+    #[inline(always)]
+    fn steps_to(&self, node: i32) -> i64 {
+        (i64::from(node) << 24) - i64::from(self.phase)
+    }
+
+    #[inline(never)]
+    fn local(&self, node: i32) -> Local {
+        let [sine, cosine] = node::FIXED[(node & 255) as usize];
+        let (height, velocity) = self.over(self.steps_to(node), sine);
+        Local {
+            height,
+            slope: velocity - (cosine >> 4),
+            sine,
+            cosine,
+            curvature: (sine >> 2) - self.kernel.k,
+        }
+    }
+
+    /// The impact of a high flight, nearly; see the search of the kernels with an FPU.
+    #[inline(always)]
+    fn fall(&self) -> Option<(i32, i32)> {
+        let kernel = self.kernel;
+        let rise = self.velocity as i32 + (self.cosine >> 4);
+        if rise < 1 << 26 {
+            return None;
+        }
+        // The velocity in 15 bits, steps of 2^-scale, its square in 32 with room for 2 k.
+        let mut scale = 14;
+        while rise >> (26 - scale) > 0x7fff {
+            scale -= 1;
+        }
+        let v = (rise >> (26 - scale)) as u32;
+        let shift = 28 - 2 * scale;
+        // 2 k sin, steps of 2^-27, and so the square of the speed at height 1 and that at height 0.
+        let lift = high(kernel.k, self.sine) << 2;
+        let needed = kernel.high.wrapping_sub(lift) as u32;
+        if (v * v) >> 1 < needed >> shift {
+            return None;
+        }
+        let square = (v * v).wrapping_add(((lift >> shift) << 1) as u32);
+        // Steps of 2^-26.
+        let speed = square_root_scaled(square) >> (scale - 10);
+        let turns = (wide(rise as u32 + speed, kernel.inverse) >> 32) as u32;
+        // Times in steps of 2^-18 turns; a node every 2^10.
+        let time = (self.phase >> 14).wrapping_add(turns) as i32;
+        let mut node = (time + (1 << 9)) >> 10;
+        // How late the node is: steps of 2^-17 rad; 3217 / 2^10 is pi.
+        let mut late = (((node << 10) - time) * 3217) >> 10;
+        let speed = (speed >> 13) as i32;
+        let k = kernel.k >> 16;
+        for _ in 0..8 {
+            let [sine, cosine] = node::FIXED[(node & 255) as usize];
+            // Speed in steps of 2^-13, k of 2^-12, heights of 2^-16.
+            let fall = (k.wrapping_mul(late) >> 16) + speed;
+            let u0 = (((speed + fall) >> 1).wrapping_mul(late) >> 14) + (sine >> 14);
+            let u1 = fall + (cosine >> 17);
+            if u1 < 1 << 9 {
+                return None;
+            }
+            // Newton's step and the quadratic correction b2 u0 / u1^2, steps of 2^-16 and 2^-15.
+            let reciprocal = Reciprocal::coarse(u1 as u32);
+            let newton = reciprocal.times(u0, 13).clamp(-(1 << 16), 1 << 16);
+            let ratio = reciprocal.times(newton, 13).clamp(-(1 << 17), 1 << 17);
+            let twice = (((kernel.k >> 15) - (sine >> 17)) * (ratio >> 2)) >> 12;
+            let bend = (twice >> 1).clamp(-(1 << 14), 1 << 14);
+            let step = -(newton + ((newton * bend) >> 15));
+            // Nodes are 1608.5 steps apart; 2608 / 2^22 is the inverse.
+            let jump = (step * 2608 + (1 << 21)) >> 22;
+            node += jump;
+            if step.abs() < 2600 {
+                return Some((node, (step - ((jump * 3217) >> 1)) << 18));
+            }
+            late += jump * 3217;
+        }
+        None
+    }
+
+    /// The flight near launch, where the pull is towards the track: short hops in a form that keeps
+    /// every digit. With `G = pull - cos d / 3 + sin d^2 / 12` the height is `d (psi - d G / 2)`.
+    #[inline(always)]
+    fn start(&self) -> Start {
+        let kernel = self.kernel;
+        // Steps of 2^-30, or of 2^-28 where k may be above 1.
+        let (pull, sine, cosine, down) = if kernel.hump > 0 {
+            let pull = kernel.threshold.saturating_sub(self.sine);
+            (pull.max(1), self.sine, self.cosine, 0)
+        } else {
+            let pull = kernel.k - (self.sine >> 2);
+            (pull.max(1), self.sine >> 2, self.cosine >> 2, 2)
+        };
+        let reciprocal = Reciprocal::fine(pull as u32);
+        // 2 psi / pull, steps of 2^-34.
+        let ratio = wide(self.velocity, reciprocal.mantissa);
+        let shift = (23_u32 + down).checked_sub(reciprocal.shift);
+        if shift.is_none_or(|shift| ratio >> shift >= 1 << 30) {
+            // Beyond 1/16: so near to the throw, 2 psi exceeds the greatest d G, 3 pull^2 / (4 cos).
+            let near = kernel.hump > 0 && pull < cosine >> 4;
+            return if near { Start::Clears } else { Start::Open };
+        }
+        let shift = shift.unwrap_or(0);
+        let first = (ratio >> shift) as i32;
+        // 1/3 in steps of 2^-32.
+        let third = high(cosine, 1_431_655_765);
+        let bend = reciprocal.times(high(third, first), 28);
+        let mut d = first;
+        if bend.abs() < ONE >> 4 {
+            // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
+            let square = high(bend, bend) << 2;
+            d = first + (high(first, bend + 2 * square) << 2);
+        }
+        self.hop(d, (pull, sine, cosine), down)
+    }
+
+    /// The flight near launch where the track is about to end its throw: a hop over the end of the hump.
+    #[inline(never)]
+    fn start_late(&self) -> Start {
+        let pull = self.kernel.threshold.saturating_sub(self.sine).min(-1);
+        if self.cosine >= 0 || self.velocity > 1 << 20 {
+            return Start::Open;
+        }
+        // To the right of the root, from where Newton's steps do not overshoot:
+        // 3 |pull| / |cos| + sqrt(6 psi / |cos|).
+        let reciprocal = Reciprocal::coarse(self.cosine.unsigned_abs());
+        let late = reciprocal.times(-pull, 34);
+        let square = reciprocal.times(6 * self.velocity as i32, 36);
+        if late > ONE >> 2 || square > 1 << 24 {
+            return Start::Open;
+        }
+        let d = 3 * late + ((square_root_scaled(square as u32) as i32) << 2) + (late >> 13);
+        if d >= ONE {
+            return Start::Open;
+        }
+        self.hop(d, (pull, self.sine, self.cosine), 0)
+    }
+
+    /// A short hop from near its flight `d`, from pull, sine and cosine in steps of 2^-30 or, where
+    /// `down` is 2, of 2^-28.
+    #[inline(always)]
+    fn hop(&self, mut d: i32, (pull, sine, cosine): (i32, i32, i32), down: u32) -> Start {
+        let psi = i64::from(self.velocity) << (39 - down);
+        // 1/3 in steps of 2^-32.
+        let third = high(cosine, 1_431_655_765);
+        for _ in 0..40 {
+            let square = high(d, d);
+            let linear = high(third, d) >> 2;
+            let quadratic = high(sine, square) >> 4;
+            // 10923 / 2^17 is 1/12.
+            let mean = pull - linear + (((quadratic >> 5) * 10_923) >> 12);
+            let slope = pull - 2 * linear + (quadratic >> 2);
+            if slope <= 0 {
+                return Start::Clears;
+            }
+            // 2 psi - d G, from steps of 2^-64 to 2^-40; a saturated one still leads towards the root.
+            let rest = (psi - wide_signed(d, mean)) >> 24;
+            let rest = rest.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
+            let step = Reciprocal::coarse(slope as u32).times(rest, 24);
+            d = d.saturating_add(step);
+            if d >= ONE {
+                return Start::Open;
+            }
+            if step.unsigned_abs() <= (d >> 12).unsigned_abs() {
+                // u' = -d (pull - 2 cos d / 3 + sin d^2 / 4) / 2 at the root, half a step added.
+                let slope = slope - 2 * (high(third, step) >> 2);
+                let up = 7 - down;
+                let arrival = (high(d, slope) + (1 << (up - 1))) >> up;
+                return Start::Hop { flight: d, arrival };
+            }
+        }
+        Start::Open
+    }
+
+    /// The bracket of the first impact, and whether the flight grazes.
+    #[inline(never)]
+    fn segment(&self, throws: bool, clears: bool) -> (Bracket, bool) {
+        let kernel = self.kernel;
+        if kernel.hump == 0 {
+            return (self.concave(), false);
+        }
+        let to_entry = match kernel.entry.wrapping_sub(self.phase) {
+            0 => WHOLE,
+            steps => i64::from(steps),
+        };
+        let (over, velocity) = self.over(to_entry, kernel.threshold);
+        if over <= 0 && !clears {
+            let low = if throws {
+                (to_entry - (WHOLE - i64::from(kernel.hump))).max(0)
+            } else {
+                0
+            };
+            let start = from_entry(to_entry, over, velocity - kernel.flank, low);
+            let bracket = Bracket {
+                low,
+                high: to_entry,
+                start,
+            };
+            return (bracket, false);
+        }
+        let mut begin = to_entry;
+        let mut slope = velocity - kernel.flank;
+        let mut height = over;
+        if clears {
+            begin += WHOLE;
+            (height, slope) = self.entry(begin);
+        }
+        let mut grazes = false;
+        for _ in 0..16 {
+            if height <= 0 {
+                let low = begin - (WHOLE - i64::from(kernel.hump));
+                let start = from_entry(begin, height, slope, low);
+                let bracket = Bracket {
+                    low,
+                    high: begin,
+                    start,
+                };
+                return (bracket, grazes);
+            }
+            let end = begin + i64::from(kernel.hump);
+            let (over_end, end_velocity) = self.over(end, kernel.threshold);
+            let high_end = if over_end <= 0 {
+                Some((end, end))
+            } else {
+                let middle = begin + i64::from(kernel.hump >> 1);
+                let (over_top, top_velocity) = self.over(middle, ONE);
+                if over_top <= 0 {
+                    Some((middle, middle))
+                } else if slope < 0
+                    && end_velocity + kernel.flank > 0
+                    && !self.is_safe(over_top, top_velocity)
+                {
+                    let (poke, touches) = self.lowest(begin, end);
+                    grazes |= touches;
+                    poke
+                } else {
+                    None
+                }
+            };
+            if let Some((high_end, farthest)) = high_end {
+                let start = from_entry(begin, height, slope, begin).min(farthest);
+                let bracket = Bracket {
+                    low: begin,
+                    high: high_end,
+                    start,
+                };
+                return (bracket, grazes);
+            }
+            begin = self.skip(begin) + WHOLE;
+            (height, slope) = self.entry(begin);
+        }
+        let bracket = Bracket {
+            low: to_entry,
+            high: begin,
+            start: begin,
+        };
+        (bracket, true)
+    }
+
+    /// Height over k and slope over the track at the entry of a hump.
+    #[inline(always)]
+    fn entry(&self, begin: i64) -> (i32, i32) {
+        let (height, velocity) = self.over(begin, self.kernel.threshold);
+        (height, velocity - self.kernel.flank)
+    }
+
+    /// The bracket where the track is concave throughout: up to where the parabola leaves height -1.
+    #[inline(never)]
+    fn concave(&self) -> Bracket {
+        // v^2 + 2 k (1 + sin), steps of 2^-26; below 37 where the flight is not high.
+        let rise = (self.rise >> 22) as i32;
+        let v = rise >> 13;
+        let drop = high(self.kernel.k, (self.sine >> 1) + (ONE >> 1)) << 2;
+        let square = ((v * v) as u32).wrapping_add(drop as u32);
+        let speed = square_root_scaled(square) >> 3;
+        let turns = wide(speed.saturating_add_signed(rise), self.kernel.inverse) >> 32;
+        let high = ((turns as i64) << 14) + (1 << 18);
+        Bracket {
+            low: 0,
+            high,
+            start: high,
+        }
+    }
+
+    /// Whether `1 - cos x >= 4 x^2 / pi^2` within the hump keeps the track below the parabola, from the
+    /// height over 1 and the velocity at the middle of the hump.
+    #[inline(always)]
+    fn is_safe(&self, over_top: i32, velocity: i32) -> bool {
+        // 16 / pi^2, steps of 2^-28; below it k is below 1.
+        const BOUND: i32 =
+            (16.0 / (core::f64::consts::PI * core::f64::consts::PI) * 268_435_456.0) as i32;
+        let spare = BOUND - 2 * self.kernel.k;
+        // Both products in steps of 2^-26, rounded to the careful side.
+        spare > 0
+            && i64::from(high(spare, over_top)) - 1 > (wide_signed(velocity, velocity) >> 26) + 1
+    }
+
+    /// The last hump at or after the one at `begin` under a ball above height 1, with all between them.
+    #[inline(never)]
+    fn skip(&self, begin: i64) -> i64 {
+        let (over, velocity) = self.over(begin, ONE);
+        if over < ONE || velocity <= 0 {
+            return begin;
+        }
+        // Rising above height 2: 2 velocity / k until it is there again.
+        let rounds = (wide(velocity as u32, self.kernel.inverse) >> 49) as i64;
+        begin + (rounds - 2).max(0) * WHOLE
+    }
+
+    /// The lowest point over the hump from `begin` to `end`: where it is, twice, if it is below the
+    /// track, and whether that is within rounding.
+    #[inline(never)]
+    fn lowest(&self, begin: i64, end: i64) -> (Option<(i64, i64)>, bool) {
+        let phase = i64::from(self.phase);
+        let mut low = ((begin + phase) >> 24) as i32;
+        let mut high_node = ((end + phase) >> 24) as i32 + 1;
+        while high_node - low > 1 {
+            let middle = (low + high_node) / 2;
+            if self.local(middle).slope > 0 {
+                high_node = middle;
+            } else {
+                low = middle;
+            }
+        }
+        // The nearer of the two nodes has the lowest point within half a spacing.
+        let (left, right) = (self.local(low), self.local(high_node));
+        let (node, local) = if left.slope.unsigned_abs() < right.slope.unsigned_abs() {
+            (low, left)
+        } else {
+            (high_node, right)
+        };
+        let mut d = 0_i32;
+        for _ in 0..3 {
+            let powers = Powers::of(d);
+            let slope = local.slope + self.gain(&local, d, &powers);
+            let curvature = (local.curvature + (high(local.cosine, d) >> 4)).max(1 << 16);
+            d = (d - Reciprocal::coarse(curvature as u32).times(slope, 36)).clamp(-REACH, REACH);
+        }
+        let powers = Powers::of(d);
+        let height = self.height(&local, d, &powers);
+        let touches = height.unsigned_abs() < 11;
+        let place = self.steps_to(node) + i64::from(high(d, TURNS) >> 2);
+        ((height <= 0).then_some((place, place)), touches)
+    }
+
+    /// Height at `d` (steps of 2^-34) from a node, steps of 2^-30, where it is small.
+    #[inline(always)]
+    fn height(&self, local: &Local, d: i32, powers: &Powers) -> i32 {
+        // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d), with |d| < 2^29.
+        let bent =
+            (high(local.curvature, powers.versine) >> 2) - (high(self.kernel.k, powers.flat) >> 2);
+        local
+            .height
+            .saturating_add(high(local.slope, d << 2))
+            .saturating_add(bent + (high(local.cosine, powers.lag) >> 2))
+    }
+
+    /// Slope gained over `d` from a node, steps of 2^-26.
+    #[inline(always)]
+    fn gain(&self, local: &Local, d: i32, powers: &Powers) -> i32 {
+        // (S - k) d - S (d - sin d) + C (1 - cos d).
+        (high(local.curvature, d) + (high(local.cosine, powers.versine) >> 4)
+            - (high(local.sine, powers.lag) >> 2))
+            >> 4
+    }
+
+    /// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
+    #[inline(never)]
+    fn solve(&self, bracket: Bracket) -> (i32, Local, i32) {
+        let Bracket {
+            mut low,
+            mut high,
+            start: mut place,
+        } = bracket;
+        let mut round = 0;
+        loop {
+            let node = ((place + i64::from(self.phase) + (1 << 23)) >> 24) as i32;
+            let time = self.steps_to(node);
+            let local = self.local(node);
+            // The bracket's middle if steps do not find the root in time: within the reach of the node.
+            if round >= 60 {
+                let offset = (place - time) as i32;
+                return (node, local, product_high(offset, TURN) << 6);
+            }
+            let step = down_crossing(&local);
+            let next = time + (i64::from(product_high(step, TURNS)) << 8);
+            let inside = next >= low - (1 << 16) && next <= high + (1 << 16);
+            if inside && step.abs() < REACH >> 10 {
+                return (node, local, step << 10);
+            }
+            if time > low && time < high {
+                if local.height > 0 && (local.slope < 0 || local.curvature < 0) {
+                    low = time;
+                } else {
+                    high = time;
+                }
+            }
+            round += 1;
+            place = if inside && round < 30 {
+                next
+            } else {
+                (low + high) / 2
+            };
+        }
+    }
+
+    /// The impact at the root near `offset` from a node.
+    #[inline(always)]
+    fn settle(
+        &self,
+        mut node: i32,
+        mut local: Local,
+        offset: i32,
+        grazes: bool,
+    ) -> Landing<HybridState> {
+        let mut d = offset.clamp(-REACH, REACH);
+        let mut round = 0;
+        loop {
+            let powers = Powers::of(d);
+            let height = self.height(&local, d, &powers);
+            let slope = local.slope + self.gain(&local, d, &powers);
+            let curvature = local.curvature + (high(local.cosine, d) >> 4);
+            round += 1;
+            let (square, bend) = squares(height, slope, curvature);
+            let simple = slope < 0 && bend.abs() < square >> 2;
+            let step = if simple {
+                let reciprocal = Reciprocal::fine(slope.unsigned_abs());
+                let newton = reciprocal.times(height, 30);
+                // (S - k) e / (2 |u'|), steps of 2^-30.
+                let bend = reciprocal.times(high(curvature, newton), 25);
+                newton + (high(newton, bend) << 2)
+            } else {
+                let nearly = Local {
+                    height,
+                    slope,
+                    curvature,
+                    ..local
+                };
+                down_crossing(&nearly).clamp(-REACH >> 10, REACH >> 10) << 10
+            };
+            let small = step.unsigned_abs() < 1 << 22;
+            d = d.saturating_add(step);
+            if d.abs() > REACH && round < 6 {
+                let jump = if d > 0 { 1 } else { -1 };
+                node += jump;
+                local = self.local(node);
+                d = (d - jump * SPACING).clamp(-REACH, REACH);
+            } else if small || round >= 6 {
+                d = d.clamp(-REACH, REACH);
+                let last = high(curvature, step) >> 4;
+                let speed = -(slope + last);
+                let steps = self.steps_to(node) + i64::from((high(d, TURNS) + 2) >> 2);
+                if speed <= 0 {
+                    return self.landing(steps.max(0), 0, true);
+                }
+                return self.landing(steps.max(0), speed as u32, grazes);
+            }
+        }
+    }
+
+    /// The state after an impact at `speed`, steps of 2^-26.
+    #[inline(always)]
+    fn landing(&self, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
+        let product = wide(speed, self.kernel.restitution) + (1 << 31);
+        let velocity = (product >> 32) as u32;
+        Landing {
+            steps,
+            next: HybridState {
+                phase: Phase::from_bits(self.phase.wrapping_add(steps as u32)),
+                velocity: Velocity::from_bits(velocity.min(TOP_BITS)),
+            },
+            grazes,
+        }
+    }
+}
+
+/// Where Newton's step leads from the entry of a hump, steps of a phase, not before `low`.
+#[inline(always)]
+fn from_entry(entry: i64, height: i32, slope: i32, low: i64) -> i64 {
+    if slope >= 0 {
+        return entry;
+    }
+    let step = Reciprocal::coarse(slope.unsigned_abs()).times(height, 20);
+    // Steps of 2^-24 rad.
+    let step = step.clamp(-(3 << 24), 3 << 24);
+    (entry + (i64::from(high(step, TURNS)) << 8)).max(low)
+}
+
+/// `u1^2` and `2 (S - k) u0`, whose difference is the discriminant of the local parabola; steps of 2^-52.
+#[inline(always)]
+fn squares(height: i32, slope: i32, curvature: i32) -> (i64, i64) {
+    (
+        wide_signed(slope, slope),
+        wide_signed(curvature, height) >> 5,
+    )
+}
+
+/// Root of what is positive of `square`, from steps of 2^-52 to 2^-26, to about 2^-15 of it.
+#[inline(always)]
+fn square_root(square: i64) -> u32 {
+    if square <= 0 {
+        0
+    } else if square >> 32 == 0 {
+        square_root_scaled(square as u32) >> 16
+    } else if square >> 48 == 0 {
+        square_root_scaled((square >> 16) as u32) >> 8
+    } else {
+        square_root_scaled((square >> 32) as u32)
+    }
+}
+
+/// The step to the first down-crossing of the parabola at a node (its extremum where there is none),
+/// steps of 2^-24 rad, at most 2.9 rad.
+#[inline(always)]
+fn down_crossing(local: &Local) -> i32 {
+    let Local {
+        height,
+        slope,
+        curvature,
+        ..
+    } = *local;
+    let (square, bend) = squares(height, slope, curvature);
+    let discriminant = square - bend;
+    let step = if slope < 0 && bend.abs() < square >> 3 {
+        // u0 / |u1| (1 + b2 u0 / u1^2).
+        let reciprocal = Reciprocal::coarse(slope.unsigned_abs());
+        let newton = reciprocal.times(height, 20);
+        let bend = reciprocal.times(product_high(curvature, newton), 35);
+        newton.saturating_add(product_high(newton, bend) << 2)
+    } else {
+        let root = square_root(discriminant) as i32;
+        if slope > 0 || discriminant <= 0 {
+            // -(u1 + r) / (S - k).
+            if curvature == 0 {
+                return 0;
+            }
+            let step =
+                Reciprocal::coarse(curvature.unsigned_abs()).times(slope.saturating_add(root), 26);
+            if curvature > 0 { -step } else { step }
+        } else {
+            // 2 u0 / (r - u1).
+            let sum = root as u32 + slope.unsigned_abs();
+            if sum == 0 {
+                return 0;
+            }
+            Reciprocal::coarse(sum).times(height, 21)
+        }
+    };
+    step.clamp(-(29 << 24) / 10, (29 << 24) / 10)
+}
+
+/// `a b / 2^32`, modulo 2^64, for an `a` below 2^48.
+#[inline(always)]
+fn product_32(a: i64, b: i64) -> i64 {
+    let (a_low, a_high) = (a as u32, (a >> 32) as i32);
+    let (b_low, b_high) = (b as u32, (b >> 32) as u32);
+    let mut sum = ((wide(a_low, b_low) >> 32) + wide(a_low, b_high)) as i64;
+    if (b_high as i32) < 0 {
+        sum = sum.wrapping_sub(i64::from(a_low) << 32);
+    }
+    if a_high != 0 {
+        sum = sum.wrapping_add(i64::from(a_high).wrapping_mul(b));
+    }
+    sum
+}
+
+impl Kernel for Integer {
+    type State = HybridState;
+
+    const NAME: &'static str = "integer";
+
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        let set_up = SetUp::build(k, restitution)?;
+        let pi = core::f64::consts::PI;
+        Ok(Self {
+            entry: set_up.entry.bits(),
+            hump: set_up.hump,
+            k: libm::round(k * 268_435_456.0) as i32,
+            threshold: libm::round(k.min(1.0) * 1_073_741_824.0) as i32,
+            flank: libm::round(set_up.flank * 67_108_864.0) as i32,
+            half_turn_fall: libm::round(k * pi * 281_474_976_710_656.0) as u64,
+            inverse: libm::round(16_777_216.0 / (2.0 * pi * k)) as u32,
+            // 1 for the track, and what rounding may take.
+            high: libm::round((2.0 * k + 1.01) * 134_217_728.0) as i32,
+            restitution: libm::round(restitution * 4_294_967_296.0) as u32,
+        })
+    }
+
+    fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
+        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        Ok(HybridState {
+            phase: Phase::from_radians(phase),
+            velocity: Velocity::build(velocity, TOP, "0..29 (units of b w)")?,
+        })
+    }
+
+    fn observe(state: HybridState) -> State {
+        State {
+            phase: state.phase.radians(),
+            velocity: state.velocity.value(),
+        }
+    }
+
+    #[inline]
+    fn impact(&self, state: HybridState) -> Impact<HybridState> {
+        let landing = self.land(state);
+        Impact {
+            flight: landing.flight(),
+            next: landing.next,
+            grazes: landing.grazes,
+        }
+    }
+}
