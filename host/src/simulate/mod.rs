@@ -3,9 +3,11 @@
 mod expect;
 mod outcome;
 mod picture;
+pub mod runs;
 mod scene;
 
 pub use expect::Expectation;
 pub use outcome::{Happened, Outcome};
 pub use picture::draw;
+pub use runs::Runs;
 pub use scene::{DEFAULT, SceneFile, describe};

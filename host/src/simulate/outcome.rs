@@ -34,41 +34,46 @@ pub struct Outcome {
     moments: Vec<Moment>,
     /// Impacts with their time in s.
     strikes: Vec<(f32, Strike)>,
-    /// Whether every part rested at some time in the last [`END`] seconds.
-    rested: bool,
     k_unit: f64,
 }
 
 impl Outcome {
-    /// Runs a scene to its end.
+    /// Runs a scene to its end, with progress.
     pub fn run(file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
+        let progress = Progress::new("simulating", cycles(file) as u64);
+        let outcome = Self::simulate(file, &mut |done| {
+            progress.advance(done);
+            desk.go_on()
+        });
+        progress.finish();
+        outcome
+    }
+
+    /// Runs a scene to its end; `go_on` is told of cycles done and may refuse to go on.
+    pub(super) fn simulate(
+        file: &SceneFile,
+        go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
+    ) -> Result<Self, Refusal> {
         let mut closed = ClosedLoop::build(&file.scene)?;
-        let settings = &file.scene.settings;
-        let cycles = f64::from(file.duration * settings.frequency).ceil() as usize;
-        let progress = Progress::new("simulating", cycles as u64);
+        let turns_per_second = f64::from(file.scene.settings.frequency) * 4_294_967_296.0;
+        let cycles = cycles(file);
         let mut moments = Vec::with_capacity(cycles);
         let mut strikes = Vec::new();
-        let mut rested = false;
-        let turns_per_second = f64::from(settings.frequency) * 4_294_967_296.0;
         for n in 0..cycles {
-            if n % 256 == 0 {
-                desk.go_on()?;
-                progress.advance(256);
+            if n % 256 == 255 {
+                go_on(256)?;
             }
             let moment = closed.cycle();
             for strike in closed.plant().strikes() {
                 strikes.push(((strike.time as f64 / turns_per_second) as f32, *strike));
             }
-            rested |= moment.time > file.duration - END && closed.plant().resting() > 0;
             moments.push(moment);
         }
-        progress.finish();
         Ok(Self {
             k_unit: f64::from(closed.controller().k(1.0)),
             file: file.clone(),
             moments,
             strikes,
-            rested,
         })
     }
 
@@ -237,12 +242,6 @@ impl Outcome {
         Some(lock.state().phase)
     }
 
-    /// Whether a part rested at the end.
-    #[must_use]
-    pub fn rested(&self) -> bool {
-        self.rested
-    }
-
     /// The trace: one row a cycle.
     #[must_use]
     pub fn trace(&self) -> Table {
@@ -318,6 +317,11 @@ impl Outcome {
             .map(Limits::name)
             .collect()
     }
+}
+
+/// Drive cycles of a scene.
+fn cycles(file: &SceneFile) -> usize {
+    f64::from(file.duration * file.scene.settings.frequency).ceil() as usize
 }
 
 /// A number of single precision with the digits it has, not those of its nearest double.

@@ -206,7 +206,7 @@ impl SceneFile {
 
     /// Refuses what only shows once controller and drive are put together: a target that no amplitude
     /// of this drive can reach.
-    fn check(&self) -> Result<(), Refusal> {
+    pub fn check(&self) -> Result<(), Refusal> {
         let named = |refused: OutOfRange| {
             Refusal::value(
                 refused.parameter,
@@ -653,7 +653,7 @@ mod tests {
                 &["target amplitude = 1.5"],
             ),
             ("quality = 25.0", "quality = [1]", &["drive.quality = [1]"]),
-            ("[track]", "[track", &["line 7 is not TOML"]),
+            ("[track]", "[track", &["line 8 is not TOML"]),
             (
                 "duration = 10.0",
                 "duration = 10.0\ntracks = 3",

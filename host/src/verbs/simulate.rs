@@ -4,12 +4,15 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use kband::feeder::Restitution;
+
+use crate::arguments;
 use crate::desk::Desk;
 use crate::file::{self, Target};
-use crate::picture::Theme;
+use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{self, Column, Format, Report, Table, Value, number};
-use crate::simulate::{DEFAULT, Outcome, SceneFile, draw};
+use crate::simulate::{DEFAULT, Outcome, Runs, SceneFile, draw, runs};
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
 ///
@@ -18,7 +21,8 @@ use crate::simulate::{DEFAULT, Outcome, SceneFile, draw};
 #[command(after_help = "Examples:
   kband simulate
   kband simulate --print-scene > my.toml
-  kband simulate my.toml --out my.svg --trace my.csv")]
+  kband simulate my.toml --out my.svg --trace my.csv
+  kband simulate --restitution 0.28..0.32 --duration 20 --runs 200")]
 pub struct Arguments {
     /// Scene file (TOML); without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
@@ -28,11 +32,28 @@ pub struct Arguments {
     #[arg(long)]
     print_scene: bool,
 
+    /// Restitution of the lot instead of the scene's; the simulated parts become its middle.
+    #[arg(long, value_name = "R or LO..HI", value_parser = arguments::restitution)]
+    restitution: Option<Restitution>,
+
+    /// Duration in s instead of the scene's.
+    #[arg(long, value_name = "S", value_parser = arguments::within(0.1, 86_400.0, "s"))]
+    duration: Option<f64>,
+
+    /// Run it N times with restitution, amplitude error and noise drawn anew, beside as many runs
+    /// that set the amplitude from the band alone.
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
+    runs: Option<usize>,
+
+    /// Seed of what is drawn.
+    #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295), default_value = "1")]
+    seed: usize,
+
     /// Picture to write, .svg or .png.
     #[arg(long, value_name = "FILE", default_value = "kband-simulate.svg")]
     out: PathBuf,
 
-    /// Trace to write: one row for each drive cycle.
+    /// Trace to write: one row for each drive cycle, or for each run.
     #[arg(long, value_name = "FILE.csv", default_value = "kband-simulate.csv")]
     trace: PathBuf,
 
@@ -51,6 +72,10 @@ impl Default for Arguments {
         Self {
             scene: None,
             print_scene: false,
+            restitution: None,
+            duration: None,
+            runs: None,
+            seed: 1,
             out: "kband-simulate.svg".into(),
             trace: "kband-simulate.csv".into(),
             theme: Theme::Light,
@@ -65,13 +90,23 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         report::print(DEFAULT)?;
         return Ok(Exit::Done);
     }
-    let file = match &arguments.scene {
+    let mut file = match &arguments.scene {
         Some(path) => {
             let text = file::read_text(path)?;
             SceneFile::parse(&text).map_err(|refusal| refusal.at(path.display()))?
         }
         None => SceneFile::parse(DEFAULT)?,
     };
+    if let Some(lot) = arguments.restitution {
+        let settings = &mut file.scene.settings;
+        settings.restitution_low = lot.low() as f32;
+        settings.restitution_high = lot.high() as f32;
+        file.scene.parts.fill(lot.middle() as f32);
+    }
+    if let Some(duration) = arguments.duration {
+        file.duration = duration as f32;
+    }
+    file.check()?;
     let picture = Target::check(&arguments.out)?;
     let ending = picture.ending();
     if ending != "svg" && ending != "png" {
@@ -83,16 +118,19 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         ));
     }
     let trace = Target::check(&arguments.trace)?;
+    if let Some(count) = arguments.runs {
+        let all = many(&file, count, arguments.seed as u64, desk)?;
+        write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
+        let table = runs::table(&all);
+        trace.write(|out| table.write_csv(out))?;
+        Report::new(runs::summary(&all))
+            .note(format!("picture          {}", picture.path().display()))
+            .note(format!("runs             {}", trace.path().display()))
+            .print(arguments.format)?;
+        return Ok(Exit::Done);
+    }
     let outcome = Outcome::run(&file, desk)?;
-    let drawn = draw(&outcome);
-    let bytes = if ending == "svg" {
-        drawn.to_svg(arguments.theme).into_bytes()
-    } else {
-        drawn.to_png(arguments.theme).ok_or_else(|| {
-            Refusal::new("there is no memory for the picture", "write an .svg instead")
-        })?
-    };
-    picture.write_bytes(&bytes)?;
+    write_picture(&picture, &draw(&outcome), arguments.theme)?;
     let table = outcome.trace();
     trace.write(|out| table.write_csv(out))?;
     let unmet = file
@@ -104,6 +142,30 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Some(unmet) if !unmet.is_empty() => Exit::CheckFailed,
         _ => Exit::Done,
     })
+}
+
+fn write_picture(target: &Target, picture: &Picture, theme: Theme) -> Result<(), Refusal> {
+    let bytes = if target.ending() == "svg" {
+        picture.to_svg(theme).into_bytes()
+    } else {
+        picture.to_png(theme).ok_or_else(|| {
+            Refusal::new(
+                "there is no memory for the picture",
+                "write an .svg instead",
+            )
+        })?
+    };
+    target.write_bytes(&bytes)
+}
+
+/// The controller's runs, and those of an amplitude set from the band alone.
+fn many(file: &SceneFile, count: usize, seed: u64, desk: &Desk) -> Result<[Runs; 2], Refusal> {
+    let mut alone = file.clone();
+    alone.scene.settings.capture_attempts = 0.0;
+    Ok([
+        Runs::run("planned kicks", file, count, seed, desk)?,
+        Runs::run("band alone", &alone, count, seed, desk)?,
+    ])
 }
 
 /// The timeline and the result in words.

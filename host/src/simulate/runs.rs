@@ -1,0 +1,265 @@
+//! Many runs of one scene with what differs from part to part and drive to drive drawn anew.
+
+use kband::control::{State, Target};
+use kband::plant::Noise;
+
+use super::outcome::Outcome;
+use super::scene::SceneFile;
+use crate::desk::Desk;
+use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::refusal::Refusal;
+use crate::report::{Column, Table, Value};
+
+/// What came of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Restitution drawn for the first part.
+    pub restitution: f32,
+    /// Sensitivity of the accelerometer drawn, over the one told.
+    pub sensitivity: f32,
+    /// Kicks that it took.
+    pub attempts: u8,
+    /// What the parts really did at the end.
+    pub regime: String,
+    /// State at the end.
+    pub state: State,
+    /// When the wanted state was reached for good, in s, where the parts really were in it.
+    pub reached: Option<f32>,
+}
+
+/// The runs of one way to control.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Runs {
+    /// How it was controlled.
+    pub name: &'static str,
+    /// One after the other.
+    pub runs: Vec<Run>,
+}
+
+impl Runs {
+    /// `count` runs of `file`, drawn by `seed` and the number of the run alone.
+    pub fn run(
+        name: &'static str,
+        file: &SceneFile,
+        count: usize,
+        seed: u64,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
+        let runs = desk.try_map(name, count, |n| one(&drawn(file, seed, n as u64)))?;
+        Ok(Self { name, runs })
+    }
+
+    /// Runs in which the wanted state was reached and real.
+    #[must_use]
+    pub fn reached(&self) -> usize {
+        self.runs.iter().filter(|run| run.reached.is_some()).count()
+    }
+
+    /// Times at which it was, in the order of time.
+    #[must_use]
+    pub fn times(&self) -> Vec<f32> {
+        let mut times: Vec<f32> = self.runs.iter().filter_map(|run| run.reached).collect();
+        times.sort_by(f32::total_cmp);
+        times
+    }
+
+    /// Share of runs that reached it, and the interval that holds the true share with 95 % (Wilson).
+    #[must_use]
+    pub fn share(&self) -> (f64, f64, f64) {
+        let n = self.runs.len().max(1) as f64;
+        let p = self.reached() as f64 / n;
+        let z = 1.959_964;
+        let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
+        let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+        (p, (centre - half).max(0.0), (centre + half).min(1.0))
+    }
+}
+
+/// The scene of one run: parts, amplitude error and noise drawn.
+fn drawn(file: &SceneFile, seed: u64, n: u64) -> SceneFile {
+    let mut drawn = file.clone();
+    let scene = &mut drawn.scene;
+    let settings = &scene.settings;
+    // Neighbouring numbers give unrelated streams; 2^32 runs of a seed have their own.
+    let mut noise = Noise::new((seed << 32) + n);
+    let (low, high) = (settings.restitution_low, settings.restitution_high);
+    for part in &mut scene.parts[..usize::from(scene.part_count)] {
+        *part = low + (high - low) * noise.uniform();
+    }
+    let error = settings.amplitude_error;
+    scene.sensor.sensitivity *= 1.0 + error * (2.0 * noise.uniform() - 1.0);
+    scene.seed = u64::from(noise.bits());
+    drawn
+}
+
+fn one(file: &SceneFile) -> Result<Run, Refusal> {
+    // Nothing of a single run may print or stop by itself: the desk stops between runs.
+    let outcome = Outcome::simulate(file, &mut |_| Ok(()))?;
+    let last = outcome.last();
+    let wanted = wanted(file.scene.target);
+    let regime = outcome.regime();
+    let real = match file.scene.target {
+        Target::Locked { order } => regime == format!("locked, order {order}"),
+        _ => true,
+    };
+    Ok(Run {
+        restitution: file.scene.parts[0],
+        sensitivity: file.scene.sensor.sensitivity,
+        attempts: last.attempts,
+        state: last.state,
+        reached: outcome.reached(wanted).filter(|_| real),
+        regime,
+    })
+}
+
+fn wanted(target: Target) -> State {
+    match target {
+        Target::Locked { .. } => State::Locked,
+        _ => State::Holding,
+    }
+}
+
+/// The runs as a table, one row each.
+#[must_use]
+pub fn table(all: &[Runs]) -> Table {
+    let mut table = Table::new(&[
+        Column::new("control", ""),
+        Column::new("run", ""),
+        Column::new("restitution", ""),
+        Column::new("sensitivity", "of the one told"),
+        Column::new("reached", "s"),
+        Column::new("kicks", ""),
+        Column::new("state", ""),
+        Column::new("regime", ""),
+    ]);
+    for runs in all {
+        for (n, run) in runs.runs.iter().enumerate() {
+            table.push([
+                runs.name.into(),
+                n.into(),
+                f64::from(run.restitution).into(),
+                f64::from(run.sensitivity).into(),
+                run.reached
+                    .map_or(Value::Missing, |time| f64::from(time).into()),
+                u32::from(run.attempts).into(),
+                run.state.name().into(),
+                run.regime.as_str().into(),
+            ]);
+        }
+    }
+    table
+}
+
+/// One row for each way to control.
+#[must_use]
+pub fn summary(all: &[Runs]) -> Table {
+    let mut table = Table::new(&[
+        Column::new("control", ""),
+        Column::new("runs", ""),
+        Column::new("reached", ""),
+        Column::new("share", "%").digits(4),
+        Column::new("low_95", "%").digits(4),
+        Column::new("high_95", "%").digits(4),
+        Column::new("median", "s").digits(3),
+        Column::new("slowest_5_percent", "s").digits(3),
+    ]);
+    for runs in all {
+        let (share, low, high) = runs.share();
+        let times = runs.times();
+        let at = |part: usize| {
+            let time = times.get(times.len() * part / 100);
+            time.map_or(Value::Missing, |time| f64::from(*time).into())
+        };
+        table.push([
+            runs.name.into(),
+            runs.runs.len().into(),
+            runs.reached().into(),
+            (100.0 * share).into(),
+            (100.0 * low).into(),
+            (100.0 * high).into(),
+            at(50),
+            at(95),
+        ]);
+    }
+    table
+}
+
+/// Draws the share of runs that have reached the wanted state over time.
+#[must_use]
+pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
+    let end = f64::from(file.duration);
+    let mut panel = Panel::new(
+        Axis::new("time", Unit::new("s"), 0.0, end),
+        Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 105.0),
+    );
+    for (series, runs) in all.iter().enumerate() {
+        let step = 100.0 / runs.runs.len().max(1) as f64;
+        let mut points = vec![(0.0, 0.0)];
+        let times = runs.times();
+        let stride = times.len().div_ceil(400).max(1);
+        for (n, time) in times.iter().enumerate() {
+            if n % stride == 0 || n + 1 == times.len() {
+                let (x, y) = (f64::from(*time), (n + 1) as f64 * step);
+                points.push((x, points[points.len() - 1].1));
+                points.push((x, y));
+            }
+        }
+        points.push((end, points[points.len() - 1].1));
+        panel = panel.line(runs.name, series, points);
+    }
+    let settings = &file.scene.settings;
+    Picture::new("How soon the parts are where they are wanted")
+        .caption(format!(
+            "{} runs, R drawn from {}..{}, amplitude error up to {} %, target {}",
+            all.first().map_or(0, |runs| runs.runs.len()),
+            settings.restitution_low,
+            settings.restitution_high,
+            settings.amplitude_error * 100.0,
+            super::describe(file.scene.target)
+        ))
+        .panel(panel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_depends_on_its_number_and_the_seed_alone() {
+        let mut file = SceneFile::parse(super::super::DEFAULT).unwrap();
+        file.duration = 4.0;
+        let one = Runs::run("", &file, 6, 3, &Desk::new(Some(1)).unwrap()).unwrap();
+        let two = Runs::run("", &file, 6, 3, &Desk::new(Some(2)).unwrap()).unwrap();
+        assert_eq!(one, two);
+        let other = Runs::run("", &file, 1, 4, &Desk::new(Some(1)).unwrap()).unwrap();
+        assert_ne!(one.runs[0], other.runs[0]);
+    }
+
+    #[test]
+    fn the_interval_of_a_share_holds_it_and_stays_within_0_and_1() {
+        let run = |reached| Run {
+            restitution: 0.2,
+            sensitivity: 1.0,
+            attempts: 1,
+            regime: String::new(),
+            state: State::Locked,
+            reached,
+        };
+        let runs = Runs {
+            name: "",
+            runs: (0..100).map(|n| run((n < 90).then_some(1.0))).collect(),
+        };
+        let (share, low, high) = runs.share();
+        // Wilson's interval for 90 of 100 (Brown, Cai & DasGupta 2001): 0.826..0.945.
+        assert!(
+            (share - 0.9).abs() < 1e-12
+                && (low - 0.8256).abs() < 1e-3
+                && (high - 0.9448).abs() < 1e-3
+        );
+        let none = Runs {
+            name: "",
+            runs: vec![run(None)],
+        };
+        assert_eq!(none.share().1, 0.0);
+    }
+}
