@@ -37,6 +37,7 @@ verbs! {
     Diagram => diagram,
     Impacts => impacts,
     Simulate => simulate,
+    Transport => transport,
 }
 
 /// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it there.

@@ -60,7 +60,7 @@ mod tests {
                     settle: 300,
                     impacts,
                 };
-                let run = measure(&map, tangential, Start::Hop(state), effort);
+                let run = measure(&map, tangential, Start::Hop(state), effort, &mut ());
                 assert_eq!(run.motion, Motion::Hopping);
                 run.conveyed.time_mean().unwrap()
             }));

@@ -1,7 +1,7 @@
 //! Measuring one orbit after it has settled.
 
 use super::{Conveyed, Conveying};
-use crate::impact::{Contact, Ended, Map, Orbit, State, Tangential};
+use crate::impact::{Contact, Ended, Map, Observer, Orbit, State, Tangential};
 
 /// Rad between rests from which on a part counts as hopping.
 const RARELY: f64 = 100.0 * core::f64::consts::TAU;
@@ -46,9 +46,15 @@ pub struct Measured {
     pub conveyed: Conveyed,
 }
 
-/// Follows the orbit from `start` while it settles, then measures what it conveys.
-#[must_use]
-pub fn measure(map: &Map, tangential: Tangential, start: Start, effort: Effort) -> Measured {
+/// Follows the orbit from `start` while it settles, then measures what it conveys; `also` watches the
+/// measured part too.
+pub fn measure(
+    map: &Map,
+    tangential: Tangential,
+    start: Start,
+    effort: Effort,
+    also: &mut impl Observer,
+) -> Measured {
     let mut orbit = match start {
         Start::Rest => Orbit::from_rest(map),
         Start::Hop(state) => Orbit::new(map, state),
@@ -56,7 +62,7 @@ pub fn measure(map: &Map, tangential: Tangential, start: Start, effort: Effort) 
     let mut conveying = Conveying::new(tangential, Contact::new(map));
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();
-    let ended = orbit.watch(effort.impacts, &mut conveying);
+    let ended = orbit.watch(effort.impacts, &mut (&mut conveying, also));
     let conveyed = match ended {
         Ended::RestsForEver => {
             return Measured {
@@ -105,7 +111,7 @@ mod tests {
                 settle: 300,
                 impacts,
             };
-            measure(&map, tangential, Start::Hop(start), effort)
+            measure(&map, tangential, Start::Hop(start), effort, &mut ())
         })
     }
 
@@ -140,23 +146,23 @@ mod tests {
         };
         // Physics, section 7: at k = 0.43 a part from rest chatters to rest every cycle, one that
         // starts on the lock stays there.
-        let lying = measure(&map, tangential, Start::Rest, effort);
+        let lying = measure(&map, tangential, Start::Rest, effort, &mut ());
         assert_eq!(lying.motion, Motion::HopAndRest);
         let locked = Start::Hop(Map::state(0.457, 0.45).unwrap());
         assert_eq!(
-            measure(&map, tangential, locked, effort).motion,
+            measure(&map, tangential, locked, effort, &mut ()).motion,
             Motion::Hopping
         );
         let heavy = Map::build(1.5, 0.5).unwrap();
         let tangential = Tangential::build(1.5, settings).unwrap();
-        let dead = measure(&heavy, tangential, Start::Rest, effort);
+        let dead = measure(&heavy, tangential, Start::Rest, effort, &mut ());
         assert_eq!(
             (dead.motion, dead.conveyed.time_mean()),
             (Motion::Rest, None)
         );
         let thrown = Start::Hop(Map::state(1.0, 2.0).unwrap());
         assert_eq!(
-            measure(&heavy, tangential, thrown, effort).motion,
+            measure(&heavy, tangential, thrown, effort, &mut ()).motion,
             Motion::Rest
         );
     }

@@ -1,0 +1,222 @@
+//! `kband transport`: how fast parts travel.
+
+mod dead;
+mod interval;
+mod speed;
+
+use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
+use kband::impact::{Kernel, Map, State, TangentialSettings};
+use kband::regime::Lock;
+use kband::transport::{Effort, Start};
+
+use crate::arguments::{self, Drawn, Printed, Range};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::report::number;
+
+/// The conveying speed in every regime, over k or the amplitude.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband transport --restitution 0.2 --out transport.svg
+  kband transport --restitution 0.9 --k 0.03..0.1 --amplitude-ratio 2 --part-length 12
+  kband transport --restitution 0.5 --b 0.1..0.3 --frequency 50 --incline 3 --format csv
+  kband transport --restitution 0.9 --k 0.05 --show intervals --out intervals.svg
+  kband transport --restitution 0 --k 0.2 --show return --out return.svg
+
+The speed is the mean over time, rests included. Each k is tried from rest, from every lock that
+attracts there and from starts spread over phase and velocity; one row for each regime they reach.
+The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and the
+corrected equation 34 (an impact mean) for others that hop.")]
+pub struct Arguments {
+    /// Restitution of the part, 0..1, 1 excluded.
+    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
+    restitution: f64,
+
+    /// k = g cos(alpha) / (b w^2), one value or a range [default: from high bounces to beyond the first band].
+    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 121), conflicts_with = "b")]
+    k: Option<Range>,
+
+    /// Amplitude of the track normal to itself in mm, one value or a range.
+    #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 121))]
+    b: Option<Range>,
+
+    /// Restitution along the track, 0..1, 1 excluded.
+    #[arg(long, value_name = "RT", default_value = "0.3", value_parser = arguments::within(0.0, 0.999, ""))]
+    tangential_restitution: f64,
+
+    /// Amplitude parallel to the track over amplitude normal to it (eta).
+    #[arg(long, value_name = "ETA", default_value = "1.5", value_parser = arguments::within(0.0, 100.0, ""))]
+    amplitude_ratio: f64,
+
+    /// Phase lead of the parallel motion (gamma) in degrees.
+    #[arg(long, value_name = "DEG", default_value = "0",
+          value_parser = arguments::within(-180.0, 180.0, "degrees"))]
+    phase_lead: f64,
+
+    /// Incline of the track in degrees, positive where parts climb.
+    #[arg(long, value_name = "DEG", default_value = "3",
+          value_parser = arguments::within(-60.0, 60.0, "degrees"))]
+    incline: f64,
+
+    /// Drive frequency in Hz.
+    #[arg(long, value_name = "HZ", default_value = "50",
+          value_parser = arguments::within(1.0, 1000.0, "Hz"))]
+    frequency: f64,
+
+    /// Length of a part in mm: also prints how many pass in an hour, one behind the other.
+    #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
+    part_length: Option<f64>,
+
+    /// What is computed.
+    #[arg(long, value_enum, default_value_t = Show::Speed)]
+    show: Show,
+
+    /// Starts for each k, besides rest and the locks.
+    #[arg(long, value_name = "N", default_value = "12", value_parser = arguments::count(2, 10_000))]
+    starts: usize,
+
+    /// Impacts measured from each start.
+    #[arg(long, value_name = "N", default_value = "3000", value_parser = arguments::count(100, 100_000_000))]
+    impacts: usize,
+
+    /// Impacts before the first that is measured.
+    #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(0, 100_000_000))]
+    settle: usize,
+
+    #[command(flatten)]
+    printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+/// What is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Show {
+    /// Speed over k or b, its closed forms and its sensitivity to the amplitude.
+    Speed,
+    /// Times between impacts at one k: histogram F(z), mean, autocorrelation.
+    Intervals,
+    /// First-return map of dead parts (R and Rt to 0) at one k.
+    Return,
+}
+
+/// Computes and prints what was asked for.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.drawn.output()?;
+    let feeder = Feeder::build(arguments)?;
+    match arguments.show {
+        Show::Speed => speed::run(&feeder, arguments, &output, desk)?,
+        Show::Intervals => interval::run(&feeder, arguments, &output, desk)?,
+        Show::Return => dead::run(&feeder, arguments, &output, desk)?,
+    }
+    Ok(Exit::Done)
+}
+
+/// What is the same for every k.
+#[derive(Clone, Copy, Debug)]
+struct Feeder {
+    restitution: f64,
+    track: Track,
+    settings: TangentialSettings,
+}
+
+impl Feeder {
+    fn build(arguments: &Arguments) -> Result<Self, Refusal> {
+        let track = Track::build(TrackSettings {
+            frequency: arguments.frequency,
+            incline: arguments.incline,
+            amplitude_ratio: arguments.amplitude_ratio,
+            phase_lead: arguments.phase_lead,
+            gravity: STANDARD_GRAVITY,
+        })?;
+        Ok(Self {
+            restitution: arguments.restitution,
+            track,
+            settings: TangentialSettings::on(&track, arguments.tangential_restitution),
+        })
+    }
+
+    /// Amplitude in mm at `k`.
+    fn amplitude(&self, k: f64) -> f64 {
+        1e3 * self.track.amplitude(k)
+    }
+
+    /// mm/s for one `b w` at `k`.
+    fn velocity_unit(&self, k: f64) -> f64 {
+        1e3 * self.track.velocity_unit(self.track.amplitude(k))
+    }
+
+    fn words(&self) -> String {
+        format!(
+            "R = {}, Rt = {}, η = {}, γ = {}°, incline {}°, {} Hz",
+            number(self.restitution, 6),
+            number(self.settings.restitution, 6),
+            number(self.settings.amplitude_ratio, 6),
+            number(self.settings.phase_lead.to_degrees(), 6),
+            number(self.track.incline().to_degrees(), 6),
+            number(self.track.frequency(), 6),
+        )
+    }
+
+    /// The one k that was asked for.
+    fn single_k(&self, arguments: &Arguments) -> Result<f64, Refusal> {
+        let given = arguments.k.or(arguments.b);
+        match given {
+            Some(range) if range.count == 1 => {
+                let k = match arguments.b {
+                    Some(b) => self.track.k(1e-3 * b.low),
+                    None => range.low,
+                };
+                Map::build(k, self.restitution)?;
+                Ok(k)
+            }
+            Some(range) => Err(Refusal::value(
+                if arguments.b.is_some() { "--b" } else { "--k" },
+                range,
+                "one value with --show intervals and --show return",
+                "for example --k 0.05",
+            )),
+            None => Err(Refusal::new(
+                "--show intervals and --show return need --k or --b",
+                "give one value, for example --k 0.05",
+            )),
+        }
+    }
+}
+
+/// Lock orders that are looked for at every k.
+const ORDERS: std::ops::RangeInclusive<u32> = 1..=8;
+
+/// The locks that attract at `k` and are flown.
+fn locks(k: f64, restitution: f64) -> Vec<Lock> {
+    ORDERS
+        .filter_map(|order| Lock::at(k, restitution, order).ok().flatten())
+        .filter(|lock| lock.attracts() && lock.is_first_return())
+        .collect()
+}
+
+/// Where parts start at `k`: at rest, on each lock that attracts, and `count` starts that fill phase
+/// and velocity evenly (the additive recurrence of the plastic number), up to the launch velocity of the
+/// highest bounces, `2.5 R/(1-R)`, and a little more.
+fn starts(k: f64, restitution: f64, count: usize) -> Vec<Start> {
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
+    let mut starts = vec![Start::Rest];
+    starts.extend(locks(k, restitution).iter().map(|lock| Start::Hop(lock.state())));
+    starts.extend((0..count).map(|n| {
+        let n = n as f64 + 1.0;
+        Start::Hop(State {
+            phase: (0.5 + n / PLASTIC).fract() * std::f64::consts::TAU,
+            velocity: (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest,
+        })
+    }));
+    starts
+}
+
+fn effort(arguments: &Arguments) -> Effort {
+    Effort {
+        settle: arguments.settle as u64,
+        impacts: arguments.impacts as u64,
+    }
+}
