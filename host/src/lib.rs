@@ -7,12 +7,14 @@
 //! | [`report`] | tables: for reading, as CSV, as JSON |
 //! | [`mod@file`] | files that are written whole or not at all |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
+//! | [`ending`] | where an orbit of the exact map ends |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`verbs`] | one file per verb |
 
 pub mod arguments;
 pub mod desk;
+pub mod ending;
 pub mod file;
 pub mod picture;
 pub mod refusal;

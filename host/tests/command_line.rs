@@ -108,7 +108,7 @@ fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
         ),
         (
             "impacts --k 0.4 --restitution 0.5 --phase 0 --velocity 1 --count 0",
-            &["--count", "1..10000000"],
+            &["--count", "1..1000000"],
         ),
         ("impacts --from nothing.csv", &["nothing.csv", "next:"]),
         (
@@ -202,6 +202,31 @@ fn golden_impacts_by_file_keep_17_digits() {
         count += 1;
     }
     assert_eq!(count, 1200);
+}
+
+#[test]
+fn the_batch_gives_the_bits_of_f64() {
+    let folder = Folder::new("batch");
+    let reference = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/reference/impacts.csv"
+    );
+    let from = |name: &str| {
+        let output = kband(
+            &folder.0,
+            &["impacts", "--from", reference, "--arithmetic", name],
+        );
+        assert_eq!(output.status.code(), Some(0));
+        output.stdout
+    };
+    assert_eq!(from("f64"), from("batch"));
+    let orbit = |name: &str| {
+        let line = format!(
+            "impacts --k 0.34 --restitution 0.2 --phase 1 --velocity 0.6 --count 50 --arithmetic {name}"
+        );
+        kband(&folder.0, &words(&line)).stdout
+    };
+    assert_eq!(orbit("f64"), orbit("batch"));
 }
 
 #[test]

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use kband::impact::{Event, Kernel, Map, Orbit, State};
+use kband::impact::{Kernel, Map, State};
 use kband::regime::Lock;
-use kband::regime::lock::HIGHEST_ORDER;
 use serde_json::json;
 
 use crate::arguments::{self, Drawn, Printed};
 use crate::desk::Desk;
+use crate::ending::{Ending, Endings};
 use crate::picture::{Axis, Grid, Panel, Picture, Tone, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, number};
@@ -51,130 +51,10 @@ pub struct Arguments {
     drawn: Drawn,
 }
 
-/// Where a start ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum End {
-    /// One impact every so many drive cycles.
-    Locked(u32),
-    /// Another orbit that repeats after so many impacts.
-    Periodic(u32),
-    HopAndRest,
-    Rest,
-    Undecided,
-}
-
-impl End {
-    fn name(self) -> String {
-        match self {
-            Self::Locked(order) => format!("locked, r = {order}"),
-            Self::Periodic(impacts) => format!("periodic, {impacts} impacts"),
-            Self::HopAndRest => "hops, rests, is thrown again".into(),
-            Self::Rest => "rests for ever".into(),
-            Self::Undecided => "chaotic or undecided".into(),
-        }
-    }
-
-    fn tone(self) -> Tone {
-        match self {
-            Self::Locked(1) => Tone::Locked,
-            Self::Locked(_) => Tone::Doubled,
-            Self::Periodic(_) => Tone::Periodic,
-            Self::HopAndRest => Tone::HopAndRest,
-            Self::Rest => Tone::Rest,
-            Self::Undecided => Tone::Chaotic,
-        }
-    }
-}
-
-/// The track, and what is known of it before any start is followed.
-struct Basins {
-    map: Map,
-    /// The attracting period-1 orbits, by order from 1 on.
-    locks: Vec<Option<Lock>>,
-    /// Where a part thrown off from rest ends: every part that rests once shares it, as nothing of its
-    /// past is left.
-    after_rest: End,
-    impacts: usize,
-}
-
-impl Basins {
-    fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
-        let map = Map::build(k, restitution)?;
-        let mut locks = Vec::new();
-        for order in 1..=HIGHEST_ORDER {
-            let Some(lock) = Lock::at(k, restitution, order)? else {
-                break;
-            };
-            locks.push(Some(lock).filter(|lock| lock.attracts() && lock.is_first_return()));
-        }
-        let mut basins = Self {
-            map,
-            locks,
-            after_rest: if k < 1.0 { End::HopAndRest } else { End::Rest },
-            impacts,
-        };
-        if k < 1.0 {
-            basins.after_rest = basins.follow(Orbit::from_rest(&map));
-        }
-        Ok(basins)
-    }
-
-    fn end(&self, start: State) -> End {
-        self.follow(Orbit::new(&self.map, start))
-    }
-
-    /// Follows the orbit until it is known where it ends.
-    fn follow(&self, orbit: Orbit<'_>) -> End {
-        let (mut count, mut kept_at, mut keep_next) = (0, 0, 16);
-        let mut kept: Option<State> = None;
-        let mut returned: Option<usize> = None;
-        for event in orbit {
-            let impact = match event {
-                Event::Impact(impact) => impact,
-                Event::Rest { .. } => return self.after_rest,
-                Event::LiftOff { .. } => continue,
-            };
-            count += 1;
-            if count >= self.impacts {
-                break;
-            }
-            let state = impact.next;
-            let order = (impact.flight / TAU).round() as usize;
-            if let Some(Some(lock)) = order.checked_sub(1).and_then(|n| self.locks.get(n))
-                && lock.distance(state) < 1e-5
-            {
-                return End::Locked(lock.order());
-            }
-            // A state that comes back twice, to the last bits, after the same number of impacts repeats;
-            // once can happen by chance in chaos. The state kept moves on at powers of two, so that it
-            // leaves the transient behind (Brent).
-            if kept.is_some_and(|kept| near(kept, state)) {
-                match returned {
-                    None => returned = Some(count - kept_at),
-                    Some(period) if count - kept_at == 2 * period => {
-                        return End::Periodic(period as u32);
-                    }
-                    Some(_) => {}
-                }
-            }
-            if count == keep_next {
-                (kept, kept_at, keep_next) = (Some(state), count, 2 * keep_next);
-                returned = None;
-            }
-        }
-        End::Undecided
-    }
-}
-
-fn near(a: State, b: State) -> bool {
-    let apart = (a.phase - b.phase).abs();
-    apart.min(TAU - apart).max((a.velocity - b.velocity).abs()) < 1e-9
-}
-
 /// Draws the basins.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
-    let basins = Basins::new(arguments.k, arguments.restitution, arguments.impacts)?;
+    let endings = Endings::new(arguments.k, arguments.restitution, arguments.impacts)?;
     let side = arguments.grid;
     // The starts are the middles of the cells.
     let phase = move |column: usize| TAU * (column as f64 + 0.5) / side as f64;
@@ -184,15 +64,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let rows = desk.map("basins", side, |row| {
         (0..side)
             .map(|column| {
-                basins.end(State {
+                endings.of(State {
                     phase: phase(column),
                     velocity: velocity(row),
                 })
             })
             .collect::<Vec<_>>()
     })?;
-    let ends: Arc<[End]> = rows.into_iter().flatten().collect();
-    let mut counts: BTreeMap<End, usize> = BTreeMap::new();
+    let ends: Arc<[Ending]> = rows.into_iter().flatten().collect();
+    let mut counts: BTreeMap<Ending, usize> = BTreeMap::new();
     for end in ends.iter() {
         *counts.entry(*end).or_default() += 1;
     }
@@ -217,12 +97,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             number(arguments.restitution, 6),
             number(top, 6)
         ))
-        .note(format!("A part that starts from rest: {}", basins.after_rest.name()))
+        .note(format!("A part that starts from rest: {}", endings.from_rest().name()))
         .json(&json!({
             "k": arguments.k,
             "restitution": arguments.restitution,
             "shares": shares,
-            "from_rest": basins.after_rest.name(),
+            "from_rest": endings.from_rest().name(),
         }))?
         .csv(move |out| {
             writeln!(out, "phase (rad),velocity (b w),regime")?;
@@ -239,15 +119,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Ok(())
         });
     report.print(arguments.printed.format)?;
-    output.write(&report, || picture(arguments, &basins, &ends, &counts))?;
+    output.write(&report, || picture(arguments, &endings, &ends, &counts))?;
     Ok(Exit::Done)
 }
 
 fn picture(
     arguments: &Arguments,
-    basins: &Basins,
-    ends: &[End],
-    counts: &BTreeMap<End, usize>,
+    endings: &Endings,
+    ends: &[Ending],
+    counts: &BTreeMap<Ending, usize>,
 ) -> Picture {
     // Regimes that share a tone share a line of the legend.
     let mut legend: Vec<(Tone, String, usize)> = Vec::new();
@@ -255,11 +135,12 @@ fn picture(
         match legend.iter_mut().find(|(tone, ..)| *tone == end.tone()) {
             Some((_, name, sum)) => {
                 *sum += count;
-                *name = if end.tone() == Tone::Periodic {
-                    "periodic otherwise".into()
-                } else {
-                    "locked, r > 1".into()
-                };
+                *name = match end {
+                    Ending::Locked(_) => "locked",
+                    Ending::Doubled { .. } => "doubled",
+                    _ => "periodic otherwise",
+                }
+                .into();
             }
             None => legend.push((end.tone(), end.name(), *count)),
         }
@@ -274,10 +155,8 @@ fn picture(
     let names: Vec<(Tone, &str)> =
         words.iter().map(|(tone, name)| (*tone, name.as_str())).collect();
     let tones = ends.iter().map(|end| end.tone()).collect();
-    let locks = basins
-        .locks
-        .iter()
-        .flatten()
+    let locks = endings
+        .locks()
         .map(Lock::state)
         .filter(|state| state.velocity <= arguments.velocity)
         .map(|state| (state.phase, state.velocity))
@@ -299,45 +178,3 @@ fn picture(
     ))
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn shares(k: f64, restitution: f64) -> BTreeMap<End, f64> {
-        let basins = Basins::new(k, restitution, 2000).unwrap();
-        let mut shares = BTreeMap::new();
-        for row in 0..40 {
-            for column in 0..40 {
-                let start = State {
-                    phase: TAU * (f64::from(column) + 0.5) / 40.0,
-                    velocity: 3.0 * (f64::from(row) + 0.5) / 40.0,
-                };
-                *shares.entry(basins.end(start)).or_default() += 1.0 / 1600.0;
-            }
-        }
-        shares
-    }
-
-    #[test]
-    fn shares_of_the_reference_case() {
-        // Physics, section 7: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another placing of the
-        // 40 x 40 starts moves the shares by the cells on the basin's edge, about 2 %.
-        let shares = shares(0.43, 0.2);
-        assert!((shares[&End::Locked(1)] - 0.33).abs() < 0.02, "{shares:?}");
-        assert!((shares[&End::HopAndRest] - 0.64).abs() < 0.02, "{shares:?}");
-    }
-
-    #[test]
-    fn below_0_4117_rest_leads_to_the_lock() {
-        let shares = shares(0.405, 0.2);
-        assert!(shares[&End::Locked(1)] > 0.95, "{shares:?}");
-    }
-
-    #[test]
-    fn above_1_a_part_rests_for_ever_or_locks() {
-        // Physics, section 11: k = 1.2, R = 0.8 locks.
-        let shares = shares(1.2, 0.8);
-        assert!(shares[&End::Rest] > 0.1 && shares[&End::Locked(1)] > 0.05, "{shares:?}");
-        assert!(!shares.contains_key(&End::HopAndRest));
-    }
-}

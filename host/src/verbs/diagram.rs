@@ -12,7 +12,8 @@ use serde::Serialize;
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::ending::{Ending, Endings};
+use crate::picture::{Axis, Panel, Picture, Tone, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, number};
 
@@ -94,7 +95,29 @@ pub enum Start {
     Down,
 }
 
+impl Branch {
+    /// The stretches of one ending, as first and last column.
+    fn regimes(&self) -> Vec<(usize, usize, Ending)> {
+        let mut regimes: Vec<(usize, usize, Ending)> = Vec::new();
+        for (n, column) in self.columns.iter().enumerate() {
+            match regimes.last_mut() {
+                Some((_, last, ending)) if *ending == column.ending => *last = n,
+                _ => regimes.push((n, n, column.ending)),
+            }
+        }
+        regimes
+    }
+}
+
 impl Start {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Rest => "rest",
+            Self::Up => "up",
+            Self::Down => "down",
+        }
+    }
+
     fn words(self) -> &'static str {
         match self {
             Self::Rest => "from rest in each column",
@@ -103,6 +126,16 @@ impl Start {
         }
     }
 }
+
+/// Tones of the ribbon in the order of the legend.
+const TONES: [(Tone, &str); 6] = [
+    (Tone::Locked, "locked"),
+    (Tone::Doubled, "doubled"),
+    (Tone::Periodic, "periodic otherwise"),
+    (Tone::Chaotic, "chaotic or undecided"),
+    (Tone::HopAndRest, "hops, rests, is thrown again"),
+    (Tone::Rest, "rests for ever"),
+];
 
 /// What the columns stand for.
 #[derive(Clone, Copy, Debug)]
@@ -130,9 +163,11 @@ impl Over {
         }
     }
 
-    fn column(self) -> Column {
-        let unit = if matches!(self, Self::Amplitude { .. }) { "mm" } else { "" };
-        Column::new(self.name(), unit)
+    fn unit(self) -> &'static str {
+        match self {
+            Self::Amplitude { .. } => "mm",
+            Self::K { .. } | Self::Restitution { .. } => "",
+        }
     }
 
     fn axis(self, range: Range) -> Axis {
@@ -237,7 +272,14 @@ fn over(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
 /// The impacts of one start, column by column.
 struct Branch {
     start: Start,
-    columns: Vec<Vec<State>>,
+    columns: Vec<Struck>,
+}
+
+/// The impacts of one column, and what they are part of.
+#[derive(Clone)]
+struct Struck {
+    impacts: Vec<State>,
+    ending: Ending,
 }
 
 struct Diagram {
@@ -275,30 +317,46 @@ fn follow(
     if starts.contains(&Start::Rest) {
         tasks.extend((0..maps.len()).map(|column| (Start::Rest, column)));
     }
-    let work = |task: usize| -> Result<Vec<Vec<State>>, Refusal> {
+    let endings: Vec<Endings> = maps
+        .iter()
+        .map(|map| Endings::new(map.k(), map.restitution(), 3000))
+        .collect::<Result<_, _>>()?;
+    let one = |column: usize, state: &mut Option<State>| {
+        let endings = &endings[column];
+        let impacts = column_of(&maps[column], state, settle, impacts);
+        let ending = state.map_or(endings.from_rest(), |state| endings.of(state));
+        Struck { impacts, ending }
+    };
+    let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
         let (start, column) = tasks[task];
         let mut order: Vec<usize> = (0..maps.len()).collect();
         match start {
-            Start::Rest => return Ok(vec![column_of(&maps[column], &mut None, settle, impacts)]),
+            Start::Rest => return Ok(vec![one(column, &mut None)]),
             Start::Up => {}
             Start::Down => order.reverse(),
         }
-        let mut columns = vec![Vec::new(); maps.len()];
+        let mut columns = Vec::with_capacity(maps.len());
         let mut state = None;
-        for column in order {
+        for column in &order {
             desk.go_on()?;
-            columns[column] = column_of(&maps[column], &mut state, settle, impacts);
+            columns.push(one(*column, &mut state));
+        }
+        if start == Start::Down {
+            columns.reverse();
         }
         Ok(columns)
     };
-    let mut results = tasks.iter().map(|(start, _)| *start).zip(desk.try_map("diagram", tasks.len(), work)?);
-    let mut branches: Vec<Branch> =
-        starts.iter().map(|start| Branch { start: *start, columns: Vec::new() }).collect();
-    for (start, columns) in &mut results {
-        for branch in &mut branches {
-            if branch.start == start {
-                branch.columns.extend(columns.iter().cloned());
-            }
+    let results = desk.try_map("diagram", tasks.len(), work)?;
+    let mut branches: Vec<Branch> = starts
+        .iter()
+        .map(|start| Branch {
+            start: *start,
+            columns: Vec::new(),
+        })
+        .collect();
+    for ((start, _), columns) in tasks.iter().zip(results) {
+        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
+            branch.columns.extend(columns);
         }
     }
     Ok(branches)
@@ -307,13 +365,13 @@ fn follow(
 /// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
 /// `state` is left where they end, `None` where the part rests for ever.
 fn column_of(map: &Map, state: &mut Option<State>, settle: usize, impacts: usize) -> Vec<State> {
-    let mut orbit = match *state {
+    let orbit = match *state {
         Some(state) => Orbit::new(map, state),
         None => Orbit::from_rest(map),
     };
     let mut struck = Vec::with_capacity(impacts);
     let mut count = 0;
-    for event in &mut orbit {
+    for event in orbit {
         if let Event::Impact(impact) = event {
             count += 1;
             if count > settle {
@@ -371,30 +429,66 @@ fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
 impl Diagram {
     fn report(self: &Arc<Self>) -> Result<Report, Refusal> {
         let mut table = Table::new(&[
-            Column::new("order", ""),
-            self.over.column(),
-            Column::new("to", ""),
+            Column::new("start", ""),
+            Column::new("from", self.over.unit()),
+            Column::new("to", self.over.unit()),
+            Column::new("regime", ""),
         ]);
-        for band in &self.bands {
-            table.push([band.order.into(), band.low.into(), band.high.into()]);
+        let mut left_out = 0;
+        let mut listed = Vec::new();
+        for branch in &self.branches {
+            for (first, last, ending) in branch.regimes() {
+                let (low, high) = (self.values[first], self.values[last]);
+                listed.push(serde_json::json!({
+                    "start": branch.start,
+                    "from": low,
+                    "to": high,
+                    "regime": ending.name(),
+                }));
+                // Chaos is full of narrow windows; the table to read shows what is wider than them.
+                if 100 * (last - first + 1) >= self.values.len() {
+                    let start = branch.start.name();
+                    table.push([start.into(), low.into(), high.into(), ending.name().into()]);
+                } else {
+                    left_out += 1;
+                }
+            }
         }
-        let counted: usize =
-            self.branches.iter().flat_map(|branch| &branch.columns).map(Vec::len).sum();
+        let drawn: usize = self
+            .branches
+            .iter()
+            .flat_map(|branch| &branch.columns)
+            .map(|column| column.impacts.len())
+            .sum();
+        let mut report = Report::new(table).heading(format!(
+            "Regimes over {} = {}..{} ({} columns), {}",
+            self.over.name(),
+            number(self.range.low, 6),
+            number(self.range.high, 6),
+            self.range.count,
+            self.over.fixed()
+        ));
+        if left_out > 0 {
+            report = report.note(format!(
+                "{left_out} narrower stretches are left out here; --format json has them"
+            ));
+        }
+        for band in &self.bands {
+            report = report.note(format!(
+                "the period-1 orbit of order {} attracts from {} to {}",
+                band.order,
+                number(band.low, 6),
+                number(band.high, 6)
+            ));
+        }
         let rows = Arc::clone(self);
-        Report::new(table)
-            .heading(format!(
-                "Period-1 orbits that attract, over {} = {}..{} ({} columns), {}",
-                self.over.name(),
-                number(self.range.low, 6),
-                number(self.range.high, 6),
-                self.range.count,
-                self.over.fixed()
-            ))
-            .note(format!("{counted} impacts drawn; --out FILE.svg draws them, FILE.csv lists them"))
+        report
+            .note(format!("{drawn} impacts; --out FILE.svg draws them, FILE.csv lists them"))
             .csv(move |out| rows.write_csv(out))
             .json(&serde_json::json!({
                 "over": self.over.name(),
                 "bands": self.bands,
+                "regimes": listed,
             }))
     }
 
@@ -402,10 +496,10 @@ impl Diagram {
         let unit = if matches!(self.over, Over::Amplitude { .. }) { " (mm)" } else { "" };
         writeln!(out, "start,{}{unit},phase (rad),velocity (b w)", self.over.name())?;
         for branch in &self.branches {
-            let start = branch.start.to_possible_value().map_or(String::new(), |value| value.get_name().into());
+            let start = branch.start.name();
             for (x, column) in self.values.iter().zip(&branch.columns) {
                 let x = number(*x, 17);
-                for state in column {
+                for state in &column.impacts {
                     writeln!(out, "{start},{x},{:.16e},{:.16e}", state.phase, state.velocity)?;
                 }
             }
@@ -423,7 +517,7 @@ impl Diagram {
     }
 
     fn picture(&self, arguments: &Arguments) -> Picture {
-        let states = || self.branches.iter().flat_map(|branch| branch.columns.iter().flatten());
+        let states = || self.branches.iter().flat_map(|branch| branch.columns.iter().flat_map(|column| &column.impacts));
         let (low, high) = states()
             .map(|state| self.shown(*state))
             .fold((0.0, 0.1), |(low, high): (f64, f64), y| (low.min(y), high.max(y)));
@@ -456,6 +550,13 @@ impl Diagram {
             self.range.count,
             arguments.settle
         ));
+        let mut names = Vec::new();
+        for (tone, name) in TONES {
+            let mut columns = self.branches.iter().flat_map(|branch| &branch.columns);
+            if columns.any(|column| column.ending.tone() == tone) {
+                names.push((tone, name));
+            }
+        }
         for (place, branch) in self.branches.iter().enumerate() {
             // One legend serves all panels.
             let named = |name: &'static str| if place == 0 { name } else { "" };
@@ -463,7 +564,7 @@ impl Diagram {
                 .values
                 .iter()
                 .zip(&branch.columns)
-                .flat_map(|(x, column)| column.iter().map(|state| (*x, self.shown(*state))))
+                .flat_map(|(x, column)| column.impacts.iter().map(|state| (*x, self.shown(*state))))
                 .collect();
             let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
                 .heading(branch.start.words())
@@ -472,6 +573,7 @@ impl Diagram {
                 panel = panel.strip(named("band: the period-1 orbit attracts"), band.low, band.high);
             }
             panel = panel.columns(named("impacts, few to many"), self.values.len(), points);
+            panel = panel.ribbon(self.ribbon(branch), if place == 0 { &names } else { &[] });
             for order in 1..=5 {
                 let [attracting, repelling] = self.period_one(order);
                 panel = panel
@@ -490,6 +592,20 @@ impl Diagram {
             picture = picture.panel(panel);
         }
         picture
+    }
+
+    /// The regimes of a branch as a ribbon, each column as wide as the next.
+    fn ribbon(&self, branch: &Branch) -> Vec<(f64, f64, Tone)> {
+        let half = 0.5 * (self.range.high - self.range.low) / (self.values.len() - 1) as f64;
+        let mut ribbon: Vec<(f64, f64, Tone)> = Vec::new();
+        for (first, last, ending) in branch.regimes() {
+            let (low, high) = (self.values[first] - half, self.values[last] + half);
+            match ribbon.last_mut() {
+                Some((_, end, tone)) if *tone == ending.tone() => *end = high,
+                _ => ribbon.push((low, high, ending.tone())),
+            }
+        }
+        ribbon
     }
 
     /// The period-1 branch of an order over the columns: where it attracts, and where it repels below

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use kband::impact::{Hybrid, Kernel, Map, Single};
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{Hybrid, Impact, Kernel, Map, Single, State};
 
 use crate::arguments;
 use crate::desk::Desk;
@@ -36,7 +37,7 @@ pub struct Arguments {
     velocity: Option<f64>,
 
     /// Number of consecutive impacts.
-    #[arg(long, value_name = "N", value_parser = arguments::count(1, 10_000_000), default_value = "1", conflicts_with = "from")]
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000), default_value = "1", conflicts_with = "from")]
     count: usize,
 
     /// CSV file with the columns k,restitution,phase,velocity.
@@ -61,70 +62,103 @@ pub enum Arithmetic {
     Hybrid,
     /// Phase in u32, velocity in f32.
     F32,
+    /// f64 in the widest registers of this CPU, the same bits.
+    Batch,
 }
 
 /// Prints the impacts.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let report = match arguments.arithmetic {
-        Arithmetic::F64 => report::<Map>(arguments, desk)?,
-        Arithmetic::Hybrid => report::<Hybrid>(arguments, desk)?,
-        Arithmetic::F32 => report::<Single>(arguments, desk)?,
+    let table = match arguments.arithmetic {
+        Arithmetic::F64 => table::<Map>(arguments, desk, one_by_one)?,
+        Arithmetic::Hybrid => table::<Hybrid>(arguments, desk, one_by_one)?,
+        Arithmetic::F32 => table::<Single>(arguments, desk, one_by_one)?,
+        Arithmetic::Batch => {
+            let mut block = Block::new();
+            table::<Map>(arguments, desk, |rows| in_blocks(&mut block, rows))?
+        }
     };
-    report.print(arguments.format)?;
+    Report::new(table.plain_header()).print(arguments.format)?;
     Ok(Exit::Done)
 }
 
-fn report<K: Kernel>(arguments: &Arguments, desk: &Desk) -> Result<Report, Refusal> {
-    match &arguments.from {
-        Some(path) => {
-            let text = file::read_text(path)?;
-            let mut table = Table::new(&[
-                Column::new("flight", "rad").digits(17),
-                Column::new("next_phase", "rad").digits(17),
-                Column::new("next_velocity", "b w").digits(17),
-            ])
-            .plain_header();
-            for row in read_rows::<K>(path, &text)? {
-                let impact = row.kernel.impact(row.state);
-                let next = K::observe(impact.next);
-                table.push([impact.flight.into(), next.phase.into(), next.velocity.into()]);
-            }
-            Ok(Report::new(table))
-        }
-        None => {
-            // clap has seen to it that all four are there.
-            let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
-            let kernel = K::build(given(arguments.k), given(arguments.restitution))?;
-            let mut state = K::state(given(arguments.phase), given(arguments.velocity))?;
-            let mut table = Table::new(&[
-                Column::new("n", ""),
-                Column::new("phase", "rad").digits(17),
-                Column::new("velocity", "b w").digits(17),
-                Column::new("flight", "rad").digits(17),
-            ])
-            .plain_header();
-            for n in 1..=arguments.count {
-                if n % 1024 == 0 {
-                    desk.go_on()?;
-                }
-                let impact = kernel.impact(state);
-                state = impact.next;
-                let next = K::observe(state);
-                table.push([
-                    n.into(),
-                    next.phase.into(),
-                    next.velocity.into(),
-                    impact.flight.into(),
-                ]);
-            }
-            Ok(Report::new(table))
-        }
-    }
-}
-
+/// A map and the state it is applied to.
 struct Row<K: Kernel> {
     kernel: K,
     state: K::State,
+}
+
+fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {
+    rows.iter().map(|row| row.kernel.impact(row.state)).collect()
+}
+
+fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<State>> {
+    let mut impacts = Vec::with_capacity(rows.len());
+    for rows in rows.chunks(LANES) {
+        for (lane, row) in rows.iter().enumerate() {
+            // There is a lane for every row of a chunk.
+            let _ = block.put(lane, &row.kernel, row.state);
+        }
+        block.advance(1);
+        for (lane, row) in rows.iter().enumerate() {
+            // A block leaves chatter that it can sum to its caller; here every hop is asked for.
+            let impact = block.impact(lane).filter(|impact| impact.flight > 0.0);
+            impacts.push(impact.unwrap_or_else(|| row.kernel.impact(row.state)));
+            block.clear(lane);
+        }
+    }
+    impacts
+}
+
+fn table<K: Kernel>(
+    arguments: &Arguments,
+    desk: &Desk,
+    mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
+) -> Result<Table, Refusal> {
+    if let Some(path) = &arguments.from {
+        let rows = read_rows::<K>(path, &file::read_text(path)?)?;
+        let mut table = Table::new(&[
+            Column::new("flight", "rad").digits(17),
+            Column::new("next_phase", "rad").digits(17),
+            Column::new("next_velocity", "b w").digits(17),
+        ]);
+        for impact in impacts(&rows) {
+            let next = K::observe(impact.next);
+            table.push([
+                impact.flight.into(),
+                next.phase.into(),
+                next.velocity.into(),
+            ]);
+        }
+        return Ok(table);
+    }
+    // clap has seen to it that all four are there.
+    let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    let mut row = [Row {
+        kernel: K::build(given(arguments.k), given(arguments.restitution))?,
+        state: K::state(given(arguments.phase), given(arguments.velocity))?,
+    }];
+    let mut table = Table::new(&[
+        Column::new("n", ""),
+        Column::new("phase", "rad").digits(17),
+        Column::new("velocity", "b w").digits(17),
+        Column::new("flight", "rad").digits(17),
+    ]);
+    for n in 1..=arguments.count {
+        if n % 1024 == 0 {
+            desk.go_on()?;
+        }
+        for impact in impacts(&row) {
+            row[0].state = impact.next;
+            let next = K::observe(impact.next);
+            table.push([
+                n.into(),
+                next.phase.into(),
+                next.velocity.into(),
+                impact.flight.into(),
+            ]);
+        }
+    }
+    Ok(table)
 }
 
 /// All rows of the file, each within the range of the arithmetic; the first that is not is refused
