@@ -4,68 +4,62 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Event, Kernel, Map, Orbit, State};
 use kband::regime::Lock;
+use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::lock::HIGHEST_ORDER;
 
 use crate::picture::Tone;
 use crate::refusal::Refusal;
 
-/// Where an orbit ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Ending {
-    /// One impact every so many drive cycles.
-    Locked(u32),
-    /// The lock of an order after flips: 2, 4, 8... impacts, every `order` cycles on average.
-    Doubled {
-        /// Drive cycles per impact on average (symbol r).
-        order: u32,
-        /// Impacts until it repeats.
-        impacts: u32,
-    },
-    /// Another orbit that repeats.
-    Periodic {
-        /// Impacts until it repeats.
-        impacts: u32,
-        /// Drive cycles until it repeats.
-        cycles: u32,
-    },
-    /// It comes to rest and is thrown off again, for ever.
-    HopAndRest,
-    /// It rests for ever.
-    Rest,
-    /// Neither rest nor repetition within the impacts that were followed.
-    Undecided,
-}
+/// Impacts that the classifier weighs where an orbit has not repeated to the last bits.
+const MEMORY: usize = 512;
 
-impl Ending {
-    /// What it is called.
-    #[must_use]
-    pub fn name(self) -> String {
-        match self {
-            Self::Locked(order) => format!("locked, r = {order}"),
-            Self::Doubled { order, impacts } => format!("doubled to {impacts}, r = {order}"),
-            Self::Periodic { impacts, cycles } => {
-                let plural = if cycles == 1 { "" } else { "s" };
-                format!("periodic, {impacts} impacts in {cycles} cycle{plural}")
-            }
-            Self::HopAndRest => "hops, rests, is thrown again".into(),
-            Self::Rest => "rests for ever".into(),
-            Self::Undecided => "chaotic or undecided".into(),
+/// What a regime is called in tables and legends.
+#[must_use]
+pub fn name(regime: Regime) -> String {
+    let plural = |count: u32| if count == 1 { "" } else { "s" };
+    match regime {
+        Regime::Locked { order } => format!("locked, r = {order}"),
+        Regime::Doubled { order, doublings } => {
+            format!("doubled to {}, r = {order}", 1_u64 << doublings.min(63))
         }
-    }
-
-    /// Its tone in pictures.
-    #[must_use]
-    pub fn tone(self) -> Tone {
-        match self {
-            Self::Locked(_) => Tone::Locked,
-            Self::Doubled { .. } => Tone::Doubled,
-            Self::Periodic { .. } => Tone::Periodic,
-            Self::HopAndRest => Tone::HopAndRest,
-            Self::Rest => Tone::Rest,
-            Self::Undecided => Tone::Chaotic,
+        Regime::Periodic { impacts, cycles } => format!(
+            "periodic, {impacts} impact{} in {cycles} cycle{}",
+            plural(impacts),
+            plural(cycles)
+        ),
+        Regime::HopAndRest { cycles } => {
+            format!("hops and rests, {cycles} cycle{}", plural(cycles))
         }
+        Regime::Rest => "rests for ever".into(),
+        Regime::Chaotic => "chaotic".into(),
+        Regime::Undecided => "undecided".into(),
     }
 }
+
+/// The tone of a regime in pictures.
+#[must_use]
+pub fn tone(regime: Regime) -> Tone {
+    match regime {
+        Regime::Locked { .. } => Tone::Locked,
+        Regime::Doubled { .. } => Tone::Doubled,
+        Regime::Periodic { .. } => Tone::Periodic,
+        Regime::HopAndRest { .. } => Tone::HopAndRest,
+        Regime::Rest => Tone::Rest,
+        Regime::Chaotic => Tone::Chaotic,
+        Regime::Undecided => Tone::Undecided,
+    }
+}
+
+/// The tones of regimes with their names, in the order of a legend.
+pub const TONES: [(Tone, &str); 7] = [
+    (Tone::Locked, "locked"),
+    (Tone::Doubled, "doubled"),
+    (Tone::Periodic, "periodic otherwise"),
+    (Tone::Chaotic, "chaotic"),
+    (Tone::HopAndRest, "hops and rests"),
+    (Tone::Rest, "rests for ever"),
+    (Tone::Undecided, "undecided"),
+];
 
 /// Follows orbits of one map to their ending.
 #[derive(Clone, Debug)]
@@ -75,7 +69,7 @@ pub struct Endings {
     locks: Vec<Option<Lock>>,
     /// Where a part thrown off from rest ends: every part that rests once shares it, as nothing of its
     /// past is left.
-    after_rest: Ending,
+    after_rest: Regime,
     impacts: usize,
 }
 
@@ -93,14 +87,12 @@ impl Endings {
         let mut endings = Self {
             map,
             locks,
-            after_rest: if k < 1.0 {
-                Ending::HopAndRest
-            } else {
-                Ending::Rest
-            },
+            after_rest: Regime::Rest,
             impacts,
         };
-        if k < 1.0 {
+        if let Some(cycles) = relaunch(&map, impacts) {
+            endings.after_rest = Regime::HopAndRest { cycles };
+        } else if k < 1.0 {
             endings.after_rest = endings.follow(Orbit::from_rest(&map));
         }
         Ok(endings)
@@ -113,18 +105,20 @@ impl Endings {
 
     /// Where a part that starts from rest ends.
     #[must_use]
-    pub fn from_rest(&self) -> Ending {
+    pub fn from_rest(&self) -> Regime {
         self.after_rest
     }
 
     /// Where a part that starts just after an impact ends.
     #[must_use]
-    pub fn of(&self, start: State) -> Ending {
+    pub fn of(&self, start: State) -> Regime {
         self.follow(Orbit::new(&self.map, start))
     }
 
-    fn follow(&self, orbit: Orbit<'_>) -> Ending {
+    fn follow(&self, orbit: Orbit<'_>) -> Regime {
         let (mut count, mut keep_next) = (0, 16);
+        // Its settings are within their ranges.
+        let mut memory = Classifier::<MEMORY>::build(HearingSettings::COMPUTED).ok();
         let mut kept = Kept::default();
         for event in orbit {
             let impact = match event {
@@ -140,10 +134,17 @@ impl Endings {
             if let Some(Some(lock)) = order.checked_sub(1).and_then(|n| self.locks.get(n))
                 && lock.distance(impact.next) < 1e-5
             {
-                return Ending::Locked(lock.order());
+                return Regime::Locked {
+                    order: lock.order(),
+                };
             }
             if let Some((impacts, time)) = kept.returned(impact.next, impact.flight) {
                 return named(impacts, (time / TAU).round() as u32);
+            }
+            if count + MEMORY + 1 > self.impacts
+                && let Some(memory) = &mut memory
+            {
+                memory.flight(impact.flight);
             }
             if count == keep_next {
                 kept = Kept {
@@ -153,20 +154,45 @@ impl Endings {
                 keep_next *= 2;
             }
         }
-        Ending::Undecided
+        memory.map_or(Regime::Undecided, |memory| memory.verdict().regime)
     }
 }
 
-/// What an orbit of so many impacts in so many cycles is called.
-fn named(impacts: u32, cycles: u32) -> Ending {
+/// Drive cycles from one lift-off to the next of a part that starts from rest, where it comes to rest
+/// again within so many impacts.
+fn relaunch(map: &Map, impacts: usize) -> Option<u32> {
+    let mut time = 0.0;
+    let mut count = 0;
+    let mut lifted = false;
+    for event in Orbit::from_rest(map) {
+        match event {
+            Event::Impact(impact) => {
+                time += impact.flight;
+                count += 1;
+                if count > impacts {
+                    return None;
+                }
+            }
+            Event::Rest { chatter, .. } => time += chatter,
+            Event::LiftOff { wait, .. } if lifted => {
+                return Some(((time + wait) / TAU).round() as u32);
+            }
+            Event::LiftOff { .. } => lifted = true,
+        }
+    }
+    None
+}
+
+/// What an orbit of so many impacts in so many cycles is.
+fn named(impacts: u32, cycles: u32) -> Regime {
     if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
         let order = cycles / impacts;
-        match impacts {
-            1 => Ending::Locked(order),
-            _ => Ending::Doubled { order, impacts },
+        match impacts.trailing_zeros() {
+            0 => Regime::Locked { order },
+            doublings => Regime::Doubled { order, doublings },
         }
     } else {
-        Ending::Periodic { impacts, cycles }
+        Regime::Periodic { impacts, cycles }
     }
 }
 
@@ -209,20 +235,20 @@ fn near(a: State, b: State) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::collections::HashMap;
 
     use super::*;
 
-    fn shares(k: f64, restitution: f64) -> BTreeMap<Ending, f64> {
+    fn shares(k: f64, restitution: f64) -> HashMap<Tone, f64> {
         let endings = Endings::new(k, restitution, 2000).unwrap();
-        let mut shares = BTreeMap::new();
+        let mut shares = HashMap::new();
         for row in 0..40 {
             for column in 0..40 {
                 let start = State {
                     phase: TAU * (f64::from(column) + 0.5) / 40.0,
                     velocity: 3.0 * (f64::from(row) + 0.5) / 40.0,
                 };
-                *shares.entry(endings.of(start)).or_default() += 1.0 / 1600.0;
+                *shares.entry(tone(endings.of(start))).or_default() += 1.0 / 1600.0;
             }
         }
         shares
@@ -233,12 +259,9 @@ mod tests {
         // Physics, section 7: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another placing of the
         // 40 x 40 starts moves the shares by the cells on the basin's edge, about 2 %.
         let shares = shares(0.43, 0.2);
+        assert!((shares[&Tone::Locked] - 0.33).abs() < 0.02, "{shares:?}");
         assert!(
-            (shares[&Ending::Locked(1)] - 0.33).abs() < 0.02,
-            "{shares:?}"
-        );
-        assert!(
-            (shares[&Ending::HopAndRest] - 0.64).abs() < 0.02,
+            (shares[&Tone::HopAndRest] - 0.64).abs() < 0.02,
             "{shares:?}"
         );
     }
@@ -246,7 +269,7 @@ mod tests {
     #[test]
     fn below_0_4117_rest_leads_to_the_lock() {
         let shares = shares(0.405, 0.2);
-        assert!(shares[&Ending::Locked(1)] > 0.95, "{shares:?}");
+        assert!(shares[&Tone::Locked] > 0.95, "{shares:?}");
     }
 
     #[test]
@@ -254,39 +277,39 @@ mod tests {
         // Physics, section 11: k = 1.2, R = 0.8 locks.
         let shares = shares(1.2, 0.8);
         assert!(
-            shares[&Ending::Rest] > 0.1 && shares[&Ending::Locked(1)] > 0.05,
+            shares[&Tone::Rest] > 0.1 && shares[&Tone::Locked] > 0.05,
             "{shares:?}"
         );
-        assert!(!shares.contains_key(&Ending::HopAndRest));
+        assert!(!shares.contains_key(&Tone::HopAndRest));
     }
 
     #[test]
     fn the_cascade_is_named() {
         // Between the flips of physics, section 6.
-        for (k, ending) in [
-            (0.43, Ending::Locked(1)),
+        for (k, regime) in [
+            (0.43, Regime::Locked { order: 1 }),
             (
                 0.38,
-                Ending::Doubled {
+                Regime::Doubled {
                     order: 1,
-                    impacts: 2,
+                    doublings: 1,
                 },
             ),
             (
                 0.363,
-                Ending::Doubled {
+                Regime::Doubled {
                     order: 1,
-                    impacts: 4,
+                    doublings: 2,
                 },
             ),
             (
                 0.3596,
-                Ending::Doubled {
+                Regime::Doubled {
                     order: 1,
-                    impacts: 8,
+                    doublings: 3,
                 },
             ),
-            (0.35, Ending::Undecided),
+            (0.35, Regime::Chaotic),
         ] {
             let start = Lock::at(k, 0.2, 1).unwrap().unwrap().state();
             let beside = State {
@@ -295,7 +318,7 @@ mod tests {
             };
             assert_eq!(
                 Endings::new(k, 0.2, 3000).unwrap().of(beside),
-                ending,
+                regime,
                 "{k}"
             );
         }

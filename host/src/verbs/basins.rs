@@ -1,16 +1,16 @@
 //! `kband basins`: which start ends in which regime.
 
-use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use kband::impact::{Kernel, Map, State};
 use kband::regime::Lock;
+use kband::regime::classify::Regime;
 use serde_json::json;
 
 use crate::arguments::{self, Drawn, Printed};
 use crate::desk::Desk;
-use crate::ending::{Ending, Endings};
+use crate::ending::{self, Endings, TONES};
 use crate::picture::{Axis, Grid, Panel, Picture, Tone, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, number};
@@ -71,11 +71,16 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             })
             .collect::<Vec<_>>()
     })?;
-    let ends: Arc<[Ending]> = rows.into_iter().flatten().collect();
-    let mut counts: BTreeMap<Ending, usize> = BTreeMap::new();
+    let ends: Arc<[Regime]> = rows.into_iter().flatten().collect();
+    let mut counts: Vec<(Regime, usize)> = Vec::new();
     for end in ends.iter() {
-        *counts.entry(*end).or_default() += 1;
+        match counts.iter_mut().find(|(known, _)| known == end) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((*end, 1)),
+        }
     }
+    let rank = |regime| TONES.iter().position(|(tone, _)| *tone == ending::tone(regime));
+    counts.sort_by_key(|(regime, count)| (rank(*regime), std::cmp::Reverse(*count)));
     let share = |count: usize| count as f64 / ends.len() as f64;
     let mut table = Table::new(&[
         Column::new("regime", ""),
@@ -83,11 +88,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Column::new("starts", ""),
     ]);
     for (end, count) in &counts {
-        table.push([end.name().into(), (100.0 * share(*count)).into(), (*count).into()]);
+        table.push([ending::name(*end).into(), (100.0 * share(*count)).into(), (*count).into()]);
     }
     let shares: Vec<_> = counts
         .iter()
-        .map(|(end, count)| json!({"regime": end.name(), "share": share(*count), "starts": count}))
+        .map(|(end, count)| json!({"regime": ending::name(*end), "share": share(*count), "starts": count}))
         .collect();
     let listed = Arc::clone(&ends);
     let report = Report::new(table)
@@ -97,12 +102,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             number(arguments.restitution, 6),
             number(top, 6)
         ))
-        .note(format!("A part that starts from rest: {}", endings.from_rest().name()))
+        .note(format!("A part that starts from rest: {}", ending::name(endings.from_rest())))
         .json(&json!({
             "k": arguments.k,
             "restitution": arguments.restitution,
             "shares": shares,
-            "from_rest": endings.from_rest().name(),
+            "from_rest": ending::name(endings.from_rest()),
         }))?
         .csv(move |out| {
             writeln!(out, "phase (rad),velocity (b w),regime")?;
@@ -113,7 +118,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                     "{},{},\"{}\"",
                     number(phase, 17),
                     number(velocity, 17),
-                    end.name()
+                    ending::name(*end)
                 )?;
             }
             Ok(())
@@ -126,23 +131,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 fn picture(
     arguments: &Arguments,
     endings: &Endings,
-    ends: &[Ending],
-    counts: &BTreeMap<Ending, usize>,
+    ends: &[Regime],
+    counts: &[(Regime, usize)],
 ) -> Picture {
     // Regimes that share a tone share a line of the legend.
     let mut legend: Vec<(Tone, String, usize)> = Vec::new();
-    for (end, count) in counts {
-        match legend.iter_mut().find(|(tone, ..)| *tone == end.tone()) {
+    for (regime, count) in counts {
+        let tone = ending::tone(*regime);
+        match legend.iter_mut().find(|(known, ..)| *known == tone) {
             Some((_, name, sum)) => {
                 *sum += count;
-                *name = match end {
-                    Ending::Locked(_) => "locked",
-                    Ending::Doubled { .. } => "doubled",
-                    _ => "periodic otherwise",
-                }
-                .into();
+                let general = TONES.iter().find(|(known, _)| *known == tone);
+                *name = general.map_or("", |(_, name)| name).into();
             }
-            None => legend.push((end.tone(), end.name(), *count)),
+            None => legend.push((tone, ending::name(*regime), *count)),
         }
     }
     let words: Vec<(Tone, String)> = legend
@@ -154,7 +156,7 @@ fn picture(
         .collect();
     let names: Vec<(Tone, &str)> =
         words.iter().map(|(tone, name)| (*tone, name.as_str())).collect();
-    let tones = ends.iter().map(|end| end.tone()).collect();
+    let tones = ends.iter().map(|end| ending::tone(*end)).collect();
     let locks = endings
         .locks()
         .map(Lock::state)

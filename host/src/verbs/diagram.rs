@@ -8,11 +8,12 @@ use clap::ValueEnum;
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{Event, Kernel, Map, Orbit, State};
 use kband::regime::Lock;
+use kband::regime::classify::Regime;
 use serde::Serialize;
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
-use crate::ending::{Ending, Endings};
+use crate::ending::{self, Endings, TONES};
 use crate::picture::{Axis, Panel, Picture, Tone, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, number};
@@ -97,8 +98,8 @@ pub enum Start {
 
 impl Branch {
     /// The stretches of one ending, as first and last column.
-    fn regimes(&self) -> Vec<(usize, usize, Ending)> {
-        let mut regimes: Vec<(usize, usize, Ending)> = Vec::new();
+    fn regimes(&self) -> Vec<(usize, usize, Regime)> {
+        let mut regimes: Vec<(usize, usize, Regime)> = Vec::new();
         for (n, column) in self.columns.iter().enumerate() {
             match regimes.last_mut() {
                 Some((_, last, ending)) if *ending == column.ending => *last = n,
@@ -126,16 +127,6 @@ impl Start {
         }
     }
 }
-
-/// Tones of the ribbon in the order of the legend.
-const TONES: [(Tone, &str); 6] = [
-    (Tone::Locked, "locked"),
-    (Tone::Doubled, "doubled"),
-    (Tone::Periodic, "periodic otherwise"),
-    (Tone::Chaotic, "chaotic or undecided"),
-    (Tone::HopAndRest, "hops, rests, is thrown again"),
-    (Tone::Rest, "rests for ever"),
-];
 
 /// What the columns stand for.
 #[derive(Clone, Copy, Debug)]
@@ -279,7 +270,7 @@ struct Branch {
 #[derive(Clone)]
 struct Struck {
     impacts: Vec<State>,
-    ending: Ending,
+    ending: Regime,
 }
 
 struct Diagram {
@@ -443,12 +434,12 @@ impl Diagram {
                     "start": branch.start,
                     "from": low,
                     "to": high,
-                    "regime": ending.name(),
+                    "regime": ending::name(ending),
                 }));
                 // Chaos is full of narrow windows; the table to read shows what is wider than them.
                 if 100 * (last - first + 1) >= self.values.len() {
                     let start = branch.start.name();
-                    table.push([start.into(), low.into(), high.into(), ending.name().into()]);
+                    table.push([start.into(), low.into(), high.into(), ending::name(ending).into()]);
                 } else {
                     left_out += 1;
                 }
@@ -553,7 +544,7 @@ impl Diagram {
         let mut names = Vec::new();
         for (tone, name) in TONES {
             let mut columns = self.branches.iter().flat_map(|branch| &branch.columns);
-            if columns.any(|column| column.ending.tone() == tone) {
+            if columns.any(|column| ending::tone(column.ending) == tone) {
                 names.push((tone, name));
             }
         }
@@ -601,8 +592,8 @@ impl Diagram {
         for (first, last, ending) in branch.regimes() {
             let (low, high) = (self.values[first] - half, self.values[last] + half);
             match ribbon.last_mut() {
-                Some((_, end, tone)) if *tone == ending.tone() => *end = high,
-                _ => ribbon.push((low, high, ending.tone())),
+                Some((_, end, tone)) if *tone == ending::tone(ending) => *end = high,
+                _ => ribbon.push((low, high, ending::tone(ending))),
             }
         }
         ribbon
