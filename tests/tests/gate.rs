@@ -54,3 +54,18 @@ fn a_hanging_image_is_cut() {
     assert_eq!(output.status, None, "{output:?}");
     assert!(output.text.contains("never ends"), "{output:?}");
 }
+
+#[test]
+fn a_missing_emulator_is_named_with_the_command_that_brings_it() {
+    let output = std::process::Command::new("/bin/bash")
+        .arg(kband_tests::root().join("tests/emulator"))
+        .arg(kband_tests::root().join("memory.x"))
+        .env("PATH", "/nowhere")
+        .stdin(std::process::Stdio::null())
+        .output()
+        .expect("bash starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(127), "{text}");
+    assert_eq!(text.lines().count(), 1, "{text}");
+    assert!(text.contains("run tests/setup.sh"), "{text}");
+}
