@@ -21,5 +21,6 @@ pub mod last_words;
 pub mod start;
 #[cfg(target_os = "none")]
 pub mod stm32;
+pub mod store;
 pub mod trial;
 pub mod watch;
