@@ -1,23 +1,25 @@
 //! The sample interrupt and the control of each drive cycle.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
-use kband::control::{Command, Controller, Cycle, PLAN_SLICES, Signal};
+use kband::control::{Command, Cycle, PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
+use crate::station::Station;
 use crate::watch::{Roll, Watched};
 
 /// What passes between the sample interrupt and the control task: cycles up, commands down.
 pub struct Exchange {
     cycle: Mailbox<CriticalSectionRawMutex, Cycle>,
     command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
-    commanded: AtomicBool,
+    signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
+    news: AtomicU8,
     owed: AtomicBool,
     missed: AtomicU32,
 }
@@ -39,7 +41,8 @@ impl Exchange {
                 step: 0,
                 immediate: true,
             })),
-            commanded: AtomicBool::new(false),
+            signal: Mutex::new(Cell::new(None)),
+            news: AtomicU8::new(0),
             owed: AtomicBool::new(false),
             missed: AtomicU32::new(0),
         }
@@ -74,16 +77,29 @@ impl Exchange {
     /// What the drive is to do from the next cycle on.
     pub fn command(&self, command: Command) {
         self.command.lock(|cell| cell.set(command));
-        self.commanded.store(true, Ordering::Release);
+        self.news.fetch_or(COMMAND, Ordering::Release);
     }
 
-    fn take_command(&self) -> Option<Command> {
-        self.commanded.load(Ordering::Acquire).then(|| {
-            self.commanded.store(false, Ordering::Relaxed);
-            self.command.lock(Cell::get)
-        })
+    /// The signal path for new settings, drive off, from the next sample on.
+    pub fn replace_signal(&self, signal: Signal) {
+        self.signal.lock(|cell| cell.set(Some(signal)));
+        self.news.fetch_or(SIGNAL, Ordering::Release);
+    }
+
+    /// What is new for the sample interrupt.
+    #[inline]
+    fn news(&self) -> u8 {
+        match self.news.load(Ordering::Acquire) {
+            0 => 0,
+            _ => self.news.swap(0, Ordering::AcqRel),
+        }
     }
 }
+
+/// News of [`Exchange::news`]: a command.
+const COMMAND: u8 = 1;
+/// News of [`Exchange::news`]: a signal path.
+const SIGNAL: u8 = 2;
 
 /// The sample interrupt.
 ///
@@ -122,7 +138,14 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     /// One sample.
     #[inline]
     pub fn interrupt(&mut self) {
-        if let Some(command) = self.exchange.take_command() {
+        let news = self.exchange.news();
+        if news & SIGNAL != 0
+            && let Some(signal) = self.exchange.signal.lock(Cell::take)
+        {
+            self.signal = signal;
+        }
+        if news & COMMAND != 0 {
+            let command = self.exchange.command.lock(Cell::get);
             self.signal.command(command);
             self.on = !command.immediate || command.amplitude > 0.0;
             if !self.on {
@@ -152,7 +175,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 /// Deadline: one drive cycle (20 ms at 50 Hz), or else the drive keeps its amplitude for another cycle
 /// and the miss is counted. Between slices of planning other tasks run; a new cycle ends the planning.
 pub async fn control(
-    mut controller: Controller,
+    station: &Station,
     exchange: &'static Exchange,
     roll: &'static Roll,
     mut panel: impl Panel,
@@ -163,13 +186,13 @@ pub async fn control(
         roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
             // The link answers a refused target; here the old one stays.
-            let _ = controller.set_target(target);
+            let _ = station.set_target(target);
         }
-        let report = controller.cycle(&cycle, &panel.inputs());
+        let report = station.cycle(&cycle, panel.inputs());
         exchange.command(report.command);
         monitor.report(&report);
         for _ in 0..PLAN_SLICES {
-            if exchange.cycle.signaled() || !controller.plan_step() {
+            if exchange.cycle.signaled() || !station.plan_step() {
                 break;
             }
             roll.check_in(Watched::Cycle);
@@ -181,6 +204,8 @@ pub async fn control(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::last_words::LastWords;
+    use crate::store::Found;
     use core::future::Future;
     use core::pin::pin;
     use core::task::{Context, Waker};
@@ -262,12 +287,23 @@ mod tests {
             off: false,
             reports: Vec::new(),
         })));
-        let signal = Signal::build(&scene.settings).unwrap();
+        let found = Found {
+            settings: scene.settings,
+            kept: 0,
+            refused: 0,
+        };
+        let (station, signal) = Station::build(
+            &found,
+            scene.target,
+            Start::Ordinary,
+            exchange,
+            LastWords::EMPTY,
+        )
+        .unwrap();
         let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
         assert!(desk.0.borrow().off, "the drive starts off");
-        let controller = Controller::build(&scene.settings, scene.target, Start::Ordinary).unwrap();
         let mut task = pin!(control(
-            controller,
+            &station,
             exchange,
             &ROLL,
             desk.clone(),

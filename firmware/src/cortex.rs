@@ -32,15 +32,16 @@ unsafe impl Sync for Kept {}
 #[unsafe(link_section = ".uninit.last_words")]
 static KEPT: Kept = Kept(UnsafeCell::new(LastWords::EMPTY));
 
-/// Hands what the image said last before this reset to `report`, and forgets it.
-pub fn take_last_words<T>(report: impl FnOnce(Option<&str>) -> T) -> T {
+/// What the image said last before this reset; it is forgotten with this call.
+#[must_use]
+pub fn take_last_words() -> LastWords {
     cortex_m::interrupt::free(|_| {
         // SAFETY: interrupts are off and no other reference lives; any bytes are a valid `LastWords`,
         // which is integers only and judges its content by its checksum.
-        let words = unsafe { &mut *KEPT.0.get() };
-        let result = report(words.read());
-        words.clear();
-        result
+        let kept = unsafe { &mut *KEPT.0.get() };
+        let words = *kept;
+        kept.clear();
+        words
     })
 }
 
@@ -140,6 +141,13 @@ pub fn stack_use() -> (u32, u32) {
         clean += 4;
     }
     (top - clean, top - bottom)
+}
+
+/// Bytes of the stack that were never used.
+#[must_use]
+pub fn stack_free() -> u32 {
+    let (used, size) = stack_use();
+    size - used
 }
 
 /// Whether less than an eighth of the stack was never used.

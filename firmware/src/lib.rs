@@ -18,7 +18,9 @@ pub mod board;
 #[cfg(target_os = "none")]
 pub mod cortex;
 pub mod last_words;
+pub mod link;
 pub mod start;
+pub mod station;
 #[cfg(target_os = "none")]
 pub mod stm32;
 pub mod store;

@@ -6,22 +6,29 @@ use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
 use embassy_stm32::dac::{DacChannel, Value};
 use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::interrupt::{self, typelevel::Binding};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::timer::vals::Mms;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, IWDG, PA1, PA4, PA8, PB0, PB1, PB10, PB11, PB13, TIM1,
+    ADC1, DAC1, IWDG, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB13, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::PwmPin;
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
 use embassy_stm32::wdg::IndependentWatchdog;
+use embedded_io_async::{Read, Write};
+use embedded_storage::nor_flash as sync;
+use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
 use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE, State};
 
 use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use crate::cortex::stack_low;
+use crate::link::Line;
 
 /// Time in which neither switch of the half bridge conducts, as a share of a second: 1 us.
 const DEAD_TIME: u32 = 1_000_000;
@@ -234,3 +241,115 @@ impl Watchdog for Guard {
         self.0.pet();
     }
 }
+
+/// Buffers of the serial port.
+pub struct Buffers {
+    send: [u8; 512],
+    receive: [u8; 512],
+}
+
+impl Buffers {
+    /// Nothing in them.
+    pub const EMPTY: Self = Self {
+        send: [0; 512],
+        receive: [0; 512],
+    };
+}
+
+/// The link's serial port: USART2, 115200 baud, sends on PA2 and receives on PA3.
+pub struct Serial(BufferedUart<'static>);
+
+impl Serial {
+    /// The port; refused if the clocks do not give its rate.
+    pub fn new(
+        port: Peri<'static, USART2>,
+        receive: Peri<'static, PA3>,
+        send: Peri<'static, PA2>,
+        interrupts: impl Binding<interrupt::typelevel::USART2, BufferedInterruptHandler<USART2>>
+        + 'static,
+        buffers: &'static mut Buffers,
+    ) -> Result<Self, ConfigError> {
+        let Buffers {
+            send: sent,
+            receive: received,
+        } = buffers;
+        BufferedUart::new(
+            port,
+            receive,
+            send,
+            sent,
+            received,
+            interrupts,
+            embassy_stm32::usart::Config::default(),
+        )
+        .map(Self)
+    }
+}
+
+impl Line for Serial {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        // Noise on the line is lost bytes, and their frame is refused by its check.
+        Read::read(&mut self.0, bytes).await.unwrap_or(0)
+    }
+
+    async fn write(&mut self, bytes: &[u8]) {
+        // A port that cannot send has nobody to tell.
+        let _ = Write::write_all(&mut self.0, bytes).await;
+    }
+}
+
+/// Flash whose work ends before its call returns, for the memory of the settings.
+///
+/// The core stands still while a page is erased: up to 4 s for the 128 KiB of an STM32F405. The drive
+/// is off then, and the watchdog is given the time.
+pub struct Pages<F>(pub F);
+
+/// Time that the watchdog is given for the erasure of a page, as its prescaler and reload: 32 s.
+const ERASURE: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
+
+impl<F: sync::ErrorType> sync::ErrorType for Pages<F> {
+    type Error = F::Error;
+}
+
+impl<F: sync::NorFlash> ReadNorFlash for Pages<F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
+        self.0.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl<F: sync::NorFlash> NorFlash for Pages<F> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
+        let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
+        allow(ERASURE);
+        let result = self.0.erase(from, to);
+        allow(usual);
+        result
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
+        self.0.write(offset, bytes)
+    }
+}
+
+/// Gives the watchdog this prescaler and reload, and feeds it.
+fn allow((prescaler, reload): (Pr, u16)) {
+    let watchdog = pac::IWDG;
+    watchdog.kr().write(|key| key.set_key(Key::ENABLE));
+    watchdog.pr().write(|register| register.set_pr(prescaler));
+    watchdog.rlr().write(|register| register.set_rl(reload));
+    // The values pass to the watchdog's own clock (32 kHz): five of its cycles.
+    cortex_m::asm::delay(CORE_CYCLES_FOR_WATCHDOG);
+    watchdog.kr().write(|key| key.set_key(Key::RESET));
+}
+
+/// Core cycles of 0.3 ms on the fastest board: ten cycles of the watchdog's clock.
+const CORE_CYCLES_FOR_WATCHDOG: u32 = 51_000;

@@ -21,7 +21,7 @@ const ROOM: usize = 32;
 pub struct StoreFailed;
 
 /// What was found in the memory.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Found {
     /// The settings: the defaults, but for what is kept.
     pub settings: Settings,
@@ -185,7 +185,7 @@ mod tests {
         }
 
         async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerCut> {
-            assert!(offset % 4 == 0 && bytes.len() % 4 == 0);
+            assert!(offset.is_multiple_of(4) && bytes.len().is_multiple_of(4));
             (offset as usize..)
                 .zip(bytes)
                 .try_for_each(|(at, &byte)| self.touch(at, |old| old & byte))

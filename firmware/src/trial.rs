@@ -30,6 +30,13 @@ impl Trial {
         },
     ];
 
+    /// The default scene, as long as somebody talks to it.
+    pub const LINK: Self = Self {
+        name: "link",
+        cycles: u32::MAX,
+        scene: linked,
+    };
+
     /// The trial of this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
@@ -41,6 +48,16 @@ impl Trial {
     pub fn scene(&self) -> Scene {
         (self.scene)()
     }
+}
+
+/// The default scene with only the link to be heard, and the enable input withdrawn at first.
+fn linked() -> Scene {
+    let mut scene = Scene::default();
+    let changes = [Change::Link(false), Change::Enable(false)];
+    for (slot, change) in scene.disturbances.iter_mut().zip(changes) {
+        *slot = Some(Disturbance { at: 0.0, change });
+    }
+    scene
 }
 
 /// Everything that may happen, once: targets, drift, another lot of parts, a stop, a lost sensor.

@@ -4,7 +4,9 @@
 use std::time::Duration;
 
 use kband::plant::ClosedLoop;
+use kband::wire::{FRAME_MOST, Outgoing, Request, Response, SCHEMA, VERSION, write_question};
 use kband_firmware::trial::{Line, Trial};
+use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
 use kband_tests::images;
@@ -120,6 +122,66 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
     // Half a second at 168 MHz, in slices that leave half of a cycle at 50 Hz to the control.
     assert!(all > 100_000 && all <= 84_000_000, "{text}");
     assert!(slice <= 1_680_000, "{text}");
+}
+
+#[test]
+fn the_emulated_board_talks_to_the_desk() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let options = Options {
+        word: Some("link"),
+        serial: true,
+        ..Options::default()
+    };
+    let limit = Duration::from_secs(100);
+    let mut desk = Desk::start(emulator::command(&image, options, limit, true));
+    let identified = |wanted: u8| {
+        move |answer: Outgoing<'_>| match answer {
+            Outgoing::Identity { sequence, identity } => {
+                assert_eq!((sequence, identity.version), (wanted, VERSION));
+                assert_eq!(identity.schema, SCHEMA);
+                assert!(identity.image.starts_with("0."), "{identity:?}");
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    // The board says who it is when it starts, and when it is asked.
+    desk.receive(identified(0));
+    // Garbage first; the board finds the question behind it.
+    desk.send(b"\0garbage\0\x05ab\0");
+    let mut buffer = [0; FRAME_MOST];
+    let question = write_question(&mut buffer, 9).unwrap().to_vec();
+    desk.send(&question);
+    desk.receive(identified(9));
+    desk.ask(&Request::Get("frequency"), |response| match response {
+        Response::Setting(setting) => assert_eq!(setting.value, 50.0),
+        other => panic!("{other:?}"),
+    });
+    let set = Request::Set {
+        key: "soft_start",
+        value: 0.2,
+    };
+    desk.ask(&set, |response| assert_eq!(response, Response::Done));
+    desk.ask(&Request::Counters, |response| match response {
+        Response::Counters(counters) => {
+            assert!(
+                counters.requests >= 4 && counters.corrupt >= 1,
+                "{counters:?}"
+            );
+        }
+        other => panic!("{other:?}"),
+    });
+    desk.ask(&Request::Telemetry(1), |response| {
+        assert_eq!(response, Response::Done);
+    });
+    let cycle = |outgoing: Outgoing<'_>| match outgoing {
+        Outgoing::Response {
+            sequence: 0,
+            response: Response::Telemetry(telemetry),
+        } => telemetry.cycle,
+        other => panic!("{other:?}"),
+    };
+    let first = desk.receive(cycle);
+    assert_eq!(desk.receive(cycle), first + 1);
 }
 
 #[test]

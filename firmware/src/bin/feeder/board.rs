@@ -1,16 +1,26 @@
 //! The board: its pins and peripherals joined to the application.
 
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
+use embassy_stm32::peripherals::USART2;
+use embassy_stm32::usart::BufferedInterruptHandler;
+use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::{Controller, Settings, Signal, Target};
+use kband::control::Target;
 use kband_firmware::application::{Exchange, Sampler, control};
 use kband_firmware::board::Watchdog;
-use kband_firmware::cortex::{IDENTITY, Owned, stack_use, take_last_words};
-use kband_firmware::stm32::{Converter, Guard, HalfBridge, Lamps, Terminals, drive_off};
+use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_words};
+use kband_firmware::link::{Image, Service, link};
+use kband_firmware::station::Station;
+use kband_firmware::stm32::{
+    Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, drive_off,
+};
+use kband_firmware::store::Store;
 use kband_firmware::watch::{Roll, Watched};
+use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
 
 use crate::chip;
@@ -20,7 +30,17 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
-static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
+/// Priority of what may wait for a sample: half way down.
+const LATER: u8 = 0x80;
+
+static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle, Watched::Link]);
+static STATION: StaticCell<Station> = StaticCell::new();
+static BUFFERS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::EMPTY);
+
+bind_interrupts!(struct Interrupts {
+    USART2 => BufferedInterruptHandler<USART2>;
+});
+
 static EXCHANGE: Exchange = Exchange::new();
 static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
 
@@ -55,8 +75,13 @@ fn SysTick() {
 }
 
 #[embassy_executor::task]
-async fn drive_cycle(controller: Controller, terminals: Terminals, lamps: Lamps) {
-    control(controller, &EXCHANGE, &ROLL, terminals, lamps).await;
+async fn drive_cycle(station: &'static Station, terminals: Terminals, lamps: Lamps) {
+    control(station, &EXCHANGE, &ROLL, terminals, lamps).await;
+}
+
+#[embassy_executor::task]
+async fn desk_link(service: Service<chip::Memory>, serial: Serial, station: &'static Station) {
+    link(service, serial, station, &ROLL).await;
 }
 
 #[embassy_executor::task]
@@ -74,36 +99,48 @@ async fn main(spawner: Spawner) {
     let cause = chip::cause();
     let peripherals = embassy_stm32::init(chip::config());
     defmt::info!("kband {}", IDENTITY);
-    take_last_words(|words| {
-        if let Some(words) = words {
-            defmt::error!("before this reset: {}", words);
-        }
-    });
+    let last_words = take_last_words();
+    if let Some(words) = last_words.read() {
+        defmt::error!("before this reset: {}", words);
+    }
     let p = peripherals;
     let bridge = HalfBridge::new(p.TIM1, p.PA8, p.PB13, p.DAC1, p.PA4, chip::CORE_CLOCK);
     let (adc, sample_time) = chip::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, sample_time);
-    let settings = Settings::default();
-    let built = Signal::build(&settings).and_then(|signal| {
-        Controller::build(&settings, Target::Locked { order: 1 }, cause.start())
-            .map(|controller| (signal, controller))
-    });
-    let Some(((signal, controller), mut core)) = built.ok().zip(cortex_m::Peripherals::take())
-    else {
-        defmt::panic!("the settings on first start are refused");
+    let Ok(mut memory) = chip::memory(p.FLASH) else {
+        defmt::panic!("the memory of the settings does not fit its pages");
     };
+    let found = memory.load().await;
+    defmt::info!("settings: {} kept, {} refused", found.kept, found.refused);
+    let target = Target::Locked { order: 1 };
+    let built = Station::build(&found, target, cause.start(), &EXCHANGE, last_words);
+    let Some(((station, signal), mut core)) = built.ok().zip(cortex_m::Peripherals::take()) else {
+        defmt::panic!("settings that were accepted are refused");
+    };
+    let station = STATION.init(station);
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
+    let Ok(serial) = Serial::new(p.USART2, p.PA3, p.PA2, Interrupts, BUFFERS.take()) else {
+        defmt::panic!("the serial port does not take its rate");
+    };
     TIME.start(&mut core.SYST);
     // The sample goes before everything else.
-    // SAFETY: no critical section relies on the priority or the mask of this interrupt.
+    // SAFETY: no critical section relies on the priority or the mask of these interrupts.
     unsafe {
+        core.SCB.set_priority(SystemHandler::SysTick, LATER);
+        core.NVIC.set_priority(pac::Interrupt::USART2, LATER);
         core.NVIC.set_priority(chip::CONVERTED, 0);
         NVIC::unmask(chip::CONVERTED);
     }
+    let image = Image {
+        identity: IDENTITY,
+        stack_free,
+    };
     let terminals = Terminals::new(p.PB0, p.PB1);
     let lamps = Lamps::new(p.PB10, p.PB11);
-    spawner.spawn(drive_cycle(controller, terminals, lamps).expect("spawned once"));
+    let service = Service::new(image, memory);
+    spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
+    spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
     spawner.spawn(supervise(Guard::new(p.IWDG)).expect("spawned once"));
     loop {
         Timer::after_secs(60).await;
@@ -112,7 +149,7 @@ async fn main(spawner: Spawner) {
             "stack {} of {} bytes, {} cycles missed",
             used,
             size,
-            EXCHANGE.missed()
+            station.missed()
         );
     }
 }

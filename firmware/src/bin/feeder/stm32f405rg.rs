@@ -2,11 +2,14 @@
 
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
+use embassy_stm32::flash::{Bank1Region3, Blocking, Flash};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::ADC1;
+use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
 use kband_firmware::start::Cause;
+use kband_firmware::stm32::Pages;
+use kband_firmware::store::{Records, StoreFailed};
 
 /// Clock of core and TIM1 in Hz.
 pub const CORE_CLOCK: u32 = 168_000_000;
@@ -40,6 +43,18 @@ pub fn config() -> embassy_stm32::Config {
 /// The converter and the time it takes to sample: 56 cycles at 21 MHz, 2.7 us.
 pub fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
     (Adc::new(converter), SampleTime::CYCLES56)
+}
+
+/// The settings lie in the last two sectors of 128 KiB.
+pub type Memory = Records<Pages<Bank1Region3<'static, Blocking>>>;
+
+/// The memory of the settings.
+pub fn memory(flash: Peri<'static, FLASH>) -> Result<Memory, StoreFailed> {
+    let region = Flash::new_blocking(flash)
+        .into_blocking_regions()
+        .bank1_region3;
+    let (end, page) = (region.0.size, region.0.erase_size);
+    Records::new(Pages(region), end - 2 * page..end)
 }
 
 /// Why the chip was reset; the flags are cleared for the next time.

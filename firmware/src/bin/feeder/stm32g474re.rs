@@ -2,10 +2,13 @@
 
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
+use embassy_stm32::flash::{Bank2Region, Blocking, Flash};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::ADC1;
+use embassy_stm32::peripherals::{ADC1, FLASH};
 use kband_firmware::start::Cause;
+use kband_firmware::stm32::Pages;
+use kband_firmware::store::{Records, StoreFailed};
 
 /// Clock of core and TIM1 in Hz.
 pub const CORE_CLOCK: u32 = 170_000_000;
@@ -37,6 +40,18 @@ pub fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleT
         Adc::new(converter, AdcConfig::default()),
         SampleTime::CYCLES92_5,
     )
+}
+
+/// The settings lie in the last two pages of 2 KiB of the second bank.
+pub type Memory = Records<Pages<Bank2Region<'static, Blocking>>>;
+
+/// The memory of the settings.
+pub fn memory(flash: Peri<'static, FLASH>) -> Result<Memory, StoreFailed> {
+    let region = Flash::new_blocking(flash)
+        .into_blocking_regions()
+        .bank2_region;
+    let (end, page) = (region.0.size, region.0.erase_size);
+    Records::new(Pages(region), end - 2 * page..end)
 }
 
 /// Why the chip was reset; the flags are cleared for the next time.

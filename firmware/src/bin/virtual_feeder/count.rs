@@ -6,10 +6,11 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::heprintln;
-use kband::control::{AdcCode, Controller, Signal};
+use kband::control::{AdcCode, Signal};
 use kband::plant::Bench;
 use kband_firmware::application::{Exchange, Sampler};
 use kband_firmware::board::{Drive, Sense};
+use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
 
 /// SysTick's full range; one pass of it is 16.7 million ticks, 99 million instructions.
@@ -55,7 +56,7 @@ fn instructions(ticks: u32) -> u64 {
 ///
 /// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
 /// counter's step of six instructions, the mean to a sixtieth of one.
-pub fn count(timer: &mut SYST, mut signal: Signal, mut controller: Controller, mut bench: Bench) {
+pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
     timer.set_clock_source(SystClkSource::Core);
     timer.set_reload(FULL);
     timer.clear_current();
@@ -69,7 +70,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, mut controller: Controller, m
     let (mut plan, mut longest, mut slices) = (0_u64, 0, 0_u32);
     loop {
         let mut more = false;
-        let ticks = lap(&mut || more = black_box(controller.plan_step()));
+        let ticks = lap(&mut || more = black_box(station.plan_step()));
         plan += instructions(ticks) / 100;
         longest = longest.max(ticks);
         slices += 1;
@@ -90,7 +91,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, mut controller: Controller, m
         let sampled = signal.sample(bench.sample());
         bench.hold(sampled.output, (signal.phase() - before).bits());
         if sampled.wrapped {
-            let report = controller.cycle(signal.cycle(), &bench.inputs());
+            let report = station.cycle(signal.cycle(), bench.inputs());
             signal.command(report.command);
             EXCHANGE.command(report.command);
             cycles += 1;

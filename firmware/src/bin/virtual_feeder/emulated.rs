@@ -12,17 +12,23 @@ use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
-use kband::control::{AdcCode, Controller, Inputs, Report, Signal, Target};
+use kband::control::{AdcCode, Inputs, Report, Settings, Target};
 use kband::plant::Bench;
 use kband_firmware::application::{Exchange, Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
-use kband_firmware::cortex::{IDENTITY, Owned, stack_low, stack_use, take_last_words};
+use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_low, stack_use, take_last_words};
+use kband_firmware::last_words::LastWords;
+use kband_firmware::link::{Image, Service, link};
 use kband_firmware::start::Cause;
+use kband_firmware::station::Station;
+use kband_firmware::store::{Found, Store, StoreFailed};
 use kband_firmware::trial::{Line, Trial};
 use kband_firmware::watch::{Roll, Watched};
+use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
 use crate::count::count;
+use crate::serial::{self, Serial};
 
 /// QEMU clocks the machine's SysTick at 168 MHz.
 const CORE_CLOCK: u64 = 168_000_000;
@@ -38,6 +44,7 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static EXCHANGE: Exchange = Exchange::new();
+static STATION: StaticCell<Station> = StaticCell::new();
 static HUNGRY: AtomicU32 = AtomicU32::new(0);
 static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
 static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
@@ -101,18 +108,33 @@ impl Panel for Bed {
     }
 }
 
-/// Prints the trace and ends the run with it.
+/// Prints the trace and ends the run with it, or prints nothing and goes on.
 struct Trace {
-    left: u32,
+    left: Option<u32>,
 }
 
 impl Monitor for Trace {
     fn report(&mut self, report: &Report) {
-        heprintln!("{}", Line(report));
-        self.left -= 1;
-        if self.left == 0 {
-            finish(true);
+        if let Some(left) = &mut self.left {
+            heprintln!("{}", Line(report));
+            *left -= 1;
+            if *left == 0 {
+                finish(true);
+            }
         }
+    }
+}
+
+/// No memory of the settings: each start is the first.
+struct Forgetful;
+
+impl Store for Forgetful {
+    async fn load(&mut self) -> Found {
+        Found::default()
+    }
+
+    async fn save(&mut self, _settings: &Settings) -> Result<(), StoreFailed> {
+        Err(StoreFailed)
     }
 }
 
@@ -156,8 +178,17 @@ fn SysTick() {
 }
 
 #[embassy_executor::task]
-async fn drive_cycle(controller: Controller, cycles: u32) {
-    control(controller, &EXCHANGE, &ROLL, Bed, Trace { left: cycles }).await;
+async fn drive_cycle(station: &'static Station, trace: Trace) {
+    control(station, &EXCHANGE, &ROLL, Bed, trace).await;
+}
+
+#[embassy_executor::task]
+async fn desk_link(station: &'static Station) {
+    let image = Image {
+        identity: IDENTITY,
+        stack_free,
+    };
+    link(Service::new(image, Forgetful), Serial, station, &ROLL).await;
 }
 
 #[embassy_executor::task]
@@ -222,11 +253,11 @@ async fn main(spawner: Spawner) {
     let word = arguments(&mut buffer);
     let cause = reset_cause();
     heprintln!("kband {} {:?}", IDENTITY, cause);
-    let last_words =
-        take_last_words(|words| words.map(|words| heprintln!("last words: {}", words)));
+    let last_words = take_last_words();
     if cause != Cause::Power {
-        if last_words.is_none() {
-            heprintln!("no last words");
+        match last_words.read() {
+            Some(words) => heprintln!("last words: {}", words),
+            None => heprintln!("no last words"),
         }
         finish(false);
     }
@@ -249,6 +280,7 @@ async fn main(spawner: Spawner) {
     }
     let trial = match word {
         "hang" | "count" => Trial::ALL.first().copied(),
+        "link" => Some(Trial::LINK),
         name => Trial::named(name),
     };
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
@@ -256,11 +288,19 @@ async fn main(spawner: Spawner) {
         finish(false);
     };
     let scene = trial.scene();
-    let built = Signal::build(&scene.settings).and_then(|signal| {
-        let controller = Controller::build(&scene.settings, scene.target, cause.start())?;
-        Ok((signal, controller, Bench::build(&scene)?))
-    });
-    let (signal, controller, bench) = match built {
+    let found = Found {
+        settings: scene.settings,
+        ..Found::default()
+    };
+    let built = Station::build(
+        &found,
+        scene.target,
+        cause.start(),
+        &EXCHANGE,
+        LastWords::EMPTY,
+    )
+    .and_then(|(station, signal)| Ok((station, signal, Bench::build(&scene)?)));
+    let (station, signal, bench) = match built {
         Ok(parts) => parts,
         Err(refusal) => {
             heprintln!("{}", refusal);
@@ -268,7 +308,7 @@ async fn main(spawner: Spawner) {
         }
     };
     if word == "count" {
-        count(&mut core.SYST, signal, controller, bench);
+        count(&mut core.SYST, signal, &station, bench);
         finish(true);
     }
     BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
@@ -280,8 +320,17 @@ async fn main(spawner: Spawner) {
     pac::TIM3.cr1().modify(|control| control.set_cen(true));
     // SAFETY: no critical section relies on this interrupt's mask.
     unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
+    let station = STATION.init(station);
+    let linked = word == "link";
+    if linked {
+        serial::start();
+        spawner.spawn(desk_link(station).expect("spawned once"));
+    }
     if word != "hang" {
-        spawner.spawn(drive_cycle(controller, trial.cycles).expect("spawned once"));
+        let trace = Trace {
+            left: (!linked).then_some(trial.cycles),
+        };
+        spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
     }
     spawner.spawn(supervise().expect("spawned once"));
     core::future::pending::<()>().await;

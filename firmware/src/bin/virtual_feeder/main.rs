@@ -8,6 +8,7 @@
 //! | word | does |
 //! |---|---|
 //! | the name of a trial | runs it and prints its trace |
+//! | `link` | runs the default scene and answers on USART2 until it is ended from outside |
 //! | `count` | counts the instructions of the sample interrupt and of the plan of the capture; needs a clock that counts them |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
@@ -18,6 +19,8 @@
 mod count;
 #[cfg(target_os = "none")]
 mod emulated;
+#[cfg(target_os = "none")]
+mod serial;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

@@ -1,0 +1,49 @@
+//! USART2 by its registers: received by interrupt, sent by waiting.
+
+use cortex_m::peripheral::NVIC;
+use embassy_stm32::interrupt;
+use embassy_stm32::pac;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use kband_firmware::link::Line;
+
+/// Bytes received and not yet taken; what comes beyond is lost, and its frame refused by its check.
+static RECEIVED: Pipe<CriticalSectionRawMutex, 512> = Pipe::new();
+
+/// The serial port.
+pub struct Serial;
+
+/// Switches the port on.
+pub fn start() {
+    pac::USART2.cr1().write(|control| {
+        control.set_ue(true);
+        control.set_te(true);
+        control.set_re(true);
+        control.set_rxneie(true);
+    });
+    // SAFETY: no critical section relies on this interrupt's mask.
+    unsafe { NVIC::unmask(pac::Interrupt::USART2) };
+}
+
+/// A byte came. Deadline at 115200 baud: 87 us, or the byte is lost.
+#[interrupt]
+fn USART2() {
+    if pac::USART2.sr().read().rxne() {
+        let byte = pac::USART2.dr().read().dr() as u8;
+        // A full pipe loses the byte.
+        let _ = RECEIVED.try_write(&[byte]);
+    }
+}
+
+impl Line for Serial {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        RECEIVED.read(bytes).await
+    }
+
+    async fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            while !pac::USART2.sr().read().txe() {}
+            pac::USART2.dr().write(|data| data.set_dr(u16::from(byte)));
+        }
+    }
+}

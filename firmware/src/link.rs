@@ -1,0 +1,276 @@
+//! The link to the desk: requests answered, telemetry sent, garbage counted.
+//!
+//! It never stalls the control: a drive cycle answers a few requests, and what comes beyond is counted
+//! and dropped; after every piece of input other tasks run.
+
+use core::future::Future;
+
+use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
+use kband::control::Settings;
+use kband::feeder::OutOfRange;
+use kband::wire::{
+    Counters, FRAME_MOST, Identity, Incoming, Receiver, Refusal, Request, Response, SCHEMA,
+    SelfTest, Setting, Telemetry, VERSION, read_request, write_identity, write_response,
+};
+
+use crate::station::{NotTaken, Station};
+use crate::store::Store;
+use crate::watch::{Roll, Watched};
+
+/// Requests that a drive cycle answers.
+const ALLOWANCE: u8 = 8;
+/// Largest mean of the accelerometer at rest, in m/s^2: gravity along its axis and a fifth of error.
+const AT_REST: f32 = 11.8;
+
+/// Bytes to and from the desk.
+pub trait Line {
+    /// Waits for input and takes some of it; how much.
+    fn read(&mut self, bytes: &mut [u8]) -> impl Future<Output = usize>;
+
+    /// Sends all of it.
+    fn write(&mut self, bytes: &[u8]) -> impl Future<Output = ()>;
+}
+
+/// What an image tells of itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Image {
+    /// Its name, version and build.
+    pub identity: &'static str,
+    /// Bytes of the stack that were never used.
+    pub stack_free: fn() -> u32,
+}
+
+/// The board's side of the link.
+pub struct Service<S> {
+    image: Image,
+    store: S,
+    receiver: Receiver,
+    counters: Counters,
+    allowance: u8,
+    every: u16,
+    since: u16,
+    buffer: [u8; FRAME_MOST],
+}
+
+impl<S: Store> Service<S> {
+    /// The service, with telemetry off.
+    pub fn new(image: Image, store: S) -> Self {
+        Self {
+            image,
+            store,
+            receiver: Receiver::new(),
+            counters: Counters::default(),
+            allowance: ALLOWANCE,
+            every: 0,
+            since: 0,
+            buffer: [0; FRAME_MOST],
+        }
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Takes a byte off the line; the frame that answers it.
+    pub async fn take(&mut self, byte: u8, station: &Station) -> Option<&[u8]> {
+        let Self {
+            image,
+            store,
+            receiver,
+            counters,
+            allowance,
+            every,
+            buffer,
+            ..
+        } = self;
+        let incoming = match receiver.take(byte)?.and_then(read_request) {
+            Ok(incoming) => incoming,
+            Err(why) => {
+                counters.count(why);
+                return None;
+            }
+        };
+        station.hear();
+        let Some(left) = allowance.checked_sub(1) else {
+            counters.flooded = counters.flooded.wrapping_add(1);
+            return None;
+        };
+        *allowance = left;
+        counters.requests = counters.requests.wrapping_add(1);
+        let frame = match incoming {
+            Incoming::Question { sequence } => {
+                let identity = Identity {
+                    version: VERSION,
+                    schema: SCHEMA,
+                    image: image.identity,
+                };
+                write_identity(buffer, sequence, &identity)
+            }
+            Incoming::Request { sequence, request } => {
+                if let Request::Telemetry(cycles) = request {
+                    *every = cycles;
+                }
+                let response = answer(&request, station, store, image, counters).await;
+                write_response(buffer, sequence, &response)
+            }
+        };
+        frame.ok()
+    }
+
+    /// Who is there, said unasked at the start: the desk sees a reset.
+    pub fn hello(&mut self) -> Option<&[u8]> {
+        let identity = Identity {
+            version: VERSION,
+            schema: SCHEMA,
+            image: self.image.identity,
+        };
+        write_identity(&mut self.buffer, 0, &identity).ok()
+    }
+
+    /// A drive cycle ended; the telemetry that is due.
+    pub fn tick(&mut self, station: &Station) -> Option<&[u8]> {
+        self.allowance = ALLOWANCE;
+        if self.every == 0 {
+            return None;
+        }
+        self.since = self.since.saturating_add(1);
+        if self.since < self.every {
+            return None;
+        }
+        self.since = 0;
+        let telemetry = Response::Telemetry(Telemetry::from(&station.report()));
+        write_response(&mut self.buffer, 0, &telemetry).ok()
+    }
+}
+
+/// What is answered to a request, after doing it.
+async fn answer<'a>(
+    request: &Request<'_>,
+    station: &'a Station,
+    store: &mut impl Store,
+    image: &Image,
+    counters: &Counters,
+) -> Response<'a> {
+    match *request {
+        Request::Setting(number) => setting(station, usize::from(number)),
+        Request::Get(key) => match position(key) {
+            Some(number) => setting(station, number),
+            None => Response::Refused(Refusal::Unknown),
+        },
+        Request::Set { key, value } => {
+            if position(key).is_none() {
+                return Response::Refused(Refusal::Unknown);
+            }
+            let mut settings = station.settings();
+            match settings.set(key, value) {
+                Ok(()) => taken(station.set_settings(&settings)),
+                Err(refused) => out_of_range(refused),
+            }
+        }
+        Request::Save => {
+            if !station.at_rest() {
+                return Response::Refused(Refusal::Running);
+            }
+            match store.save(&station.settings()).await {
+                Ok(()) => Response::Done,
+                Err(_) => Response::Refused(Refusal::Store),
+            }
+        }
+        Request::Defaults => taken(station.set_settings(&Settings::default())),
+        Request::Target(target) => match station.set_target(target.into()) {
+            Ok(()) => Response::Done,
+            Err(refused) => out_of_range(refused),
+        },
+        Request::Enable(enabled) => {
+            station.enable(enabled);
+            Response::Done
+        }
+        Request::Telemetry(_) | Request::Alive => Response::Done,
+        Request::Event(number) => Response::Event(station.event(number)),
+        Request::SelfTest => {
+            if !station.at_rest() {
+                return Response::Refused(Refusal::Running);
+            }
+            let found = store.load().await;
+            Response::SelfTest(SelfTest {
+                sensor: station.mean().abs() <= AT_REST,
+                settings: found.refused == 0 && found.settings == station.settings(),
+                stack_free: (image.stack_free)(),
+                missed: station.missed(),
+            })
+        }
+        Request::Counters => Response::Counters(*counters),
+        Request::LastWords => Response::LastWords(station.last_words()),
+    }
+}
+
+fn position(key: &str) -> Option<usize> {
+    Settings::KEYS.iter().position(|known| known.name == key)
+}
+
+fn setting(station: &Station, number: usize) -> Response<'static> {
+    let Some(known) = Settings::KEYS.get(number) else {
+        return Response::Refused(Refusal::Unknown);
+    };
+    Response::Setting(Setting {
+        number: number as u8,
+        key: known.name,
+        unit: known.unit,
+        value: station.settings().values()[number],
+        low: known.low,
+        high: known.high,
+        default: known.default,
+    })
+}
+
+fn taken(result: Result<(), NotTaken>) -> Response<'static> {
+    match result {
+        Ok(()) => Response::Done,
+        Err(NotTaken::Running) => Response::Refused(Refusal::Running),
+        Err(NotTaken::OutOfRange(refused)) => out_of_range(refused),
+    }
+}
+
+fn out_of_range(refused: OutOfRange) -> Response<'static> {
+    Response::Refused(Refusal::OutOfRange {
+        parameter: refused.parameter,
+        accepted: refused.accepted,
+    })
+}
+
+/// The link's task. It has no deadline: what it does late, the desk sees late.
+pub async fn link(
+    mut service: Service<impl Store>,
+    mut line: impl Line,
+    station: &Station,
+    roll: &Roll,
+) -> ! {
+    if let Some(frame) = service.hello() {
+        line.write(frame).await;
+    }
+    let mut bytes = [0; 64];
+    loop {
+        match select(line.read(&mut bytes), station.tick()).await {
+            Either::First(count) => {
+                for &byte in bytes.iter().take(count) {
+                    if let Some(frame) = service.take(byte, station).await {
+                        line.write(frame).await;
+                    }
+                }
+            }
+            Either::Second(()) => {
+                roll.check_in(Watched::Link);
+                if let Some(frame) = service.tick(station) {
+                    line.write(frame).await;
+                }
+            }
+        }
+        yield_now().await;
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,341 @@
+//! The board's side of the link with a controller behind it, at the desk.
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use embassy_futures::block_on;
+use kband::control::{Cycle, Inputs, Start, State, Target};
+use kband::plant::Noise;
+use kband::wire::{Outgoing, read_answer, write_question, write_request};
+
+use super::*;
+use crate::application::Exchange;
+use crate::last_words::LastWords;
+use crate::store::{Found, StoreFailed};
+
+/// A memory in RAM.
+struct Memory(Settings);
+
+impl Store for Memory {
+    async fn load(&mut self) -> Found {
+        Found {
+            settings: self.0,
+            kept: 0,
+            refused: 0,
+        }
+    }
+
+    async fn save(&mut self, settings: &Settings) -> Result<(), StoreFailed> {
+        self.0 = *settings;
+        Ok(())
+    }
+}
+
+const IMAGE: Image = Image {
+    identity: "kband test",
+    stack_free: || 1000,
+};
+
+struct Board {
+    service: Service<Memory>,
+    station: Station,
+    enable: bool,
+}
+
+impl Board {
+    fn new() -> Self {
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let found = Found {
+            settings: Settings::default(),
+            kept: 0,
+            refused: 0,
+        };
+        let mut words = LastWords::EMPTY;
+        words.keep(format_args!("panic at lib.rs:7"));
+        let target = Target::Locked { order: 1 };
+        let (station, _) =
+            Station::build(&found, target, Start::Ordinary, exchange, words).unwrap();
+        Self {
+            service: Service::new(IMAGE, Memory(found.settings)),
+            station,
+            enable: false,
+        }
+    }
+
+    /// One drive cycle with the track at rest; the telemetry of it.
+    fn cycle(&mut self) -> Option<Vec<u8>> {
+        let inputs = Inputs {
+            enable: self.enable,
+            ..Inputs::default()
+        };
+        // The readings of a sensor that works.
+        let cycle = Cycle {
+            low: 2040,
+            high: 2056,
+            ..Cycle::default()
+        };
+        self.station.cycle(&cycle, inputs);
+        self.service.tick(&self.station).map(<[u8]>::to_vec)
+    }
+
+    /// What is sent back for these bytes.
+    fn send(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
+        bytes
+            .iter()
+            .filter_map(|byte| {
+                block_on(self.service.take(*byte, &self.station)).map(<[u8]>::to_vec)
+            })
+            .collect()
+    }
+
+    fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+        self.cycle();
+        let mut buffer = [0; FRAME_MOST];
+        let frame = write_request(&mut buffer, 7, request).unwrap().to_vec();
+        let answers = self.send(&frame);
+        assert_eq!(answers.len(), 1, "{request:?}");
+        open(&answers[0], |sequence, response| {
+            assert_eq!(sequence, 7);
+            look(response)
+        })
+    }
+
+    fn done(&mut self, request: &Request<'_>) {
+        self.ask(request, |response| assert_eq!(response, Response::Done));
+    }
+
+    fn refused(&mut self, request: &Request<'_>, refusal: Refusal<'_>) {
+        self.ask(request, |response| {
+            assert_eq!(response, Response::Refused(refusal), "{request:?}");
+        });
+    }
+}
+
+fn open<T>(frame: &[u8], look: impl FnOnce(u8, Response<'_>) -> T) -> T {
+    let mut receiver = Receiver::new();
+    let (last, body) = frame.split_last().unwrap();
+    for byte in body {
+        assert!(receiver.take(*byte).is_none());
+    }
+    match read_answer(receiver.take(*last).unwrap().unwrap()).unwrap() {
+        Outgoing::Response { sequence, response } => look(sequence, response),
+        identity => panic!("{identity:?}"),
+    }
+}
+
+#[test]
+fn settings_are_read_changed_and_saved_at_rest() {
+    let mut board = Board::new();
+    let frequency = |response: Response<'_>| match response {
+        Response::Setting(setting) => (setting.key == "frequency", setting.value),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(
+        board.ask(&Request::Get("frequency"), frequency),
+        (true, 50.0)
+    );
+    assert_eq!(board.ask(&Request::Setting(0), frequency), (true, 50.0));
+    let set = |value| Request::Set {
+        key: "frequency",
+        value,
+    };
+    board.done(&set(60.0));
+    assert_eq!(
+        board.ask(&Request::Get("frequency"), frequency),
+        (true, 60.0)
+    );
+    assert_eq!(board.service.store.0.frequency, 50.0);
+    board.ask(&Request::SelfTest, |response| match response {
+        Response::SelfTest(test) => {
+            assert!(
+                test.sensor && !test.settings && test.stack_free == 1000,
+                "{test:?}"
+            );
+        }
+        other => panic!("{other:?}"),
+    });
+    board.done(&Request::Save);
+    assert_eq!(board.service.store.0.frequency, 60.0);
+    board.done(&Request::Defaults);
+    assert_eq!(
+        board.ask(&Request::Get("frequency"), frequency),
+        (true, 50.0)
+    );
+    for value in [4.9, 501.0, f32::NAN, f32::INFINITY] {
+        board.ask(&set(value), |response| match response {
+            Response::Refused(Refusal::OutOfRange { parameter, .. }) => {
+                assert_eq!(parameter, "frequency");
+            }
+            other => panic!("{other:?}"),
+        });
+    }
+    board.refused(&Request::Get("frequence"), Refusal::Unknown);
+    board.refused(&Request::Setting(200), Refusal::Unknown);
+    // Together the bounds have to keep their order.
+    let reversed = Request::Set {
+        key: "restitution_high",
+        value: 0.1,
+    };
+    board.ask(&reversed, |response| match response {
+        Response::Refused(Refusal::OutOfRange { parameter, .. }) => {
+            assert_eq!(parameter, "restitution_high");
+        }
+        other => panic!("{other:?}"),
+    });
+}
+
+#[test]
+fn a_running_drive_is_not_worked_on_but_obeys() {
+    let mut board = Board::new();
+    board.enable = true;
+    board.cycle();
+    assert_eq!(board.station.report().state, State::Starting);
+    for request in [
+        Request::Set {
+            key: "frequency",
+            value: 60.0,
+        },
+        Request::Save,
+        Request::Defaults,
+        Request::SelfTest,
+    ] {
+        board.refused(&request, Refusal::Running);
+    }
+    board.done(&Request::Target(kband::wire::Target::K(0.5)));
+    board.ask(
+        &Request::Target(kband::wire::Target::K(f32::NAN)),
+        |response| {
+            assert!(matches!(
+                response,
+                Response::Refused(Refusal::OutOfRange { .. })
+            ));
+        },
+    );
+    board.done(&Request::Enable(false));
+    board.cycle();
+    assert_eq!(board.station.report().state, State::Stopping);
+    board.ask(&Request::Event(0), |response| match response {
+        Response::Event(Some(record)) => assert_eq!(record.number, 0),
+        other => panic!("{other:?}"),
+    });
+    board.ask(&Request::Event(1_000_000), |response| {
+        assert_eq!(response, Response::Event(None));
+    });
+    board.ask(&Request::LastWords, |response| {
+        assert_eq!(response, Response::LastWords(Some("panic at lib.rs:7")));
+    });
+}
+
+#[test]
+fn telemetry_comes_as_often_as_asked() {
+    let mut board = Board::new();
+    board.done(&Request::Telemetry(3));
+    let sent: Vec<bool> = (0..9).map(|_| board.cycle().is_some()).collect();
+    assert_eq!(sent.iter().filter(|sent| **sent).count(), 3);
+    board.done(&Request::Telemetry(1));
+    let frame = board.cycle().unwrap();
+    let cycle = board.station.report().cycle;
+    open(&frame, |sequence, response| match response {
+        Response::Telemetry(telemetry) => assert_eq!((sequence, telemetry.cycle), (0, cycle)),
+        other => panic!("{other:?}"),
+    });
+    board.done(&Request::Telemetry(0));
+    assert!(board.cycle().is_none());
+}
+
+#[test]
+fn a_silent_link_brings_the_safe_amplitude_after_its_time() {
+    let mut board = Board::new();
+    // Before the track that never moves is found out.
+    board.done(&Request::Set {
+        key: "link_timeout",
+        value: 0.1,
+    });
+    board.enable = true;
+    board.done(&Request::Alive);
+    let lost = |board: &Board| {
+        let limits = board.station.report().limits;
+        limits.contains(kband::control::Limits::LINK_LOST)
+    };
+    // 0.1 s at 50 Hz, and the cycle in which the request came.
+    let cycles = (1..=20).find(|_| {
+        board.cycle();
+        lost(&board)
+    });
+    assert!((5..=7).contains(&cycles.unwrap()), "{cycles:?}");
+    board.done(&Request::Alive);
+    board.cycle();
+    assert!(!lost(&board));
+}
+
+#[test]
+fn a_flood_is_counted_and_costs_no_more_than_its_share() {
+    let mut board = Board::new();
+    board.cycle();
+    let mut buffer = [0; FRAME_MOST];
+    let frame = write_question(&mut buffer, 1).unwrap().to_vec();
+    let answers: usize = (0..100).map(|_| board.send(&frame).len()).sum();
+    assert_eq!(answers, usize::from(ALLOWANCE));
+    let counters = board.service.counters();
+    assert_eq!(counters.flooded, 100 - u32::from(ALLOWANCE));
+    board.cycle();
+    assert_eq!(board.send(&frame).len(), 1);
+}
+
+/// Bytes that nobody sends on purpose: noise, cut, spliced and bent frames. None panics, none changes a
+/// setting, all are counted, and a sound request in between is answered: a million of them.
+#[test]
+fn garbage_is_counted_and_changes_nothing() {
+    const FRAMES: u32 = 1_000_000;
+    let mut board = Board::new();
+    let mut noise = Noise::new(7);
+    let mut buffer = [0; FRAME_MOST];
+    let set = Request::Set {
+        key: "frequency",
+        value: 61.0,
+    };
+    let sound = write_request(&mut buffer, 3, &set).unwrap().to_vec();
+    let mut counted = 0_u32;
+    for n in 0..FRAMES {
+        let mut below = |limit: usize| noise.bits() as usize % limit;
+        let mut frame = match below(4) {
+            0 => (0..below(400)).map(|_| below(256) as u8).collect(),
+            1 => sound[..1 + below(sound.len() - 2)].to_vec(),
+            2 => {
+                let mut bent = sound.clone();
+                let at = below(bent.len() - 1);
+                bent[at] ^= 1 << below(8);
+                bent
+            }
+            _ => [
+                &sound[..1 + below(sound.len() - 2)],
+                &sound[below(3)..][1..],
+            ]
+            .concat(),
+        };
+        frame.push(0);
+        if frame.starts_with(&sound) {
+            // Spliced together again by chance.
+            frame = std::vec![9, 9, 0];
+        }
+        let answers = board.send(&frame).len();
+        assert_eq!(answers, 0, "{frame:x?}");
+        if n % 64 == 0 {
+            board.cycle();
+            let counters = board.service.counters();
+            let all = counters.corrupt + counters.oversized + counters.foreign + counters.unknown;
+            assert!(all > counted, "{counters:?}");
+            counted = all;
+            assert_eq!(counters.requests, n / 64);
+            board.ask(&Request::Get("frequency"), |response| match response {
+                Response::Setting(setting) => assert_eq!(setting.value, 50.0),
+                other => panic!("{other:?}"),
+            });
+        }
+    }
+    let counters = board.service.counters();
+    assert!(
+        counters.oversized > 0 && counters.corrupt > 0,
+        "{counters:?}"
+    );
+}

@@ -1,0 +1,132 @@
+//! A desk that talks to an image on the emulated CPU over its serial port.
+
+use std::io::{Read, Write};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use kband::wire::{FRAME_MOST, Outgoing, Receiver, Request, Response, read_answer, write_request};
+
+/// Longest wait for an answer; the emulator runs far below the board's speed on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// The talk with one image; the image ends with it.
+pub struct Desk {
+    child: Child,
+    input: ChildStdin,
+    bytes: Bytes<Vec<u8>>,
+    waiting: std::collections::VecDeque<u8>,
+    receiver: Receiver,
+}
+
+impl Desk {
+    /// Starts the image of `command`, which ends by its own limit.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    #[must_use]
+    pub fn start(mut command: Command) -> Self {
+        let mut child = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("tests/emulator starts");
+        let input = child.stdin.take().expect("standard input is a pipe");
+        let mut output = child.stdout.take().expect("standard output is a pipe");
+        let (send, bytes) = channel();
+        // The thread ends with the pipe, which ends with the image.
+        std::thread::spawn(move || {
+            let mut buffer = [0; 256];
+            while let Ok(count @ 1..) = output.read(&mut buffer) {
+                if send.send(buffer[..count].to_vec()).is_err() {
+                    break;
+                }
+            }
+        });
+        Self {
+            child,
+            input,
+            bytes,
+            waiting: std::collections::VecDeque::new(),
+            receiver: Receiver::new(),
+        }
+    }
+
+    /// Sends bytes as they are.
+    ///
+    /// # Panics
+    /// Where the image is gone.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.input
+            .write_all(bytes)
+            .and_then(|()| self.input.flush())
+            .expect("the image listens");
+    }
+
+    /// The next sound frame.
+    ///
+    /// # Panics
+    /// Where none comes in time.
+    pub fn receive<T>(&mut self, look: impl FnOnce(Outgoing<'_>) -> T) -> T {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            while let Some(byte) = self.waiting.pop_front() {
+                if let Some(Ok(inside)) = self.receiver.take(byte)
+                    && let Ok(answer) = read_answer(inside)
+                {
+                    return look(answer);
+                }
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            match self.bytes.recv_timeout(left) {
+                Ok(bytes) => self.waiting.extend(bytes),
+                Err(RecvTimeoutError::Timeout) => panic!("no answer in {PATIENCE:?}"),
+                Err(RecvTimeoutError::Disconnected) => panic!("the image is gone"),
+            }
+        }
+    }
+
+    /// Asks and looks at the answer, past what is sent unasked.
+    ///
+    /// # Panics
+    /// Where no answer comes in time.
+    pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+        let mut buffer = [0; FRAME_MOST];
+        let frame = write_request(&mut buffer, 1, request).expect("the request fits a frame");
+        let frame = frame.to_vec();
+        self.send(&frame);
+        let mut look = Some(look);
+        for _ in 0..10_000 {
+            let answer = self.receive(|answer| match answer {
+                Outgoing::Response {
+                    sequence: 1,
+                    response,
+                } => look.take().map(|look| look(response)),
+                _ => None,
+            });
+            if let Some(answer) = answer {
+                return answer;
+            }
+        }
+        panic!("telemetry and no answer");
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        // The emulator's time limit is its parent and passes this signal on.
+        let _ = Command::new("kill")
+            .arg(self.child.id().to_string())
+            .status();
+        let end = Instant::now() + Duration::from_secs(5);
+        while Instant::now() < end {
+            if let Ok(Some(_)) = self.child.try_wait() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
