@@ -151,6 +151,8 @@ fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
         ("diagram --out a", &["--out", ".svg"]),
         ("diagram --out .", &["is a folder"]),
         ("diagram --threads 0", &["--threads", "1..1024"]),
+        ("explain fault 7", &["fault", "7", "1, 2, 3"]),
+        ("explain entropy", &["entropy", "capture"]),
         ("completions cmd", &["cmd", "bash"]),
         ("nonsense", &["nonsense"]),
     ];

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Hybrid, Impact, Kernel, Map, Single, State};
+use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, Single, State};
 
 use crate::arguments;
 use crate::desk::Desk;
@@ -62,6 +62,8 @@ pub enum Arithmetic {
     Hybrid,
     /// Phase in u32, velocity in f32.
     F32,
+    /// Phase in u32, velocity in i32, for a CPU without an FPU.
+    Integer,
     /// f64 in the widest registers of this CPU, the same bits.
     Batch,
 }
@@ -72,6 +74,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Arithmetic::F64 => table::<Map>(arguments, desk, one_by_one)?,
         Arithmetic::Hybrid => table::<Hybrid>(arguments, desk, one_by_one)?,
         Arithmetic::F32 => table::<Single>(arguments, desk, one_by_one)?,
+        Arithmetic::Integer => table::<Integer>(arguments, desk, one_by_one)?,
         Arithmetic::Batch => {
             let mut block = Block::new();
             table::<Map>(arguments, desk, |rows| in_blocks(&mut block, rows))?

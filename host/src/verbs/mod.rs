@@ -5,6 +5,7 @@
 //! it its name.
 
 use std::process::ExitCode;
+use std::sync::LazyLock;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
 
@@ -35,6 +36,7 @@ verbs! {
     Basins => basins,
     Completions => completions,
     Diagram => diagram,
+    Explain => explain,
     Impacts => impacts,
     Simulate => simulate,
     Transport => transport,
@@ -44,7 +46,7 @@ verbs! {
 #[derive(Debug, Parser)]
 #[command(
     name = "kband",
-    version,
+    version = version(),
     subcommand_required = false,
     disable_help_subcommand = true,
     after_help = "Every verb shows an example: kband VERB --help"
@@ -56,6 +58,19 @@ struct Line {
 
     #[command(subcommand)]
     verb: Option<Verb>,
+}
+
+/// Version of the tool, and of the link that it speaks with boards.
+fn version() -> &'static str {
+    static WORDS: LazyLock<String> = LazyLock::new(|| {
+        format!(
+            "{} (link version {}, schema {:08x})",
+            env!("CARGO_PKG_VERSION"),
+            kband::wire::VERSION,
+            kband::wire::SCHEMA
+        )
+    });
+    &WORDS
 }
 
 /// The command line as clap sees it, for completions and the manual.

@@ -1,0 +1,162 @@
+//! `kband explain`: the manual's paragraph on a word, a fault or a limit.
+
+use clap::ValueEnum;
+
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::report;
+
+/// Print what the manual says on a word, a fault or a limit.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband explain k
+  kband explain capture
+  kband explain fault 4")]
+pub struct Arguments {
+    /// The word.
+    #[arg(value_enum)]
+    topic: Topic,
+
+    /// Number of the fault or limit; without it, all of them.
+    #[arg(value_name = "N")]
+    number: Option<u8>,
+}
+
+/// What can be explained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Topic {
+    /// The number that is controlled.
+    K,
+    /// Restitution, and why it is an interval.
+    Restitution,
+    /// Where parts lock to the drive.
+    Band,
+    /// Period doublings.
+    Cascade,
+    /// Flights that never repeat.
+    Chaos,
+    /// Two regimes at one setting.
+    Basin,
+    /// The kick that brings parts into lock.
+    Capture,
+    /// What stopped the drive.
+    Fault,
+    /// What holds the drive back.
+    Limit,
+}
+
+const MODEL: &str = include_str!("../../../docs/theory-model.md");
+const BANDS: &str = include_str!("../../../docs/theory-bands.md");
+const CAPTURE: &str = include_str!("../../../docs/theory-capture.md");
+const FAULTS: &str = include_str!("../../../docs/faults.md");
+
+/// Prints the section.
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+    report::print(&text(arguments.topic, arguments.number)?)?;
+    Ok(Exit::Done)
+}
+
+fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
+    let (page, heading) = match topic {
+        Topic::K => (MODEL, "## k, "),
+        Topic::Restitution => (MODEL, "## Restitution"),
+        Topic::Band => (BANDS, "## Locked parts"),
+        Topic::Cascade => (BANDS, "## Doublings"),
+        Topic::Chaos => (BANDS, "## Chaos"),
+        Topic::Basin => (CAPTURE, "## Two regimes"),
+        Topic::Capture => (CAPTURE, "## The kick"),
+        Topic::Fault => (FAULTS, "## Fault "),
+        Topic::Limit => (FAULTS, "## Limit "),
+    };
+    let many = matches!(topic, Topic::Fault | Topic::Limit);
+    match number {
+        None if many => Ok(sections(page, heading).join("\n")),
+        Some(number) if many => {
+            let found = sections(page, &format!("{heading}{number}:"));
+            found.into_iter().next().ok_or_else(|| {
+                Refusal::value(
+                    format!("number of the {}", if topic == Topic::Fault { "fault" } else { "limit" }),
+                    number,
+                    numbers(page, heading),
+                    "leave the number out to read about all of them",
+                )
+            })
+        }
+        Some(number) => Err(Refusal::value(
+            "number",
+            number,
+            "a number after fault or limit only",
+            "leave the number out",
+        )),
+        None => sections(page, heading).into_iter().next().ok_or_else(|| {
+            Refusal::new("the manual has no such section", "look into docs/")
+        }),
+    }
+}
+
+/// The sections whose headings begin so, each up to the next heading.
+fn sections(page: &str, heading: &str) -> Vec<String> {
+    let mut sections: Vec<String> = Vec::new();
+    let mut within = false;
+    for line in page.lines() {
+        if line.starts_with("# ") || line.starts_with("## ") {
+            within = line.starts_with(heading);
+            if within {
+                sections.push(String::new());
+            }
+        }
+        if let (true, Some(section)) = (within, sections.last_mut()) {
+            section.push_str(line.trim_start_matches("## "));
+            section.push('\n');
+        }
+    }
+    sections
+}
+
+fn numbers(page: &str, heading: &str) -> String {
+    let numbers: Vec<&str> = page
+        .lines()
+        .filter_map(|line| line.strip_prefix(heading)?.split(':').next())
+        .collect();
+    numbers.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::control::{Fault, Limits};
+
+    use super::*;
+
+    #[test]
+    fn every_word_has_its_section() {
+        for topic in Topic::value_variants() {
+            let text = text(*topic, None).unwrap();
+            assert!(text.len() > 100, "{topic:?}: {text}");
+        }
+    }
+
+    #[test]
+    fn every_fault_and_limit_has_its_paragraph_with_cause_and_remedy() {
+        let titled = |topic, number, name: &str| {
+            let text = text(topic, Some(number)).unwrap();
+            let title = text.lines().next().unwrap_or_default().to_string();
+            assert!(title.ends_with(&format!(" {number}: {name}")), "{title}");
+            assert!(text.contains("**Cause.**") && text.contains("**Remedy.**"), "{title}");
+        };
+        for fault in Fault::ALL {
+            titled(Topic::Fault, fault.number(), fault.name());
+        }
+        for limit in Limits::ALL {
+            titled(Topic::Limit, limit.number(), limit.name());
+        }
+        assert_eq!(sections(FAULTS, "## Fault ").len(), Fault::ALL.len());
+        assert_eq!(sections(FAULTS, "## Limit ").len(), Limits::ALL.len());
+    }
+
+    #[test]
+    fn an_unknown_number_is_refused_with_the_known_ones() {
+        let message = text(Topic::Fault, Some(7)).unwrap_err().to_string();
+        assert!(message.contains("1, 2, 3, 4, 5, 6, 8, 9, 10"), "{message}");
+        assert!(text(Topic::K, Some(1)).is_err());
+    }
+}
