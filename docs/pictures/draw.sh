@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Draws the manual's pictures anew.
+set -eu
+cd "$(dirname "$0")"
+kband() { cargo run --quiet --release -- "$@"; }
+scene=$(mktemp --suffix .toml)
+trap 'rm -f "$scene"' EXIT
+kband simulate --print-scene | sed 's/^duration = .*/duration = 4.0/' >"$scene"
+kband simulate "$scene" --out locked.svg --trace "${scene%.toml}.csv"
+rm -f "${scene%.toml}.csv"
+kband diagram --restitution 0.2 --k 0.3..0.5:300 --out diagram.svg
+kband basins --k 0.43 --restitution 0.2 --grid 60 --out basins.svg
+kband transport --restitution 0.2 --incline 3 --out transport.svg
