@@ -33,10 +33,14 @@ macro_rules! verbs {
 }
 
 verbs! {
+    Bands => bands,
     Basins => basins,
+    Capture => capture,
+    Cascade => cascade,
     Completions => completions,
     Diagram => diagram,
     Explain => explain,
+    Exponent => exponent,
     Impacts => impacts,
     Simulate => simulate,
     Transport => transport,

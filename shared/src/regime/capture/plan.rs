@@ -108,6 +108,18 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// Brings the kept kicks into the order of what they are expected to capture.
+    fn sort(&mut self) {
+        for end in (1..KEPT).rev() {
+            for rank in 0..end {
+                let expected = |rank: usize| self.ranked[rank].map_or(0.0, |kick| kick.expected());
+                if expected(rank + 1) > expected(rank) {
+                    self.ranked.swap(rank, rank + 1);
+                }
+            }
+        }
+    }
+
     /// What the search cost, in impacts.
     #[must_use]
     pub fn effort(&self) -> u32 {
@@ -150,13 +162,16 @@ pub enum Progress {
 ///
 /// It tries rectangular kicks and slow descents, those that suit the restitution and shorter ones first,
 /// gives a kick up as soon as it cannot beat the ones that are kept, and ends with the first that captures
-/// 48 parts of 48, or with the best when the kicks or the effort run out. All its memory is in itself.
+/// 48 parts of 48. Without such a one it spends two fifths of the effort on recounting the best, whose
+/// first count was partly luck. All its memory is in itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Planner<K: Kernel> {
     settings: PlanSettings,
     flip: f64,
     candidate: u16,
     running: Option<(Scored, Option<Follow<K>>)>,
+    /// Rank of the kept kick whose next part runs, once the search is over.
+    recounted: Option<usize>,
     plan: Plan,
     done: bool,
 }
@@ -169,6 +184,19 @@ const ALLOWED: u32 = 3;
 
 /// Parts on which a kick that passed the screen is confirmed.
 const CONFIRMED: u32 = 48;
+
+/// Fifths of the effort that the search may take; the rest recounts the kept kicks.
+const SEARCH_FIFTHS: u32 = 3;
+
+/// Parts on which the kept kicks are recounted at most.
+const RECOUNTED: u32 = 96;
+
+/// What came of one impact of a trial.
+enum Tried {
+    Flying,
+    Ended(Scored),
+    Refused,
+}
 
 /// Impacts of one trial after which it counts as missed, so that no trial eats the budget.
 const LONGEST: u32 = 6_000;
@@ -208,6 +236,7 @@ impl<K: Kernel> Planner<K> {
             flip: band::flip(lot.restitution.high(), lot.order)?,
             candidate: 0,
             running: None,
+            recounted: None,
             plan: Plan {
                 ranked: [None; KEPT],
                 impacts: 0,
@@ -267,19 +296,66 @@ impl<K: Kernel> Planner<K> {
     /// Computes at most `slice` further impacts.
     pub fn advance(&mut self, slice: u32) -> Progress {
         for _ in 0..slice {
-            if self.done || self.plan.effort() >= self.settings.effort || !self.step() {
-                self.done = true;
+            if self.done || !self.step() {
+                if !self.done {
+                    self.plan.sort();
+                    self.done = true;
+                }
                 return Progress::Done(self.plan);
             }
         }
         Progress::Working
     }
 
-    /// One impact; `false` when the search is over.
+    /// One impact; `false` when the plan is made.
     fn step(&mut self) -> bool {
-        let Some((mut scored, follow)) = self.running.take() else {
-            return match self.candidate(self.candidate) {
-                Err(()) => false,
+        let effort = self.plan.effort();
+        if effort >= self.settings.effort {
+            return false;
+        }
+        if self.recounted.is_none() && effort >= self.settings.effort / 5 * SEARCH_FIFTHS {
+            self.recount();
+        }
+        match self.recounted {
+            Some(rank) => self.step_recount(rank),
+            None => self.step_search(),
+        }
+    }
+
+    /// Ends the search: the rest of the effort goes into trying the kept kicks on more parts, because the
+    /// best of many short trials was partly lucky.
+    fn recount(&mut self) {
+        self.running = None;
+        self.recounted = Some(0);
+    }
+
+    /// One impact of the recount; `false` when all kept kicks were tried on enough parts.
+    fn step_recount(&mut self, rank: usize) -> bool {
+        let Some(scored) = self.plan.ranked[rank].filter(|scored| scored.tried < RECOUNTED) else {
+            let open =
+                |scored: &Option<Scored>| scored.is_some_and(|scored| scored.tried < RECOUNTED);
+            let next = (1..=KEPT)
+                .map(|ahead| (rank + ahead) % KEPT)
+                .find(|rank| open(&self.plan.ranked[*rank]));
+            self.recounted = next.or(self.recounted);
+            return next.is_some();
+        };
+        match self.try_part(scored) {
+            Tried::Flying => true,
+            Tried::Refused => false,
+            Tried::Ended(scored) => {
+                self.plan.ranked[rank] = Some(scored);
+                self.recounted = Some((rank + 1) % KEPT);
+                true
+            }
+        }
+    }
+
+    /// One impact of the search; `false` when a sure kick was found.
+    fn step_search(&mut self) -> bool {
+        let Some((scored, _)) = self.running else {
+            match self.candidate(self.candidate) {
+                Err(()) => self.recount(),
                 Ok(kick) => {
                     self.candidate += 1;
                     if let Some(kick) = kick {
@@ -291,27 +367,15 @@ impl<K: Kernel> Planner<K> {
                         };
                         self.running = Some((scored, None));
                     }
-                    true
                 }
-            };
-        };
-        let part = self.settings.lot.part(scored.tried);
-        let Some(mut follow) =
-            follow.or_else(|| Follow::new(part, self.settings.drive, scored.kick).ok())
-        else {
-            return false;
-        };
-        self.plan.impacts += 1;
-        let set_ups = follow.set_ups();
-        let outcome = follow.step();
-        self.plan.set_ups += follow.set_ups() - set_ups + u32::from(follow.steps() == 1);
-        let outcome = outcome.or((follow.steps() >= LONGEST).then_some(Outcome::Missed));
-        let Some(outcome) = outcome else {
-            self.running = Some((scored, Some(follow)));
+            }
             return true;
         };
-        scored.tried += 1;
-        scored.locked += u32::from(outcome == Outcome::Locked);
+        let scored = match self.try_part(scored) {
+            Tried::Flying => return true,
+            Tried::Refused => return false,
+            Tried::Ended(scored) => scored,
+        };
         let missed = scored.tried - scored.locked;
         let enough = if missed > 1 { SCREENED } else { CONFIRMED };
         // Even if it captured all the rest of the screen it would not be kept.
@@ -332,6 +396,33 @@ impl<K: Kernel> Planner<K> {
         }
         self.keep(scored);
         missed > 0 || scored.tried < CONFIRMED
+    }
+
+    /// One impact of the next part of `scored`.
+    fn try_part(&mut self, mut scored: Scored) -> Tried {
+        let part = self.settings.lot.part(scored.tried);
+        let Some(mut follow) = self
+            .running
+            .take()
+            .and_then(|(_, follow)| follow)
+            .or_else(|| Follow::new(part, self.settings.drive, scored.kick).ok())
+        else {
+            return Tried::Refused;
+        };
+        let first = follow.steps() == 0;
+        let set_ups = follow.set_ups();
+        let outcome = follow
+            .step()
+            .or((follow.steps() >= LONGEST).then_some(Outcome::Missed));
+        self.plan.impacts += 1;
+        self.plan.set_ups += follow.set_ups() - set_ups + u32::from(first);
+        let Some(outcome) = outcome else {
+            self.running = Some((scored, Some(follow)));
+            return Tried::Flying;
+        };
+        scored.tried += 1;
+        scored.locked += u32::from(outcome == Outcome::Locked);
+        Tried::Ended(scored)
     }
 
     /// Puts a scored kick into its rank; of equals the earlier, shorter one stays ahead.

@@ -1,0 +1,269 @@
+//! `kband bands`: where parts lock, order by order.
+
+use kband::feeder::{Restitution, STANDARD_GRAVITY, Track, TrackSettings, throw_number};
+use kband::regime::band::{Band, BandError};
+use kband::regime::cascade::{Cascade, Estimate};
+use kband::regime::reach::Reach;
+
+use crate::arguments::{self, Printed};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Report, Table, Value};
+
+/// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband bands --restitution 0.2 --orders 3 --frequency 50 --incline 3
+  kband bands --restitution 0.18..0.22 --format json
+
+k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part pile
+up; reachable_edge is how far up from k2 every part really locks when it starts from rest.")]
+pub struct Arguments {
+    /// Restitution of the part, or LO..HI of the lot.
+    #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
+    restitution: Restitution,
+
+    /// Orders to show, 1 to N.
+    #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
+    orders: usize,
+
+    /// Drive frequency in Hz.
+    #[arg(long, value_name = "HZ", default_value = "50",
+          value_parser = arguments::within(1.0, 1000.0, "Hz"))]
+    frequency: f64,
+
+    /// Incline of the track in degrees.
+    #[arg(long, value_name = "DEG", default_value = "3",
+          value_parser = arguments::within(-60.0, 60.0, "degrees"))]
+    incline: f64,
+
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// Values of k that are tried from rest in each band.
+const SAMPLES: u32 = 400;
+
+/// Parts of a lot that are tried from rest at each.
+const PARTS: u32 = 5;
+
+/// What is known of one order.
+struct Row {
+    order: u32,
+    k2: f64,
+    k1: f64,
+    band: Option<Band>,
+    allowing: Option<(f64, f64)>,
+    first_chaos: Option<Estimate>,
+    last_chaos: Option<Estimate>,
+    reach: Option<Reach>,
+}
+
+/// Prints the bands.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let track = Track::build(TrackSettings {
+        frequency: arguments.frequency,
+        incline: arguments.incline,
+        amplitude_ratio: 0.0,
+        phase_lead: 0.0,
+        gravity: STANDARD_GRAVITY,
+    })?;
+    let rows = desk.try_map("bands", arguments.orders, |n| {
+        row(arguments.restitution, n as u32 + 1)
+    })?;
+    report(arguments, &track, &rows)?.print(arguments.printed.format)?;
+    Ok(Exit::Done)
+}
+
+fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
+    let (band, k2, k1, allowing) = match Band::common(lot, order) {
+        Ok(band) => (Some(band), band.low(), band.high(), None),
+        Err(BandError::Empty(none)) => (
+            None,
+            none.flip,
+            none.birth,
+            Some((none.high_bound, none.low_bound)),
+        ),
+        Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
+    };
+    let chaos = |restitution| -> Result<Option<Estimate>, Refusal> {
+        Ok(Cascade::locate(restitution, order, 7)?.k_infinity())
+    };
+    let last_chaos = chaos(lot.low())?;
+    let first_chaos = if lot.low() == lot.high() {
+        last_chaos
+    } else {
+        chaos(lot.high())?
+    };
+    let parts: Vec<f64> = if lot.low() == lot.high() {
+        vec![lot.low()]
+    } else {
+        (0..PARTS)
+            .map(|n| lot.low() + (lot.high() - lot.low()) * f64::from(n) / f64::from(PARTS - 1))
+            .collect()
+    };
+    let reach = match band {
+        Some(band) => Some(Reach::measure(
+            band.low(),
+            band.high(),
+            &parts,
+            order,
+            SAMPLES,
+        )?),
+        None => None,
+    };
+    Ok(Row {
+        order,
+        k2,
+        k1,
+        band,
+        allowing,
+        first_chaos,
+        last_chaos,
+        reach,
+    })
+}
+
+fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, Refusal> {
+    let mut read = Table::new(&[
+        Column::new("order", ""),
+        Column::new("k2", ""),
+        Column::new("k1", ""),
+        Column::new("setpoint", ""),
+        Column::new("margin", "%").digits(3),
+        Column::new("b", "mm").digits(4),
+        Column::new("b at k1..k2", "mm"),
+        Column::new("throw", "").digits(4),
+        Column::new("peak", "g").digits(4),
+        Column::new("chaos edge", ""),
+        Column::new("reached from rest", ""),
+    ]);
+    let mut full = Table::new(&[
+        Column::new("order", ""),
+        Column::new("k2", ""),
+        Column::new("k1", ""),
+        Column::new("empty", ""),
+        Column::new("setpoint", ""),
+        Column::new("margin_k", ""),
+        Column::new("margin_percent", ""),
+        Column::new("margin_b_mm", ""),
+        Column::new("chaos_edge", ""),
+        Column::new("chaos_edge_error", ""),
+        Column::new("chaos_edge_last_part", ""),
+        Column::new("reachable_edge", ""),
+        Column::new("reachable_highest", ""),
+        Column::new("reachable_share", ""),
+        Column::new("b_mm", ""),
+        Column::new("b_at_k1_mm", ""),
+        Column::new("b_at_k2_mm", ""),
+        Column::new("throw_number", ""),
+        Column::new("acceleration_g", ""),
+        Column::new("allowing_high_bound", ""),
+        Column::new("allowing_low_bound", ""),
+    ]);
+    let millimetres = |k: f64| track.amplitude(k) * 1e3;
+    for row in rows {
+        let setpoint = row.band.map(|band| band.setpoint());
+        let margins = row.band.map(|band| band.margins(band.setpoint()));
+        let b = setpoint.map(millimetres);
+        let throw = setpoint.map(throw_number);
+        let peak = setpoint.map(|k| track.acceleration(track.amplitude(k)));
+        let reached = match row.reach {
+            None => "-".to_string(),
+            Some(Reach { edge: Some(edge), .. }) => format!("up to {edge:.4}"),
+            Some(Reach { highest: None, .. }) => "nowhere".to_string(),
+            Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
+        };
+        read.push([
+            row.order.into(),
+            row.k2.into(),
+            row.k1.into(),
+            setpoint.map_or(Value::from("no common band"), Value::from),
+            margins.map(|margins| 100.0 * margins.smallest()).into(),
+            b.into(),
+            if row.band.is_some() {
+                format!("{:.4}..{:.4}", millimetres(row.k1), millimetres(row.k2)).into()
+            } else {
+                Value::from("-")
+            },
+            throw.into(),
+            peak.into(),
+            row.first_chaos.map(|chaos| chaos.value).into(),
+            reached.into(),
+        ]);
+        full.push([
+            row.order.into(),
+            row.k2.into(),
+            row.k1.into(),
+            row.band.is_none().into(),
+            setpoint.into(),
+            margins.map(|margins| margins.low.k.min(margins.high.k)).into(),
+            margins.map(|margins| 100.0 * margins.smallest()).into(),
+            b.zip(margins).map(|(b, margins)| b * margins.smallest()).into(),
+            row.first_chaos.map(|chaos| chaos.value).into(),
+            row.first_chaos.map(|chaos| chaos.error).into(),
+            row.last_chaos.map(|chaos| chaos.value).into(),
+            row.reach.and_then(|reach| reach.edge).into(),
+            row.reach.and_then(|reach| reach.highest).into(),
+            row.reach.map(|reach| reach.share).into(),
+            b.into(),
+            millimetres(row.k1).into(),
+            millimetres(row.k2).into(),
+            throw.into(),
+            peak.into(),
+            row.allowing.map(|(high, _)| high).into(),
+            row.allowing.map(|(_, low)| low).into(),
+        ]);
+    }
+    let lot = arguments.restitution;
+    let who = if lot.low() == lot.high() {
+        format!("R = {}", lot.low())
+    } else {
+        format!("R = {}..{}", lot.low(), lot.high())
+    };
+    let mut report = Report::new(read).heading(format!(
+        "{who}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
+        arguments.frequency, arguments.incline
+    ));
+    for row in rows {
+        if let Err(BandError::Empty(none)) = Band::common(lot, row.order) {
+            report = report.note(none.to_string());
+        }
+    }
+    if rows.iter().any(|row| {
+        row.reach
+            .is_some_and(|reach| row.band.is_some_and(|band| reach.edge.is_none_or(|edge| edge < band.setpoint())))
+    }) {
+        report = report.note(
+            "From rest a part does not lock at these setpoints by itself: see kband capture.",
+        );
+    }
+    let json = full.to_json();
+    report.csv(move |out| full.write_csv(out)).json(&json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_hold_the_references() {
+        let single = Restitution::single(0.2).unwrap();
+        let first = row(single, 1).unwrap();
+        // Physics, sections 5 to 7.
+        assert!((first.k2 - 0.393_052).abs() < 1e-6 && (first.k1 - 0.477_465).abs() < 1e-6);
+        let chaos = first.first_chaos.unwrap();
+        assert!((chaos.value - 0.358_723_3).abs() < 1e-7 && chaos.error < 1e-8);
+        let edge = first.reach.unwrap().edge.unwrap();
+        assert!((0.4105..0.4122).contains(&edge));
+        assert!(row(single, 2).unwrap().reach.unwrap().edge.is_none());
+    }
+
+    #[test]
+    fn an_empty_band_has_its_bounds() {
+        let found = row(Restitution::interval(0.1, 0.3).unwrap(), 1).unwrap();
+        assert!(found.band.is_none() && found.reach.is_none());
+        let (high, low) = found.allowing.unwrap();
+        assert!(0.1 < high && high < 0.3 && 0.1 < low && low < 0.3);
+    }
+}

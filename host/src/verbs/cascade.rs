@@ -1,0 +1,96 @@
+//! `kband cascade`: the period doublings below a band.
+
+use kband::regime::cascade::{Cascade, End, FEIGENBAUM, HIGHEST_DOUBLINGS};
+
+use crate::arguments::{self, Printed};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Report, Table};
+
+/// Where the locked orbit doubles its period, and doubles again, down to chaos.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband cascade --restitution 0.2 --order 1 --doublings 6
+  kband cascade --restitution 0.5 --order 2 --doublings 5 --format json
+
+JSON has flips (k of the 1->2, 2->4, ... flips), ratios of their gaps and k_infinity.")]
+pub struct Arguments {
+    /// Restitution of the part, 0..1, 1 excluded.
+    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::number)]
+    restitution: f64,
+
+    /// Drive cycles per impact of the lock that doubles.
+    #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
+    order: usize,
+
+    /// Flips to locate.
+    #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, HIGHEST_DOUBLINGS))]
+    doublings: usize,
+
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// Prints the flips.
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+    let cascade = Cascade::locate(
+        arguments.restitution,
+        arguments.order as u32,
+        arguments.doublings,
+    )?;
+    report(arguments, &cascade)?.print(arguments.printed.format)?;
+    Ok(Exit::Done)
+}
+
+fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Report, Refusal> {
+    let mut table = Table::new(&[
+        Column::new("flip", ""),
+        Column::new("k", "").digits(15),
+        Column::new("gap", "").digits(8),
+        Column::new("ratio", "").digits(8),
+    ]);
+    let ratios: Vec<f64> = cascade.ratios().collect();
+    let mut above = None;
+    for (n, flip) in cascade.flips().iter().enumerate() {
+        let impacts = 1_u32 << n;
+        table.push([
+            format!("{impacts} -> {}", 2 * impacts).into(),
+            (*flip).into(),
+            above.map(|above: f64| above - flip).into(),
+            n.checked_sub(2).and_then(|n| ratios.get(n)).copied().into(),
+        ]);
+        above = Some(*flip);
+    }
+    let limit = cascade.k_infinity();
+    let mut report = Report::new(table).heading(format!(
+        "R = {}, order {}: born at k1 = {:.15}",
+        arguments.restitution,
+        arguments.order,
+        cascade.birth()
+    ));
+    if let Some(limit) = limit {
+        report = report.note(format!(
+            "chaos begins at k_infinity = {:.12} within {:.1e}; the ratios tend to {FEIGENBAUM:.5}",
+            limit.value, limit.error
+        ));
+    }
+    let complete = cascade.end() == End::Complete;
+    if !complete {
+        report = report.note(format!(
+            "the flip after the last could not be followed: at R = {} the doubled orbit loses a flight or \
+             the gaps have come down to rounding",
+            arguments.restitution
+        ));
+    }
+    let number = |value: Option<f64>| value.map_or(serde_json::Value::Null, Into::into);
+    report.json(&serde_json::json!({
+        "restitution": arguments.restitution,
+        "order": arguments.order,
+        "k1": cascade.birth(),
+        "flips": cascade.flips(),
+        "ratios": ratios,
+        "k_infinity": number(limit.map(|limit| limit.value)),
+        "k_infinity_error": number(limit.map(|limit| limit.error)),
+        "complete": complete,
+    }))
+}

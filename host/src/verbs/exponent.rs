@@ -1,0 +1,203 @@
+//! `kband exponent`: Lyapunov exponents.
+
+use kband::impact::{Kernel, Map, State};
+use kband::regime::chaos::ChaoticBand;
+use kband::regime::exponent::{Exponent, ExponentSettings, Motion, measure, start};
+
+use crate::arguments::{self, Drawn, Printed, Range};
+use crate::desk::Desk;
+use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Report, Table, number};
+
+/// How fast neighbouring orbits part: Lyapunov exponents, with their statistical error.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband exponent --restitution 0.2 --k 0.34
+  kband exponent --restitution 0.2 --k 0.32..0.48:400 --impacts 20000 --out exponent.svg
+  kband exponent --restitution 0.2 --k 0.358 --band
+
+The orbit starts next to the locked one; --phase and --velocity choose another start. An orbit that
+comes to rest is no chaos: the motion is then 'rest', after so many impacts.")]
+pub struct Arguments {
+    /// Restitution of the part, 0..1.
+    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
+    restitution: f64,
+
+    /// k = g cos(alpha) / (b w^2), one value or a range LO..HI[:N].
+    #[arg(long, default_value = "0.34", value_parser = arguments::range_or_value((0.001, 1000.0), 200))]
+    k: Range,
+
+    /// Impacts that are measured at each k.
+    #[arg(long, value_name = "N", default_value = "200000", value_parser = arguments::count(320, 1_000_000_000))]
+    impacts: usize,
+
+    /// Impacts before the first that is measured.
+    #[arg(long, value_name = "N", default_value = "2000", value_parser = arguments::count(0, 1_000_000_000))]
+    settle: usize,
+
+    /// Order of the locked orbit next to which the orbit starts.
+    #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
+    order: usize,
+
+    /// Phase of the start in rad, with --velocity.
+    #[arg(long, value_name = "T", value_parser = arguments::number, requires = "velocity")]
+    phase: Option<f64>,
+
+    /// Velocity of the start in units of b w, with --phase.
+    #[arg(long, value_name = "PSI", value_parser = arguments::within(0.0, 1000.0, "b w"), requires = "phase")]
+    velocity: Option<f64>,
+
+    /// Also measure the chaotic band below the cascade.
+    #[arg(long)]
+    band: bool,
+
+    #[command(flatten)]
+    printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+/// Prints the exponents.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.drawn.output()?;
+    let values: Vec<f64> = arguments.k.values().collect();
+    let settings = ExponentSettings {
+        settle: arguments.settle as u32,
+        impacts: arguments.impacts as u32,
+    };
+    let found = desk.try_map("exponent", values.len(), |n| {
+        let map = Map::build(values[n], arguments.restitution)?;
+        let start = match (arguments.phase, arguments.velocity) {
+            (Some(phase), Some(velocity)) => State { phase, velocity },
+            _ => start(&map, arguments.order as u32),
+        };
+        Ok(measure(&map, start, settings)?)
+    })?;
+    let band = if arguments.band {
+        ChaoticBand::measure(arguments.restitution, arguments.order as u32, 1e-3, 20_000)?
+    } else {
+        None
+    };
+    let report = report(arguments, &values, &found, band)?;
+    report.print(arguments.printed.format)?;
+    output.write(&report, || picture(arguments, &values, &found, band))?;
+    Ok(Exit::Done)
+}
+
+fn words(motion: Motion) -> &'static str {
+    match motion {
+        Motion::Regular => "regular",
+        Motion::Chaotic => "chaotic",
+        Motion::Undecided => "undecided",
+        Motion::Rest { .. } => "rest",
+    }
+}
+
+fn report(
+    arguments: &Arguments,
+    values: &[f64],
+    found: &[Exponent],
+    band: Option<ChaoticBand>,
+) -> Result<Report, Refusal> {
+    let mut table = Table::new(&[
+        Column::new("k", ""),
+        Column::new("exponent", "1/impact"),
+        Column::new("exponent_error", "1/impact").digits(2),
+        Column::new("exponent_per_cycle", "1/cycle"),
+        Column::new("exponent_per_cycle_error", "1/cycle").digits(2),
+        Column::new("mean_flight", "cycles"),
+        Column::new("motion", ""),
+        Column::new("rest_after", "impacts"),
+    ]);
+    let finite = |value: f64| value.is_finite().then_some(value);
+    for (k, exponent) in values.iter().zip(found) {
+        let after = match exponent.motion {
+            Motion::Rest { after } => Some(after),
+            _ => None,
+        };
+        table.push([
+            (*k).into(),
+            finite(exponent.per_impact.value).into(),
+            finite(exponent.per_impact.error).into(),
+            finite(exponent.per_cycle.value).into(),
+            finite(exponent.per_cycle.error).into(),
+            finite(exponent.flight).into(),
+            words(exponent.motion).into(),
+            after.into(),
+        ]);
+    }
+    let mut report = Report::new(table).heading(format!(
+        "R = {}, {} impacts after {} to settle",
+        arguments.restitution, arguments.impacts, arguments.settle
+    ));
+    if arguments.band {
+        report = report.note(match band {
+            Some(band) => format!(
+                "chaotic band, measured: k = {:.4}..{:.4}, {:.0} % of it with a positive exponent, no rest \
+                 within {} impacts",
+                band.low,
+                band.high,
+                100.0 * band.chaotic,
+                band.impacts
+            ),
+            None => "no chaotic band: below the cascade the parts come to rest".into(),
+        });
+    }
+    Ok(report)
+}
+
+fn picture(
+    arguments: &Arguments,
+    values: &[f64],
+    found: &[Exponent],
+    band: Option<ChaoticBand>,
+) -> Picture {
+    let point = |wanted: &dyn Fn(Motion) -> bool| -> Vec<(f64, f64)> {
+        values
+            .iter()
+            .zip(found)
+            .filter(|(_, exponent)| wanted(exponent.motion) && exponent.per_impact.value.is_finite())
+            .map(|(k, exponent)| (*k, exponent.per_impact.value))
+            .collect()
+    };
+    let all = point(&|_| true);
+    let low = all.iter().fold(-0.5_f64, |low, (_, y)| low.min(*y)).max(-3.0);
+    let high = all.iter().fold(0.5_f64, |high, (_, y)| high.max(*y));
+    let mut panel = Panel::new(
+        Axis::new("k = g cos α / (b ω²)", Unit::NONE, arguments.k.low, arguments.k.high),
+        Axis::new("Lyapunov exponent per impact", Unit::NONE, low - 0.1, high + 0.1),
+    )
+    .height(360.0);
+    if let Some(band) = band {
+        panel = panel.strip("chaotic band, measured", band.low, band.high);
+    }
+    let names = [
+        ("chaotic", 1),
+        ("periodic or undecided", 0),
+        ("transient: until it came to rest", 2),
+    ];
+    for (name, series) in names {
+        let points = point(&|motion| {
+            let drawn = match motion {
+                Motion::Chaotic => 1,
+                Motion::Regular | Motion::Undecided => 0,
+                Motion::Rest { .. } => 2,
+            };
+            drawn == series
+        });
+        if !points.is_empty() {
+            panel = panel.markers(name, series, points);
+        }
+    }
+    panel = panel.level(0.0, "neighbours part above");
+    Picture::new("Lyapunov exponent over k")
+        .caption(format!(
+            "R = {}, {} impacts at each of {} k",
+            number(arguments.restitution, 6),
+            arguments.impacts,
+            values.len()
+        ))
+        .panel(panel)
+}

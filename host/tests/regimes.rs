@@ -1,0 +1,168 @@
+//! The verbs about regimes as a user meets them: numbers, JSON keys, refusals.
+
+use std::process::{Command, Stdio};
+
+/// Exit status, standard output and standard error of `kband`, killed after 60 s.
+fn kband(arguments: &[&str]) -> (i32, String, String) {
+    let output = Command::new("timeout")
+        .args(["--kill-after=5", "60", env!("CARGO_BIN_EXE_kband")])
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .expect("the command timeout is on the path");
+    (
+        output.status.code().unwrap_or(-1),
+        String::from_utf8(output.stdout).expect("text"),
+        String::from_utf8(output.stderr).expect("text"),
+    )
+}
+
+fn json(arguments: &[&str]) -> serde_json::Value {
+    let (status, out, err) = kband(&[arguments, &["--format", "json"]].concat());
+    assert_eq!(status, 0, "{err}");
+    serde_json::from_str(&out).expect("JSON")
+}
+
+fn close(value: &serde_json::Value, reference: f64, within: f64) {
+    let value = value.as_f64().expect("a number");
+    assert!((value - reference).abs() <= within, "{value} {reference}");
+}
+
+#[test]
+fn bands_have_the_references_and_their_si_values() {
+    let bands = json(&["bands", "--restitution", "0.2", "--orders", "3"]);
+    let rows = bands.as_array().expect("one row for each order");
+    for (row, (k2, k1)) in rows.iter().zip([
+        (0.393_052, 0.477_465),
+        (0.225_691, 0.238_732),
+        (0.155_109, 0.159_155),
+    ]) {
+        close(&row["k2"], k2, 5e-7);
+        close(&row["k1"], k1, 5e-7);
+        assert_eq!(row["empty"], false);
+        let k = row["setpoint"].as_f64().expect("a number");
+        // g cos(3 deg) / (2 pi 50)^2 = 0.099226 mm.
+        close(&row["b_mm"], 0.099_226 / k, 1e-5 / k);
+        close(&row["throw_number"], 1.0 / k, 1e-12);
+        close(&row["acceleration_g"], 0.998_630 / k, 1e-5 / k);
+    }
+    close(&rows[0]["chaos_edge"], 0.358_723_3, 1e-7);
+    assert!((0.4105..0.4122).contains(&rows[0]["reachable_edge"].as_f64().expect("a number")));
+    assert!(rows[1]["reachable_edge"].is_null());
+}
+
+#[test]
+fn an_empty_band_is_said_plainly() {
+    let bands = json(&["bands", "--restitution", "0.1..0.3", "--orders", "1"]);
+    assert_eq!(bands[0]["empty"], true);
+    assert!(bands[0]["setpoint"].is_null());
+    let (status, out, _) = kband(&["bands", "--restitution", "0.1..0.3", "--orders", "1"]);
+    assert_eq!(status, 0);
+    assert!(
+        out.contains("no band of order 1") && out.contains("would allow it"),
+        "{out}"
+    );
+}
+
+#[test]
+fn a_cascade_has_flips_ratios_and_its_limit() {
+    let cascade = json(&[
+        "cascade",
+        "--restitution",
+        "0.5",
+        "--order",
+        "2",
+        "--doublings",
+        "5",
+    ]);
+    let flips = cascade["flips"].as_array().expect("an array");
+    // Physics, section 6.
+    for (flip, reference) in flips.iter().zip([
+        0.421_784_812_671_680_56,
+        0.406_784_778_021_891_2,
+        0.403_821_877_710_445_6,
+        0.403_185_960_263_948_7,
+        0.403_049_584_204_998_5,
+    ]) {
+        close(flip, reference, 1e-12);
+    }
+    assert_eq!(flips.len(), 5);
+    assert_eq!(cascade["ratios"].as_array().expect("an array").len(), 3);
+    close(&cascade["k_infinity"], 0.403_012_389, 1e-6);
+}
+
+#[test]
+fn an_exponent_has_its_error_and_rest_is_no_chaos() {
+    let chaotic = json(&[
+        "exponent",
+        "--restitution",
+        "0.2",
+        "--k",
+        "0.35",
+        "--impacts",
+        "50000",
+    ]);
+    let error = chaotic[0]["exponent_error"].as_f64().expect("a number");
+    assert!(error > 0.0 && error < 0.01);
+    // Physics, section 11, +-0.003; four standard errors of this run on top.
+    close(&chaotic[0]["exponent"], 0.3622, 0.003 + 4.0 * error);
+    assert_eq!(chaotic[0]["motion"], "chaotic");
+    let rest = json(&[
+        "exponent",
+        "--restitution",
+        "0.5",
+        "--k",
+        "0.5",
+        "--settle",
+        "0",
+    ]);
+    assert_eq!(rest[0]["motion"], "rest");
+}
+
+#[test]
+fn a_capture_prints_what_it_cost_and_is_the_same_for_any_number_of_threads() {
+    let arguments = [
+        "capture",
+        "--restitution",
+        "0.18..0.22",
+        "--runs",
+        "30",
+        "--parts",
+        "2",
+        "--factor",
+        "1..2:11",
+    ];
+    let one = json(&[&arguments[..], &["--threads", "1"]].concat());
+    let two = json(&[&arguments[..], &["--threads", "2"]].concat());
+    assert_eq!(one, two);
+    let effort = one["plan"]["effort"].as_u64().expect("a count");
+    assert!(effort > 0 && effort <= 150_036);
+    assert!(one["plan"]["impacts"].as_u64().expect("a count") > 0);
+    let captured = one["captured"].as_array().expect("an array");
+    assert!(captured[captured.len() - 1].as_f64().expect("a share") > 0.9);
+    assert!(one["captured_alone"].as_f64().expect("a share") < 0.5);
+}
+
+#[test]
+fn bad_input_names_the_key_and_what_is_accepted() {
+    for (arguments, words) in [
+        (&["bands", "--restitution", "0.3..0.2"][..], "--restitution"),
+        (&["bands", "--restitution", "1"], "restitution"),
+        (&["bands", "--orders", "0"], "--orders"),
+        (&["cascade", "--doublings", "11"], "--doublings"),
+        (&["cascade", "--restitution", "nan"], "--restitution"),
+        (&["exponent", "--impacts", "3"], "--impacts"),
+        (&["exponent", "--k", "0.5..0.3"], "--k"),
+        (&["capture", "--restitution", "0.1..0.3"], "would allow it"),
+        (
+            &["capture", "--restitution", "0.2", "--k", "0.9"],
+            "0.3931..0.4775",
+        ),
+        (&["capture", "--out", "nowhere/at/all.svg"], "nowhere"),
+        (&["capture", "--out", "map.gif"], ".svg or .png"),
+    ] {
+        let (status, out, err) = kband(arguments);
+        assert_eq!((status, out.as_str()), (2, ""), "{arguments:?}: {err}");
+        assert!(err.contains(words), "{arguments:?}: {err}");
+    }
+}
