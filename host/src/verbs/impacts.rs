@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, Single, State};
+use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State};
 
 use crate::arguments;
 use crate::desk::Desk;
@@ -58,6 +58,8 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
+    /// f64 with a twofold residual: phases right to their rounding.
+    F64Exact,
     /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
     Hybrid,
     /// Phase in u32, velocity in f32.
@@ -72,6 +74,7 @@ pub enum Arithmetic {
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let table = match arguments.arithmetic {
         Arithmetic::F64 => table::<Map>(arguments, desk, one_by_one)?,
+        Arithmetic::F64Exact => table::<Exact>(arguments, desk, one_by_one)?,
         Arithmetic::Hybrid => table::<Hybrid>(arguments, desk, one_by_one)?,
         Arithmetic::F32 => table::<Single>(arguments, desk, one_by_one)?,
         Arithmetic::Integer => table::<Integer>(arguments, desk, one_by_one)?,

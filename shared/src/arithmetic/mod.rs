@@ -8,6 +8,7 @@ mod phase;
 #[allow(unsafe_code)]
 mod root;
 pub(crate) mod trigonometry;
+pub(crate) mod twofold;
 
 pub use fixed::Velocity;
 pub use phase::Phase;

@@ -4,7 +4,9 @@
 //! there by a short polynomial, so that no impact needs a trigonometric call. The tables are computed
 //! by the compiler from the Taylor series in twofold arithmetic; nothing is pasted.
 
-use core::f64::consts::{PI, TAU};
+use core::f64::consts::TAU;
+
+use super::twofold::Twofold;
 
 /// Nodes in a turn.
 pub(crate) const COUNT: usize = 256;
@@ -16,7 +18,10 @@ pub(crate) const SPACING: f64 = TAU / COUNT as f64;
 pub(crate) const SPACING_HIGH: f64 = f64::from_bits(SPACING.to_bits() & !((1 << 27) - 1));
 
 /// What [`SPACING_HIGH`] lacks of the exact distance.
-pub(crate) const SPACING_LOW: f64 = (SPACING - SPACING_HIGH) + PI_REST / 128.0;
+pub(crate) const SPACING_LOW: f64 = (SPACING - SPACING_HIGH) + SPACING_REST;
+
+/// What [`SPACING`] lacks of the exact distance.
+pub(crate) const SPACING_REST: f64 = PI_REST / 128.0;
 
 /// What `PI` lacks of pi.
 const PI_REST: f64 = 1.224_646_799_147_353_2e-16;
@@ -75,69 +80,6 @@ const fn fixed(value: f64) -> i32 {
     }) as i32
 }
 
-/// A number as the unevaluated sum of two f64.
-#[derive(Clone, Copy)]
-struct Twofold {
-    high: f64,
-    low: f64,
-}
-
-impl Twofold {
-    const fn from(value: f64) -> Self {
-        Self {
-            high: value,
-            low: 0.0,
-        }
-    }
-
-    /// `a + b` where |a| >= |b| (Dekker).
-    const fn normal(a: f64, b: f64) -> Self {
-        let high = a + b;
-        Self {
-            high,
-            low: b - (high - a),
-        }
-    }
-
-    const fn negative(self) -> Self {
-        Self {
-            high: -self.high,
-            low: -self.low,
-        }
-    }
-
-    const fn plus(self, other: Self) -> Self {
-        let high = self.high + other.high;
-        let part = high - self.high;
-        let rest = (self.high - (high - part)) + (other.high - part);
-        Self::normal(high, rest + self.low + other.low)
-    }
-
-    const fn times(self, other: Self) -> Self {
-        let high = self.high * other.high;
-        let (a, b) = (Self::halves(self.high), Self::halves(other.high));
-        let rest = ((a.high * b.high - high) + a.high * b.low + a.low * b.high) + a.low * b.low;
-        Self::normal(high, rest + (self.high * other.low + self.low * other.high))
-    }
-
-    /// Division by a small integer.
-    const fn over(self, divisor: f64) -> Self {
-        let high = self.high / divisor;
-        let rest = self.plus(Self::from(high).times(Self::from(divisor)).negative());
-        Self::normal(high, rest.high / divisor)
-    }
-
-    /// The upper and lower 26 bits (Veltkamp).
-    const fn halves(value: f64) -> Self {
-        let scaled = 134_217_729.0 * value;
-        let high = scaled - (scaled - value);
-        Self {
-            high,
-            low: value - high,
-        }
-    }
-}
-
 /// Sine and cosine of `x` in 0..=pi/4 by their Taylor series.
 const fn series(x: Twofold) -> [Twofold; 2] {
     let square = x.times(x).negative();
@@ -153,10 +95,10 @@ const fn series(x: Twofold) -> [Twofold; 2] {
 }
 
 const NODES: [[Twofold; 2]; COUNT] = {
-    // pi to 107 bits; division by 128 is exact.
+    // 2 pi / 256 to 107 bits.
     let spacing = Twofold {
-        high: PI / 128.0,
-        low: PI_REST / 128.0,
+        high: SPACING,
+        low: SPACING_REST,
     };
     let mut table = [[Twofold::from(0.0); 2]; COUNT];
     let mut j = 0;

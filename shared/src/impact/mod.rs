@@ -11,6 +11,7 @@ mod anchor;
 pub mod batch;
 mod contact;
 mod double;
+mod exact;
 mod flight;
 mod hybrid;
 mod integer;
@@ -22,6 +23,7 @@ mod tangential;
 
 pub use contact::Contact;
 pub use double::Map;
+pub use exact::{Exact, Refined};
 pub use hybrid::{Hybrid, HybridState};
 pub use integer::Integer;
 pub use observe::{Count, Observer};

@@ -1,0 +1,137 @@
+//! Twofold arithmetic: a number as the unevaluated sum of two f64, good to about 104 bits.
+
+/// `high + low`, |low| at most half an ulp of `high`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Twofold {
+    /// The nearest f64.
+    pub high: f64,
+    /// What it lacks.
+    pub low: f64,
+}
+
+impl Twofold {
+    /// An f64, exactly.
+    pub const fn from(value: f64) -> Self {
+        Self {
+            high: value,
+            low: 0.0,
+        }
+    }
+
+    /// `a + b` where |a| >= |b| (Dekker), exactly.
+    const fn normal(a: f64, b: f64) -> Self {
+        let high = a + b;
+        Self {
+            high,
+            low: b - (high - a),
+        }
+    }
+
+    /// `a + b`, exactly (Knuth).
+    pub const fn sum(a: f64, b: f64) -> Self {
+        let high = a + b;
+        let part = high - a;
+        Self {
+            high,
+            low: (a - (high - part)) + (b - part),
+        }
+    }
+
+    /// `a b`, exactly (Dekker) unless it overflows or its rest underflows.
+    pub const fn product(a: f64, b: f64) -> Self {
+        let high = a * b;
+        let (x, y) = (Self::halves(a), Self::halves(b));
+        Self {
+            high,
+            low: ((x.high * y.high - high) + x.high * y.low + x.low * y.high) + x.low * y.low,
+        }
+    }
+
+    /// The upper and lower 26 bits (Veltkamp).
+    const fn halves(value: f64) -> Self {
+        let scaled = 134_217_729.0 * value;
+        let high = scaled - (scaled - value);
+        Self {
+            high,
+            low: value - high,
+        }
+    }
+
+    /// `-self`.
+    pub const fn negative(self) -> Self {
+        Self {
+            high: -self.high,
+            low: -self.low,
+        }
+    }
+
+    /// `self + other`.
+    pub const fn plus(self, other: Self) -> Self {
+        let sum = Self::sum(self.high, other.high);
+        Self::normal(sum.high, sum.low + self.low + other.low)
+    }
+
+    /// `self - other`.
+    pub const fn minus(self, other: Self) -> Self {
+        self.plus(other.negative())
+    }
+
+    /// `self other`.
+    pub const fn times(self, other: Self) -> Self {
+        let product = Self::product(self.high, other.high);
+        Self::normal(
+            product.high,
+            product.low + (self.high * other.low + self.low * other.high),
+        )
+    }
+
+    /// Division by a number of few bits.
+    pub const fn over(self, divisor: f64) -> Self {
+        let high = self.high / divisor;
+        let rest = self.minus(Self::product(high, divisor));
+        Self::normal(high, rest.high / divisor)
+    }
+
+    /// The nearest f64.
+    pub const fn value(self) -> f64 {
+        self.high + self.low
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 53-bit integers, of which sums and products are exact in i128.
+    fn integers() -> impl Iterator<Item = (i128, i128)> {
+        (1..4000_i128).map(|n| {
+            let bits = |factor: i128| (n * n * factor) % (1 << 53) - (1 << 52);
+            (
+                bits(6_364_136_223_846_793_005),
+                bits(1_442_695_040_888_963_407),
+            )
+        })
+    }
+
+    fn exact(x: Twofold) -> i128 {
+        x.high as i128 + x.low as i128
+    }
+
+    #[test]
+    fn sums_and_products_are_exact() {
+        for (a, b) in integers() {
+            assert_eq!(exact(Twofold::sum(a as f64, b as f64)), a + b);
+            assert_eq!(exact(Twofold::product(a as f64, b as f64)), a * b);
+        }
+    }
+
+    #[test]
+    fn a_quotient_times_its_divisor_is_the_number() {
+        for (a, b) in integers() {
+            let number = Twofold::sum(a as f64, 1e-16 * b as f64);
+            let back = number.over(7.0).times(Twofold::from(7.0)).minus(number);
+            // Each operation is good to 2^-104 of the number.
+            assert!(back.value().abs() <= 2e-31 * number.high.abs());
+        }
+    }
+}
