@@ -502,7 +502,8 @@ fn search_for<L: Lane>(block: &mut Block, stage: &mut Stage<L>, lanes: &[u16]) {
         if certain >> n & 1 == 0 {
             let lane = usize::from(lane) % LANES;
             let orbit = &block.orbits[lane];
-            let (landing, grazes) = search::landing(&track(orbit.track), &orbit.launch());
+            let (landing, grazes) =
+                search::landing(&track(orbit.track), &orbit.launch(), search::Envelope::Skip);
             flight[n] = landing.flight;
             phase[n] = landing.phase;
             arrival[n] = landing.arrival;

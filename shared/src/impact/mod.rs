@@ -24,6 +24,7 @@ mod tangential;
 pub use contact::Contact;
 pub use double::Map;
 pub use exact::{Exact, Refined};
+pub use flight::search::Envelope;
 pub use hybrid::{Hybrid, HybridState};
 pub use integer::Integer;
 pub use observe::{Count, Observer};

@@ -312,7 +312,7 @@ pub(crate) fn first_impact(track: &Track<f64>, launch: &Launch<f64>) -> (Landing
         if certain {
             (landing, false)
         } else {
-            search::landing(track, launch)
+            search::landing(track, launch, search::Envelope::Skip)
         }
     }
 }

@@ -63,14 +63,28 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
     }
 }
 
+/// What the search does with the humps of the track while the ball is above all of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Envelope {
+    /// It jumps over them: no impact is possible there.
+    #[default]
+    Skip,
+    /// It looks at each; to show what the jump saves and that it changes nothing.
+    Walk,
+}
+
 /// The first impact after `launch`, and whether it grazes: whether an earlier or later touch is within
 /// rounding of this decision.
 #[cold]
-pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+pub(crate) fn landing(
+    track: &Track<f64>,
+    launch: &Launch<f64>,
+    envelope: Envelope,
+) -> (Landing<f64>, bool) {
     let v = launch.rise();
     let leaving = launch.leaving(track);
     // While the ball is above height 1 no hump reaches it.
-    let (above_from, above_to) = if v > 0.0 && leaving > 0.0 {
+    let (above_from, above_to) = if envelope == Envelope::Skip && v > 0.0 && leaving > 0.0 {
         let root = square_root(leaving);
         ((v - root) * track.per_k, (v + root) * track.per_k)
     } else {
