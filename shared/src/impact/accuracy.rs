@@ -148,3 +148,72 @@ fn integer_holds_its_errors() {
     holds::<Integer>(logarithmic, [4e-9, 1e-6, 6e-5, 1e-6]);
     holds::<Integer>(launch, [4e-9, 2e-7, 3e-5, 1e-6]);
 }
+
+/// The corners of a kernel's range and random states all over it.
+fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64, K::State, &K)) {
+    let mut random = Random(3);
+    for i in 0..count {
+        let corner = |random: &mut Random, values: &[f64]| {
+            values[(random.uniform() * values.len() as f64) as usize]
+        };
+        let k = match i % 4 {
+            0 => corner(
+                &mut random,
+                &[0.005, 0.02, 0.1, 0.5, 0.999, 1.0, 1.001, 2.0, 4.0],
+            ),
+            1 => 1.0 + 1e-3 * (random.uniform() - 0.5),
+            _ => 0.005 * libm::pow(800.0, random.uniform()),
+        };
+        let restitution = corner(&mut random, &[0.0, 0.2, 0.9, 1.0]);
+        let entry = if k < 1.0 {
+            libm::asin(k)
+        } else {
+            0.5 * core::f64::consts::PI
+        };
+        let step = TAU / 4_294_967_296.0;
+        let phase = match i % 5 {
+            0 => entry + step * libm::round(6.0 * random.uniform() - 3.0),
+            1 => core::f64::consts::PI - entry + step * libm::round(6.0 * random.uniform() - 3.0),
+            2 => step * libm::round(6.0 * random.uniform() - 3.0),
+            _ => TAU * random.uniform(),
+        };
+        let velocity = match i % 7 {
+            0 => corner(&mut random, &[0.0, 1e-12, 1.5e-8, 3e-8, 1e-6, top]),
+            1 => top * random.uniform(),
+            2 => libm::pow(10.0, -12.0 * random.uniform()),
+            _ => 5.0 * random.uniform(),
+        };
+        let kernel = K::build(k, restitution).unwrap();
+        check(k, restitution, K::state(phase, velocity).unwrap(), &kernel);
+    }
+}
+
+fn survives<K: Kernel>(top: f64, tolerance: f64) {
+    let mut wrong = 0;
+    everywhere::<K>(top, 200_000, |k, restitution, state, kernel| {
+        let impact = kernel.impact(state);
+        let (held, next) = (K::observe(state), K::observe(impact.next));
+        assert!(impact.flight >= 0.0, "{k:e} {state:?} {impact:?}");
+        assert!(
+            (0.0..=top).contains(&next.velocity),
+            "{k:e} {state:?} {impact:?}"
+        );
+        let expected = Map::build(k, restitution).unwrap().impact(held);
+        let error = (impact.flight - expected.flight).abs();
+        let limit = tolerance * (1.0 + expected.flight);
+        if error > limit && !impact.grazes && !expected.grazes && !resting_by_rounding(k, held) {
+            wrong += 1;
+            if wrong < 20 {
+                std::println!("{} {k:e} {held:?} {impact:?} {expected:?}", K::NAME);
+            }
+        }
+    });
+    assert_eq!(wrong, 0, "{}", K::NAME);
+}
+
+#[test]
+fn kernels_survive_their_whole_range() {
+    survives::<Hybrid>(60.0, 1e-3);
+    survives::<Single>(60.0, 1e-3);
+    survives::<Integer>(29.0, 1e-3);
+}

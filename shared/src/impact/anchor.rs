@@ -144,6 +144,12 @@ pub(crate) trait Flight {
     const SHORT: f32;
     /// A gap over a hump below this is within rounding.
     const ROUNDING: f32;
+    /// Rounding of the pull.
+    const PULL: f32;
+    /// Householder's step that ends the fall of a high flight, in rad.
+    const LEAP: f32;
+    /// The last correction of a settled impact that leaves an error within rounding, in rad.
+    const NEAR: f32;
 }
 
 /// Where the first impact is, nearly.
@@ -219,7 +225,7 @@ fn sine_cosine_at(node: i32) -> (f32, f32) {
 /// height 1 is `v^2 - 2 k (1 - sin)`, that of the track at most 1. From the time the parabola crosses
 /// height 0, Householder's third-order step on nodes until it is short.
 #[inline(always)]
-pub(crate) fn fall(shape: &Shape, launch: &Launch) -> Option<(i32, f32)> {
+pub(crate) fn fall<F: Flight>(shape: &Shape, launch: &Launch) -> Option<(i32, f32)> {
     let rise = launch.velocity + launch.cosine;
     let square = rise * rise + 2.0 * shape.k * launch.sine;
     if !(rise > 0.0 && square >= shape.high) {
@@ -240,7 +246,7 @@ pub(crate) fn fall(shape: &Shape, launch: &Launch) -> Option<(i32, f32)> {
         let (jump, count) = nearest(step * PER_RADIAN);
         offset = step - count * SPACING;
         node = node.wrapping_add(jump);
-        if abs(step) < 0.25 {
+        if abs(step) < F::LEAP {
             return Some((node, offset));
         }
         late += count * SPACING;
@@ -268,21 +274,14 @@ fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
     )
 }
 
-/// A simple root from `offset` near a node: Newton steps with their quadratic correction, one in nearly
-/// every case.
+/// A simple root from `offset` near a node by a Newton step with its quadratic correction; `None` where
+/// that is not near enough.
 #[inline(always)]
-pub(crate) fn settle(shape: &Shape, local: &Local, mut offset: f32) -> Settled {
-    let mut round = 0;
-    loop {
-        let (height, gain, b2) = expand(shape.k, local, offset);
-        let settled = correct(local, offset, height, gain, b2);
-        round += 1;
-        // The next term is 2 (b2 e / slope)^2 e.
-        if abs(settled.offset - offset) < 1e-3 || round >= 4 {
-            return settled;
-        }
-        offset = settled.offset;
-    }
+pub(crate) fn settle<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> Option<Settled> {
+    let (height, gain, b2) = expand(shape.k, local, offset);
+    let settled = correct(local, offset, height, gain, b2);
+    // The next term is 2 (b2 e / slope)^2 e.
+    (abs(settled.offset - offset) < F::NEAR).then_some(settled)
 }
 
 #[inline(always)]
@@ -322,13 +321,13 @@ fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 
 /// The first root from `offset` near a node, also where two roots nearly meet.
 #[inline(never)]
-pub(crate) fn settle_carefully(shape: &Shape, local: &Local, mut offset: f32) -> Settled {
+pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> Settled {
     let mut round = 0;
     loop {
-        let (height, gain, b2) = expand(shape.k, local, offset);
+        let (height, gain, b2) = expand(shape.k, &local, offset);
         let slope = local.slope + gain;
         if slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope {
-            return correct(local, offset, height, gain, b2);
+            return correct(&local, offset, height, gain, b2);
         }
         let (mut e, square) = down_crossing(height, slope, b2);
         if square > 0.0 {
@@ -339,7 +338,7 @@ pub(crate) fn settle_carefully(shape: &Shape, local: &Local, mut offset: f32) ->
         }
         round += 1;
         if abs(e) < 2e-4 || round >= 4 {
-            return finished(local, offset, gain, b2, e);
+            return finished(&local, offset, gain, b2, e);
         }
         offset += e;
     }
@@ -368,18 +367,22 @@ fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
 }
 
 /// What the cubic near launch says of the first impact.
-#[derive(Clone, Copy, PartialEq)]
 enum Start {
     /// Nothing.
     Open,
-    /// The first impact is near this flight time, as far as the cubic holds.
-    Hop(f32),
-    /// The flight clears the coming hump.
-    Clears,
+    /// The first impact is `near` this flight time, as far as the cubic holds; whether the flight clears
+    /// the coming hump but for rounding.
+    Hop { near: f32, grazes: bool },
+    /// The flight clears the coming hump; whether by rounding alone.
+    Clears { grazes: bool },
 }
 
 #[inline(always)]
-fn start(launch: &Launch) -> Start {
+fn start(launch: &Launch, limit: f32, rounding: f32) -> Start {
+    // At the top of the track with k near 1, pull and cosine vanish together.
+    if launch.sine > 0.96 && abs(launch.cosine) < limit && abs(launch.pull) < 0.3 * limit * limit {
+        return flat_start(*launch, limit);
+    }
     // u/d = psi - a1 d + a2 d^2 - ...
     let a1 = 0.5 * launch.pull;
     let a2 = launch.cosine * (1.0 / 6.0);
@@ -389,35 +392,81 @@ fn start(launch: &Launch) -> Start {
     let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
     if a1 > 0.0 {
         if a2 > 0.0 && discriminant < 0.2 * a1 * a1 {
-            return double_start(launch, a1, a2);
+            return double_start(*launch, a1, a2, rounding);
         }
-        Start::Hop(2.0 * launch.velocity / (a1 + root(discriminant)))
+        simple_hop(2.0 * launch.velocity / (a1 + root(discriminant)))
     } else if discriminant >= 0.0 {
-        Start::Hop((a1 - root(discriminant)) / (2.0 * a2))
+        simple_hop((a1 - root(discriminant)) / (2.0 * a2))
     } else {
         Start::Open
     }
 }
 
+/// The first root below `limit` of `u/d` where its cubic term decides.
+#[inline(never)]
+fn flat_start(launch: Launch, limit: f32) -> Start {
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.cosine * (1.0 / 6.0);
+    let a3 = launch.sine * (1.0 / 24.0);
+    let valley = (a2 - root(a2 * a2 - 3.0 * a1 * a3)) / (3.0 * a3);
+    // Newton's steps do not overshoot from launch down a convex slope into the valley (or to the
+    // inflection where there is none), nor from the right of the last root.
+    let mut x = if valley > 0.0 && deflated(&launch, smaller(valley, limit)).0 <= 0.0 {
+        0.0
+    } else if deflated(&launch, limit).0 <= 0.0 {
+        limit
+    } else if launch.pull > 0.0 && launch.cosine > 0.0 {
+        return Start::Clears { grazes: false };
+    } else {
+        return Start::Open;
+    };
+    for _ in 0..40 {
+        let (w, w1) = deflated(&launch, x);
+        if w1 >= 0.0 {
+            break;
+        }
+        let next = x - w / w1;
+        if !(next > 0.0 && next < limit) {
+            break;
+        }
+        let moved = abs(next - x);
+        x = next;
+        if moved < 1e-3 * x {
+            break;
+        }
+    }
+    simple_hop(x)
+}
+
+#[inline(always)]
+fn simple_hop(near: f32) -> Start {
+    Start::Hop {
+        near,
+        grazes: false,
+    }
+}
+
 /// Two nearly equal short roots: find the minimum of `u/d` between them.
 #[inline(never)]
-fn double_start(launch: &Launch, a1: f32, a2: f32) -> Start {
+fn double_start(launch: Launch, a1: f32, a2: f32, rounding: f32) -> Start {
     let mut x = a1 / (2.0 * a2);
     if x > 0.3 {
         return Start::Open;
     }
     let (mut minimum, mut b2) = (0.0, 1.0);
     for _ in 0..3 {
-        let (w, w1) = deflated(launch, x);
+        let (w, w1) = deflated(&launch, x);
         b2 = a2 - launch.sine * (1.0 / 8.0) * x - launch.cosine * (1.0 / 20.0) * x * x;
         let e = -w1 / (2.0 * b2);
         minimum = w + 0.5 * w1 * e;
         x += e;
     }
+    let grazes = abs(minimum) < rounding * x + 4e-7 * launch.velocity;
     if minimum > 0.0 {
-        Start::Clears
+        Start::Clears { grazes }
     } else {
-        Start::Hop(x - root(-minimum / b2))
+        let near = x - root(-minimum / b2);
+        Start::Hop { near, grazes }
     }
 }
 
@@ -449,6 +498,7 @@ fn hop(launch: &Launch, mut x: f32) -> Found {
 }
 
 /// The bracket and start that the segment search hands to the solver.
+#[derive(Clone, Copy)]
 struct Bracket {
     low: f32,
     high: f32,
@@ -458,18 +508,20 @@ struct Bracket {
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
 pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
-    let first = start(launch);
-    let mut guess = 0.0;
-    if let Start::Hop(x) = first
-        && x > 0.0
-    {
-        if x < F::SHORT {
-            return (hop(launch, x), false);
+    let first = start(launch, F::SHORT, F::PULL);
+    let (mut guess, mut clears, mut skims) = (0.0, false, false);
+    match first {
+        Start::Hop { near, grazes } if near > 0.0 => {
+            if near < F::SHORT {
+                return (hop(launch, near), grazes);
+            }
+            guess = near;
         }
-        guess = x;
+        Start::Clears { grazes } => (clears, skims) = (true, grazes),
+        _ => {}
     }
-    let (bracket, grazes) = segment(shape, launch, flight, first == Start::Clears, guess);
-    (solve(shape, launch, &bracket), grazes)
+    let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
+    (solve(shape, launch, &bracket), grazes || skims)
 }
 
 #[inline(always)]
@@ -520,7 +572,7 @@ fn segment<F: Flight>(
     }
     if at_entry <= 0.0 && !clears {
         let low = if shape.throws(launch.phase) {
-            larger(entry - (TURN - hump_length), 0.0)
+            entry - (TURN - hump_length)
         } else {
             0.0
         };
@@ -528,12 +580,11 @@ fn segment<F: Flight>(
             guess
         } else {
             let newton = entry - at_entry / over_flank(entry);
-            let between = if guess > 0.0 && guess < newton {
+            if guess > 0.0 && guess < newton {
                 0.5 * (guess + newton)
             } else {
                 newton
-            };
-            larger(between, low)
+            }
         };
         let bracket = Bracket {
             low,
@@ -549,48 +600,44 @@ fn segment<F: Flight>(
     // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
     // above height 1 are looked at, and the rounds are bounded by their count with room for rounding.
     for _ in 0..16 {
+        // Newton's step from the entry does not overshoot, on the convex side nor on the concave one.
+        let from_entry = || {
+            let slope = over_flank(begin);
+            let step = if slope < 0.0 {
+                over_k(begin) / slope
+            } else {
+                0.0
+            };
+            begin - step
+        };
         if begin > through {
-            let newton = begin - over_k(begin) / over_flank(begin);
-            let start = smaller(larger(newton, through), begin);
-            return (
-                Bracket {
-                    low: through - 1e-4,
-                    high: begin,
-                    start,
-                },
-                grazes,
-            );
+            let bracket = Bracket {
+                low: through - 1e-4,
+                high: begin,
+                start: from_entry(),
+            };
+            return (bracket, grazes);
         }
         let end = begin + hump_length;
-        let from_entry = || begin - over_k(begin) / over_flank(begin);
         if end >= through {
-            let start = if over_flank(begin) < 0.0 {
-                smaller(from_entry(), through)
-            } else {
-                begin
+            let bracket = Bracket {
+                low: begin,
+                high: through + 1e-4,
+                start: from_entry(),
             };
-            return (
-                Bracket {
-                    low: begin,
-                    high: through + 1e-4,
-                    start,
-                },
-                grazes,
-            );
+            return (bracket, grazes);
         }
         {
             let middle = begin + 0.5 * hump_length;
             let over_top = (sine - 1.0) + middle * (v - half_k * middle);
             let slope = v - k * middle;
             if over_top <= -1e-4 {
-                return (
-                    Bracket {
-                        low: begin,
-                        high: middle,
-                        start: smaller(larger(from_entry(), begin), middle),
-                    },
-                    grazes,
-                );
+                let bracket = Bracket {
+                    low: begin,
+                    high: middle,
+                    start: from_entry(),
+                };
+                return (bracket, grazes);
             }
             // 1 - cos x >= 4 x^2 / pi^2 within the hump keeps the track below a parabola of its own.
             let spare = (4.0 / (PI * PI)) as f32 - half_k;
@@ -598,7 +645,7 @@ fn segment<F: Flight>(
                 spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
             if !safe && slope + k * half < flank && slope - k * half > -flank {
-                let (poke, touches) = lowest(shape, launch, flight, middle, slope);
+                let (poke, touches) = lowest(shape, *launch, flight, middle, slope);
                 grazes |= touches;
                 if let Some(mut bracket) = poke {
                     bracket.low = begin;
@@ -609,7 +656,7 @@ fn segment<F: Flight>(
         }
         begin += TURN;
         if begin + hump_length < through - 2.0 * TURN {
-            begin = skip(shape, launch, begin);
+            begin = skip(shape, *launch, begin);
         }
     }
     let bracket = Bracket {
@@ -623,7 +670,7 @@ fn segment<F: Flight>(
 /// The last hump at or after the one that begins at `begin` that lies under a ball above height 1 with
 /// all between them.
 #[inline(never)]
-fn skip(shape: &Shape, launch: &Launch, begin: f32) -> f32 {
+fn skip(shape: &Shape, launch: Launch, begin: f32) -> f32 {
     let v = launch.velocity + launch.cosine;
     let leaving = v * v - 2.0 * shape.k * (1.0 - launch.sine);
     let speed = root(leaving);
@@ -641,7 +688,7 @@ fn skip(shape: &Shape, launch: &Launch, begin: f32) -> f32 {
 #[inline(never)]
 fn lowest<F: Flight>(
     shape: &Shape,
-    launch: &Launch,
+    launch: Launch,
     flight: &F,
     middle: f32,
     slope: f32,
@@ -720,7 +767,7 @@ fn solve(shape: &Shape, launch: &Launch, bracket: &Bracket) -> Found {
         }
         time += count * SPACING;
     }
-    let (node, offset) = solve_safely(shape, launch, bracket);
+    let (node, offset) = solve_safely(shape, *launch, *bracket);
     Found::Near {
         node,
         offset,
@@ -737,12 +784,12 @@ fn householder(u0: f32, u1: f32, square: f32, product: f32, cosine: f32) -> f32 
 
 /// The root in `bracket`, nearly, by Cauchy's step on nodes, with bisection where it leaves the bracket.
 #[inline(never)]
-fn solve_safely(shape: &Shape, launch: &Launch, bracket: &Bracket) -> (i32, f32) {
+fn solve_safely(shape: &Shape, launch: Launch, bracket: Bracket) -> (i32, f32) {
     let Bracket {
         mut low,
         mut high,
         start: mut x,
-    } = *bracket;
+    } = bracket;
     let v = launch.velocity + launch.cosine;
     let mut round = 0;
     loop {
@@ -760,7 +807,13 @@ fn solve_safely(shape: &Shape, launch: &Launch, bracket: &Bracket) -> (i32, f32)
             }
         }
         if time > low && time < high {
-            if u0 > 0.0 && (u1 < 0.0 || b2 < 0.0) {
+            // On a concave rise even a height rounded below 0 is before the root.
+            let before = if b2 < 0.0 {
+                u0 > 0.0 || u1 > 0.0
+            } else {
+                u0 > 0.0 && u1 < 0.0
+            };
+            if before {
                 low = time;
             } else {
                 high = time;

@@ -66,10 +66,11 @@ impl Hybrid {
             cosine: cosine as f32 * PER_30,
             pull: 0.0,
         };
-        if let Some((node, offset)) = fall(&self.shape, &launch) {
+        if let Some((node, offset)) = fall::<Ballistic<'_>>(&self.shape, &launch) {
             let (local, slope) = flight.exact(node);
-            let settled = settle(&self.shape, &local, offset);
-            return self.impact_at(&flight, node, slope, settled, false);
+            if let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset) {
+                return self.impact_at(&flight, node, slope, settled, false);
+            }
         }
         let throws = self.shape.throws(phase);
         if state.velocity == Velocity::ZERO && !throws {
@@ -108,11 +109,12 @@ impl Hybrid {
                 simple,
             } => {
                 let (local, slope) = flight.exact(node);
-                let settled = if simple {
-                    settle(&self.shape, &local, offset)
-                } else {
-                    settle_carefully(&self.shape, &local, offset)
-                };
+                if simple
+                    && let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset)
+                {
+                    return self.impact_at(flight, node, slope, settled, grazes);
+                }
+                let settled = settle_carefully(&self.shape, local, offset);
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
                     let steps =
@@ -217,6 +219,9 @@ fn product_32(a: i64, b: i64) -> i64 {
 
 impl Flight for Ballistic<'_> {
     const SHORT: f32 = 0.06;
+    const LEAP: f32 = 0.25;
+    const NEAR: f32 = 1e-3;
+    const PULL: f32 = 2e-9;
     const ROUNDING: f32 = 1e-8;
 
     fn local(&self, node: i32) -> Local {

@@ -22,7 +22,7 @@ pub struct Integer {
     /// Phase where a hump begins, and its length.
     entry: u32,
     hump: u32,
-    /// k, steps of 2^-28; the lesser of k and 1, steps of 2^-30.
+    /// k, steps of 2^-28, and steps of 2^-30 modulo 4.
     k: i32,
     threshold: i32,
     /// Slope of the sine at the entry of a hump, steps of 2^-26.
@@ -76,6 +76,139 @@ struct Ballistic<'a> {
     rise: i64,
 }
 
+/// The flight near launch: its height is `d (2 psi - d G) / 2` with
+/// `G = pull - cos d / 3 + sin d^2 / 12`.
+#[derive(Clone, Copy)]
+struct Near {
+    /// `k - sin` and sine of the phase of launch, cosine / 3: steps of 2^(down - 30).
+    pull: i32,
+    sine: i32,
+    third: i32,
+    cosine: i32,
+    /// 2 psi, steps of 2^(down - 64), at most 1/4 (1 where `down` is 2), which no short hop reaches.
+    twice: i64,
+    down: u32,
+}
+
+impl Near {
+    #[inline(always)]
+    fn new(pull: i32, sine: i32, cosine: i32, velocity: u32, down: u32) -> Self {
+        Self {
+            pull,
+            sine,
+            // 1/3 in steps of 2^-32.
+            third: high(cosine, 1_431_655_765),
+            cosine,
+            twice: i64::from(velocity.min(1 << (23 + down))) << (39 - down),
+            down,
+        }
+    }
+
+    /// `G` and the derivative of `d G` at `d`, steps of 2^-34.
+    #[inline(always)]
+    fn mean_and_slope(&self, d: i32) -> (i32, i32) {
+        let linear = high(self.third, d) >> 2;
+        let quadratic = high(self.sine, high(d, d)) >> 4;
+        (
+            // 10923 / 2^17 is 1/12.
+            self.pull - linear + (((quadratic >> 5) * 10_923) >> 12),
+            self.pull - 2 * linear + (quadratic >> 2),
+        )
+    }
+
+    /// The hop where `d G` reaches 2 psi, by Newton's steps from near it, or from its left on a concave
+    /// or its right on a convex `d G`.
+    #[inline(always)]
+    fn hop(&self, mut d: i32) -> Start {
+        let mut round = 0;
+        loop {
+            let (mean, slope) = self.mean_and_slope(d);
+            if slope <= 0 {
+                return self.before_end();
+            }
+            // 2 psi - d G, steps of 2^-40; a saturated one still leads towards the root.
+            let rest = (self.twice - wide_signed(d, mean)) >> 24;
+            let rest = rest.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
+            let step = Reciprocal::coarse(slope as u32).times(rest, 24);
+            d = d.saturating_add(step).max(0);
+            if d >= ONE {
+                return self.before_end();
+            }
+            round += 1;
+            // Or the steps go around the root by the resolution of a small pull.
+            if step.unsigned_abs() <= (d >> 12).unsigned_abs() || round == 24 {
+                // u' = -d (d G)' / 2 at the root; half a step rounds.
+                let slope = slope - 2 * (high(self.third, step) >> 2);
+                let up = 7 - self.down;
+                let arrival = (high(d, slope) + (1 << (up - 1))) >> up;
+                // Rounding of the pull, some 2^-29, moves d G by what separates the root from the
+                // greatest value of d G: slope^2 / (4 cos / 3).
+                let grazes = self.down == 0
+                    && slope.unsigned_abs() < 1 << 15
+                    && slope * slope < high(self.cosine, d);
+                return Start::Hop {
+                    flight: d,
+                    arrival,
+                    grazes,
+                };
+            }
+        }
+    }
+
+    /// The hop from the right end, 1/16 rad, if there is one before it.
+    #[inline(never)]
+    fn before_end(&self) -> Start {
+        let mut d = ONE - 1;
+        let (mean, _) = self.mean_and_slope(d);
+        if self.twice >= wide_signed(d, mean) {
+            // So near to the throw d G has its greatest value, at 3 pull / (2 cos), before the right end,
+            // and 2 psi is above it.
+            let clears = self.down == 0 && self.pull > 0 && self.pull < self.cosine >> 5;
+            return if clears {
+                Start::Clears {
+                    grazes: self.skims(),
+                }
+            } else {
+                Start::Open
+            };
+        }
+        for _ in 0..60 {
+            let (mean, slope) = self.mean_and_slope(d);
+            if slope <= 0 {
+                break;
+            }
+            let rest = (self.twice - wide_signed(d, mean)) >> 24;
+            let rest = rest.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
+            let step = Reciprocal::coarse(slope as u32).times(rest, 24);
+            d = (d + step).max(0);
+            if step.unsigned_abs() <= (d >> 12).unsigned_abs() {
+                break;
+            }
+        }
+        let (_, slope) = self.mean_and_slope(d);
+        let arrival = high(d, slope.max(0)) >> (7 - self.down);
+        Start::Hop {
+            flight: d,
+            arrival,
+            grazes: false,
+        }
+    }
+
+    /// Whether 2 psi is above the greatest `d G` by rounding alone.
+    #[inline(never)]
+    fn skims(&self) -> bool {
+        let mut d = Reciprocal::coarse(self.cosine as u32).times(self.pull + self.pull / 2, 34);
+        for _ in 0..2 {
+            let (_, slope) = self.mean_and_slope(d);
+            // -(d G)'' = 2 cos / 3 - sin d / 2.
+            let bend = (2 * self.third - (high(self.sine, d) >> 3)).max(1);
+            d = d.saturating_add(Reciprocal::coarse(bend as u32).times(slope, 34));
+        }
+        let gap = self.twice - wide_signed(d, self.mean_and_slope(d).0);
+        gap < i64::from(d) << 3
+    }
+}
+
 /// A bracket with one down-crossing, where to begin in it, all in steps of a phase.
 struct Bracket {
     low: i64,
@@ -85,10 +218,15 @@ struct Bracket {
 
 /// What the flight near launch says.
 enum Start {
-    /// A short hop: flight in steps of 2^-34 rad and arrival speed in steps of 2^-26.
-    Hop { flight: i32, arrival: i32 },
-    /// The flight clears the coming hump.
-    Clears,
+    /// A short hop: flight in steps of 2^-34 rad and arrival speed in steps of 2^-26; whether it
+    /// clears the coming hump but for rounding.
+    Hop {
+        flight: i32,
+        arrival: i32,
+        grazes: bool,
+    },
+    /// The flight clears the coming hump; whether by rounding alone.
+    Clears { grazes: bool },
     /// Nothing.
     Open,
 }
@@ -125,22 +263,21 @@ impl Integer {
 
     #[inline(never)]
     fn low(&self, flight: &Ballistic<'_>, throws: bool) -> Landing<HybridState> {
-        let start = if throws {
-            flight.start_late()
-        } else {
-            flight.start()
-        };
-        let clears = match start {
-            Start::Hop { flight: d, arrival } => {
+        let (clears, skims) = match flight.start(throws) {
+            Start::Hop {
+                flight: d,
+                arrival,
+                grazes,
+            } => {
                 let steps = (high(d, TURNS) + 2) >> 2;
-                return flight.landing(i64::from(steps), arrival.max(0) as u32, false);
+                return flight.landing(i64::from(steps), arrival.max(0) as u32, grazes);
             }
-            Start::Clears => true,
-            Start::Open => false,
+            Start::Clears { grazes } => (true, grazes),
+            Start::Open => (false, false),
         };
         let (bracket, grazes) = flight.segment(throws, clears);
         let (node, local, offset) = flight.solve(bracket);
-        flight.settle(node, local, offset, grazes)
+        flight.settle(node, local, offset, grazes || skims)
     }
 }
 
@@ -263,98 +400,48 @@ impl Ballistic<'_> {
         None
     }
 
-    /// The flight near launch, where the pull is towards the track: short hops in a form that keeps
-    /// every digit. With `G = pull - cos d / 3 + sin d^2 / 12` the height is `d (psi - d G / 2)`.
+    /// The flight near launch: short hops, below 1/16 rad, in a form that keeps every digit.
     #[inline(always)]
-    fn start(&self) -> Start {
+    fn start(&self, throws: bool) -> Start {
         let kernel = self.kernel;
-        // Steps of 2^-30, or of 2^-28 where k may be above 1.
-        let (pull, sine, cosine, down) = if kernel.hump > 0 {
-            let pull = kernel.threshold.saturating_sub(self.sine);
-            (pull.max(1), self.sine, self.cosine, 0)
+        // Steps of 2^-28, or of 2^-30 where they have room.
+        let wide_pull = kernel.k - (self.sine >> 2);
+        let near = if wide_pull < 1 << 28 {
+            let pull = kernel.threshold.wrapping_sub(self.sine);
+            // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+            let pull = if throws { pull.min(-1) } else { pull.max(1) };
+            Near::new(pull, self.sine, self.cosine, self.velocity, 0)
         } else {
-            let pull = kernel.k - (self.sine >> 2);
-            (pull.max(1), self.sine >> 2, self.cosine >> 2, 2)
+            Near::new(
+                wide_pull.max(1),
+                self.sine >> 2,
+                self.cosine >> 2,
+                self.velocity,
+                2,
+            )
         };
-        let reciprocal = Reciprocal::fine(pull as u32);
+        if throws {
+            return near.before_end();
+        }
+        let reciprocal = Reciprocal::fine(near.pull as u32);
         // 2 psi / pull, steps of 2^-34.
         let ratio = wide(self.velocity, reciprocal.mantissa);
-        let shift = (23_u32 + down).checked_sub(reciprocal.shift);
-        if shift.is_none_or(|shift| ratio >> shift >= 1 << 30) {
-            // Beyond 1/16: so near to the throw, 2 psi exceeds the greatest d G, 3 pull^2 / (4 cos).
-            let near = kernel.hump > 0 && pull < cosine >> 4;
-            return if near { Start::Clears } else { Start::Open };
-        }
-        let shift = shift.unwrap_or(0);
-        let first = (ratio >> shift) as i32;
-        // 1/3 in steps of 2^-32.
-        let third = high(cosine, 1_431_655_765);
-        let bend = reciprocal.times(high(third, first), 28);
-        let mut d = first;
+        let shift = (23 + near.down).checked_sub(reciprocal.shift);
+        let Some(first) = shift
+            .map(|shift| ratio >> shift)
+            .filter(|&z| z < ONE as u64)
+        else {
+            return near.before_end();
+        };
+        let first = first as i32;
+        // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
+        let bend = reciprocal.times(high(near.third, first), 28);
         if bend.abs() < ONE >> 4 {
-            // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
             let square = high(bend, bend) << 2;
-            d = first + (high(first, bend + 2 * square) << 2);
+            near.hop(first + (high(first, bend + 2 * square) << 2))
+        } else {
+            near.hop(first)
         }
-        self.hop(d, (pull, sine, cosine), down)
-    }
-
-    /// The flight near launch where the track is about to end its throw: a hop over the end of the hump.
-    #[inline(never)]
-    fn start_late(&self) -> Start {
-        let pull = self.kernel.threshold.saturating_sub(self.sine).min(-1);
-        if self.cosine >= 0 || self.velocity > 1 << 20 {
-            return Start::Open;
-        }
-        // To the right of the root, from where Newton's steps do not overshoot:
-        // 3 |pull| / |cos| + sqrt(6 psi / |cos|).
-        let reciprocal = Reciprocal::coarse(self.cosine.unsigned_abs());
-        let late = reciprocal.times(-pull, 34);
-        let square = reciprocal.times(6 * self.velocity as i32, 36);
-        if late > ONE >> 2 || square > 1 << 24 {
-            return Start::Open;
-        }
-        let d = 3 * late + ((square_root_scaled(square as u32) as i32) << 2) + (late >> 13);
-        if d >= ONE {
-            return Start::Open;
-        }
-        self.hop(d, (pull, self.sine, self.cosine), 0)
-    }
-
-    /// A short hop from near its flight `d`, from pull, sine and cosine in steps of 2^-30 or, where
-    /// `down` is 2, of 2^-28.
-    #[inline(always)]
-    fn hop(&self, mut d: i32, (pull, sine, cosine): (i32, i32, i32), down: u32) -> Start {
-        let psi = i64::from(self.velocity) << (39 - down);
-        // 1/3 in steps of 2^-32.
-        let third = high(cosine, 1_431_655_765);
-        for _ in 0..40 {
-            let square = high(d, d);
-            let linear = high(third, d) >> 2;
-            let quadratic = high(sine, square) >> 4;
-            // 10923 / 2^17 is 1/12.
-            let mean = pull - linear + (((quadratic >> 5) * 10_923) >> 12);
-            let slope = pull - 2 * linear + (quadratic >> 2);
-            if slope <= 0 {
-                return Start::Clears;
-            }
-            // 2 psi - d G, from steps of 2^-64 to 2^-40; a saturated one still leads towards the root.
-            let rest = (psi - wide_signed(d, mean)) >> 24;
-            let rest = rest.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
-            let step = Reciprocal::coarse(slope as u32).times(rest, 24);
-            d = d.saturating_add(step);
-            if d >= ONE {
-                return Start::Open;
-            }
-            if step.unsigned_abs() <= (d >> 12).unsigned_abs() {
-                // u' = -d (pull - 2 cos d / 3 + sin d^2 / 4) / 2 at the root, half a step added.
-                let slope = slope - 2 * (high(third, step) >> 2);
-                let up = 7 - down;
-                let arrival = (high(d, slope) + (1 << (up - 1))) >> up;
-                return Start::Hop { flight: d, arrival };
-            }
-        }
-        Start::Open
     }
 
     /// The bracket of the first impact, and whether the flight grazes.
@@ -519,12 +606,13 @@ impl Ballistic<'_> {
             let powers = Powers::of(d);
             let slope = local.slope + self.gain(&local, d, &powers);
             let curvature = (local.curvature + (high(local.cosine, d) >> 4)).max(1 << 16);
-            d = (d - Reciprocal::coarse(curvature as u32).times(slope, 36)).clamp(-REACH, REACH);
+            let step = Reciprocal::coarse(curvature as u32).times(slope, 36);
+            d = d.saturating_sub(step).clamp(-REACH, REACH);
         }
         let powers = Powers::of(d);
         let height = self.height(&local, d, &powers);
         let touches = height.unsigned_abs() < 11;
-        let place = self.steps_to(node) + i64::from(high(d, TURNS) >> 2);
+        let place = (self.steps_to(node) + i64::from(high(d, TURNS) >> 2)).clamp(begin, end);
         ((height <= 0).then_some((place, place)), touches)
     }
 
@@ -574,7 +662,13 @@ impl Ballistic<'_> {
                 return (node, local, step << 10);
             }
             if time > low && time < high {
-                if local.height > 0 && (local.slope < 0 || local.curvature < 0) {
+                // On a concave rise even a height rounded below 0 is before the root.
+                let before = if local.curvature < 0 {
+                    local.height > 0 || local.slope > 0
+                } else {
+                    local.height > 0 && local.slope < 0
+                };
+                if before {
                     low = time;
                 } else {
                     high = time;
@@ -613,7 +707,7 @@ impl Ballistic<'_> {
                 let newton = reciprocal.times(height, 30);
                 // (S - k) e / (2 |u'|), steps of 2^-30.
                 let bend = reciprocal.times(high(curvature, newton), 25);
-                newton + (high(newton, bend) << 2)
+                newton.saturating_add(high(newton, bend) << 2)
             } else {
                 let nearly = Local {
                     height,
@@ -761,7 +855,7 @@ impl Kernel for Integer {
             entry: set_up.entry.bits(),
             hump: set_up.hump,
             k: libm::round(k * 268_435_456.0) as i32,
-            threshold: libm::round(k.min(1.0) * 1_073_741_824.0) as i32,
+            threshold: libm::round(k * 1_073_741_824.0) as u64 as i32,
             flank: libm::round(set_up.flank * 67_108_864.0) as i32,
             half_turn_fall: libm::round(k * pi * 281_474_976_710_656.0) as u64,
             inverse: libm::round(16_777_216.0 / (2.0 * pi * k)) as u32,

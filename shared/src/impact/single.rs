@@ -50,10 +50,11 @@ impl Single {
             cosine,
             pull: 0.0,
         };
-        if let Some((node, offset)) = fall(&self.shape, &launch) {
+        if let Some((node, offset)) = fall::<Ballistic>(&self.shape, &launch) {
             let local = flight.local(node);
-            let settled = settle(&self.shape, &local, offset);
-            return self.impact_at(phase, node, &local, settled, false);
+            if let Some(settled) = settle::<Ballistic>(&self.shape, &local, offset) {
+                return self.impact_at(phase, node, &local, settled, false);
+            }
         }
         let throws = self.shape.throws(phase);
         if state.velocity == 0.0 && !throws {
@@ -92,13 +93,16 @@ impl Single {
                 simple,
             } => {
                 let local = flight.local(node);
-                let mut settled = if simple {
-                    settle(&self.shape, &local, offset)
-                } else {
-                    settle_carefully(&self.shape, &local, offset)
-                };
+                if simple && let Some(settled) = settle::<Ballistic>(&self.shape, &local, offset) {
+                    return self.impact_at(flight.phase, node, &local, settled, grazes);
+                }
+                let settled = settle_carefully(&self.shape, local, offset);
                 // At a graze the arrival speed may round below 0.
-                settled.speed_gain = larger(settled.speed_gain, local.slope);
+                if settled.speed_gain <= local.slope {
+                    let steps = steps_to(flight.phase, node)
+                        + i64::from((settled.offset * PER_STEP) as i32);
+                    return self.landing(flight.phase, steps.max(0), 0.0, true);
+                }
                 self.impact_at(flight.phase, node, &local, settled, grazes)
             }
         }
@@ -151,6 +155,9 @@ struct Ballistic {
 
 impl Flight for Ballistic {
     const SHORT: f32 = 0.25;
+    const LEAP: f32 = 0.6;
+    const NEAR: f32 = 5e-3;
+    const PULL: f32 = 1.2e-7;
     const ROUNDING: f32 = 1e-5;
 
     #[inline(always)]
