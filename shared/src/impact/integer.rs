@@ -104,7 +104,7 @@ impl Near {
         }
     }
 
-    /// `G` and the derivative of `d G` at `d`, steps of 2^-34.
+    /// `G` and the derivative of `d G` at `d`, below 1/16 in steps of 2^-34.
     #[inline(always)]
     fn mean_and_slope(&self, d: i32) -> (i32, i32) {
         let linear = high(self.third, d) >> 2;
@@ -197,12 +197,14 @@ impl Near {
     /// Whether 2 psi is above the greatest `d G` by rounding alone.
     #[inline(never)]
     fn skims(&self) -> bool {
-        let mut d = Reciprocal::coarse(self.cosine as u32).times(self.pull + self.pull / 2, 34);
+        let reciprocal = Reciprocal::coarse(self.cosine as u32);
+        let mut d = reciprocal.times(self.pull + self.pull / 2, 34).min(ONE - 1);
         for _ in 0..2 {
             let (_, slope) = self.mean_and_slope(d);
             // -(d G)'' = 2 cos / 3 - sin d / 2.
             let bend = (2 * self.third - (high(self.sine, d) >> 3)).max(1);
-            d = d.saturating_add(Reciprocal::coarse(bend as u32).times(slope, 34));
+            let step = Reciprocal::coarse(bend as u32).times(slope, 34);
+            d = d.saturating_add(step).clamp(0, ONE - 1);
         }
         let gap = self.twice - wide_signed(d, self.mean_and_slope(d).0);
         gap < i64::from(d) << 3
