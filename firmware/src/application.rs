@@ -188,7 +188,9 @@ pub async fn control(
             // The link answers a refused target; here the old one stays.
             let _ = station.set_target(target);
         }
-        let report = station.cycle(&cycle, panel.inputs());
+        let Some(report) = station.cycle(&cycle, panel.inputs()) else {
+            continue;
+        };
         exchange.command(report.command);
         monitor.report(&report);
         for _ in 0..PLAN_SLICES {

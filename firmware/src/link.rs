@@ -7,11 +7,12 @@ use core::future::Future;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
-use kband::control::Settings;
+use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, Start};
 use kband::feeder::OutOfRange;
 use kband::wire::{
     Counters, FRAME_MOST, Identity, Incoming, Receiver, Refusal, Request, Response, SCHEMA,
-    SelfTest, Setting, Telemetry, VERSION, read_request, write_identity, write_response,
+    SelfTest, Setting, SimulatedInputs, Telemetry, VERSION, fold_output, read_reading,
+    read_request, write_identity, write_response,
 };
 
 use crate::station::{NotTaken, Station};
@@ -19,7 +20,7 @@ use crate::store::Store;
 use crate::watch::{Roll, Watched};
 
 /// Requests that a drive cycle answers.
-const ALLOWANCE: u8 = 8;
+const ALLOWANCE: u8 = 32;
 /// Largest mean of the accelerometer at rest, in m/s^2: gravity along its axis and a fifth of error.
 const AT_REST: f32 = 11.8;
 
@@ -50,7 +51,17 @@ pub struct Service<S> {
     allowance: u8,
     every: u16,
     since: u16,
+    simulation: Option<Simulation>,
     buffer: [u8; FRAME_MOST],
+}
+
+/// The signal path of a plant that the desk simulates.
+struct Simulation {
+    signal: Signal,
+    /// The last reading.
+    code: u16,
+    /// The outputs of this cycle, folded.
+    outputs: u32,
 }
 
 impl<S: Store> Service<S> {
@@ -64,6 +75,7 @@ impl<S: Store> Service<S> {
             allowance: ALLOWANCE,
             every: 0,
             since: 0,
+            simulation: None,
             buffer: [0; FRAME_MOST],
         }
     }
@@ -83,6 +95,7 @@ impl<S: Store> Service<S> {
             counters,
             allowance,
             every,
+            simulation,
             buffer,
             ..
         } = self;
@@ -94,11 +107,14 @@ impl<S: Store> Service<S> {
             }
         };
         station.hear();
-        let Some(left) = allowance.checked_sub(1) else {
-            counters.flooded = counters.flooded.wrapping_add(1);
-            return None;
-        };
-        *allowance = left;
+        // A simulation has the controller to itself and goes as fast as it may.
+        if simulation.is_none() {
+            let Some(left) = allowance.checked_sub(1) else {
+                counters.flooded = counters.flooded.wrapping_add(1);
+                return None;
+            };
+            *allowance = left;
+        }
         counters.requests = counters.requests.wrapping_add(1);
         let frame = match incoming {
             Incoming::Question { sequence } => {
@@ -113,7 +129,15 @@ impl<S: Store> Service<S> {
                 if let Request::Telemetry(cycles) = request {
                     *every = cycles;
                 }
-                let response = answer(&request, station, store, image, counters).await;
+                let response = match request {
+                    Request::Simulate { target, start } => {
+                        begin(simulation, target.into(), start.into(), station)
+                    }
+                    Request::Samples { codes, end } => {
+                        samples(simulation, codes, end, station).await
+                    }
+                    _ => answer(&request, station, store, image, counters).await,
+                };
                 write_response(buffer, sequence, &response)
             }
         };
@@ -188,7 +212,11 @@ async fn answer<'a>(
             station.enable(enabled);
             Response::Done
         }
-        Request::Telemetry(_) | Request::Alive => Response::Done,
+        // What else these ask for is done where they are told from the others.
+        Request::Telemetry(_)
+        | Request::Alive
+        | Request::Simulate { .. }
+        | Request::Samples { .. } => Response::Done,
         Request::Event(number) => Response::Event(station.event(number)),
         Request::SelfTest => {
             if !station.at_rest() {
@@ -204,6 +232,74 @@ async fn answer<'a>(
         }
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
+    }
+}
+
+/// Begins a simulation by the desk.
+fn begin(
+    simulation: &mut Option<Simulation>,
+    target: control::Target,
+    start: Start,
+    station: &Station,
+) -> Response<'static> {
+    match station.simulate(target, start) {
+        Ok(signal) => {
+            *simulation = Some(Simulation {
+                signal,
+                code: 0,
+                outputs: 0,
+            });
+            Response::Done
+        }
+        Err(why) => taken(Err(why)),
+    }
+}
+
+/// Runs signal path and controller over readings of a simulated converter.
+async fn samples(
+    simulation: &mut Option<Simulation>,
+    mut codes: &[u8],
+    end: Option<SimulatedInputs>,
+    station: &Station,
+) -> Response<'static> {
+    let Some(Simulation {
+        signal,
+        code,
+        outputs,
+    }) = simulation
+    else {
+        return Response::Refused(Refusal::OutOfStep);
+    };
+    let mut wrapped = false;
+    while !codes.is_empty() {
+        let Some(next) = read_reading(&mut codes, *code) else {
+            return Response::Refused(Refusal::OutOfStep);
+        };
+        *code = next;
+        let sampled = signal.sample(AdcCode(next));
+        *outputs = fold_output(*outputs, sampled.output);
+        wrapped = sampled.wrapped;
+        if wrapped && !(codes.is_empty() && end.is_some()) {
+            return Response::Refused(Refusal::OutOfStep);
+        }
+    }
+    let Some(inputs) = end else {
+        return Response::Done;
+    };
+    if !wrapped {
+        return Response::Refused(Refusal::OutOfStep);
+    }
+    let report = station.simulated_cycle(signal.cycle(), inputs.into());
+    signal.command(report.command);
+    for _ in 0..PLAN_SLICES {
+        if !station.plan_step() {
+            break;
+        }
+        yield_now().await;
+    }
+    Response::Cycle {
+        outputs: core::mem::take(outputs),
+        report,
     }
 }
 

@@ -60,6 +60,7 @@ pub struct Station {
     log: RefCell<Log>,
     heard: Cell<bool>,
     enabled: Cell<bool>,
+    simulated: Cell<bool>,
     tick: Mailbox<NoopRawMutex, ()>,
     exchange: &'static Exchange,
     last_words: LastWords,
@@ -101,6 +102,7 @@ impl Station {
             }),
             heard: Cell::new(false),
             enabled: Cell::new(true),
+            simulated: Cell::new(false),
             tick: Mailbox::new(),
             exchange,
             last_words,
@@ -108,20 +110,50 @@ impl Station {
         Ok((station, signal))
     }
 
-    /// Takes a cycle and the board's inputs; what the controller makes of it.
-    pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Report {
-        let inputs = Inputs {
-            enable: inputs.enable && self.enabled.get(),
-            link_heard: self.heard.take() || inputs.link_heard,
-            ..inputs
-        };
+    /// Takes a cycle and the board's inputs; what the controller makes of it. While the desk simulates
+    /// the plant, the board's own cycle is only counted.
+    pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
+        self.tick.signal(());
+        if self.simulated.get() {
+            return None;
+        }
+        Some(self.control(
+            cycle,
+            Inputs {
+                enable: inputs.enable && self.enabled.get(),
+                link_heard: self.heard.take() || inputs.link_heard,
+                ..inputs
+            },
+        ))
+    }
+
+    /// Takes a cycle of a simulated plant with its inputs; what the controller makes of it.
+    pub fn simulated_cycle(&self, cycle: &Cycle, inputs: Inputs) -> Report {
+        self.control(cycle, inputs)
+    }
+
+    /// Starts a controller anew for a simulated plant, and the signal path that goes with it; the drive
+    /// stays off until the next reset. Refused while the drive runs.
+    pub fn simulate(&self, target: Target, start: Start) -> Result<Signal, NotTaken> {
+        if !self.at_rest() {
+            return Err(NotTaken::Running);
+        }
+        let settings = self.settings.get();
+        let signal = Signal::build(&settings).map_err(NotTaken::OutOfRange)?;
+        let controller =
+            Controller::build(&settings, target, start).map_err(NotTaken::OutOfRange)?;
+        self.controller.replace(controller);
+        self.simulated.set(true);
+        Ok(signal)
+    }
+
+    fn control(&self, cycle: &Cycle, inputs: Inputs) -> Report {
         let report = self.controller.borrow_mut().cycle(cycle, &inputs);
         self.report.set(report);
         self.mean.set(cycle.mean);
         for event in report.events.iter() {
             self.log.borrow_mut().push(&report, event.number());
         }
-        self.tick.signal(());
         report
     }
 

@@ -6,6 +6,7 @@
 //! | [`refusal`] | the one message of a refused or failed run, and exit status |
 //! | [`report`] | tables: for reading, as CSV, as JSON |
 //! | [`mod@file`] | files that are written whole or not at all |
+//! | [`board`] | a board on the link, and a scene's controller on it |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`ending`] | where an orbit of the exact map ends |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
@@ -13,6 +14,7 @@
 //! | [`verbs`] | one file per verb |
 
 pub mod arguments;
+pub mod board;
 pub mod desk;
 pub mod ending;
 pub mod file;

@@ -3,9 +3,12 @@
 
 use std::time::Duration;
 
+use kband::control::Event;
 use kband::plant::ClosedLoop;
 use kband::wire::{FRAME_MOST, Outgoing, Request, Response, SCHEMA, VERSION, write_question};
 use kband_firmware::trial::{Line, Trial};
+use kband_host::board;
+use kband_host::simulate::{DEFAULT, Outcome, SceneFile};
 use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
@@ -182,6 +185,27 @@ fn the_emulated_board_talks_to_the_desk() {
     };
     let first = desk.receive(cycle);
     assert_eq!(desk.receive(cycle), first + 1);
+}
+
+#[test]
+fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let mut file = SceneFile::parse(DEFAULT).unwrap();
+    // Soft start, holding, and the kick planned on the emulated CPU.
+    file.duration = 1.4;
+    let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
+    let line = board::Line::open("qemu", Some(&image)).unwrap();
+    let emulated = Outcome::run_on(line, &file, &desk).unwrap();
+    let simulated = Outcome::run(&file, &desk).unwrap();
+    for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
+        assert_eq!(a, b);
+    }
+    assert_eq!(emulated.moments().len(), simulated.moments().len());
+    assert!(
+        emulated
+            .events()
+            .any(|happened| happened.event == Event::KickBegun)
+    );
 }
 
 #[test]

@@ -339,3 +339,60 @@ fn garbage_is_counted_and_changes_nothing() {
         "{counters:?}"
     );
 }
+
+#[test]
+fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
+    use kband::control::{AdcCode, Signal};
+    use kband::plant::{Bench, ClosedLoop, Scene};
+    use kband::wire::{fold_output, write_reading};
+
+    let scene = Scene::default();
+    let mut board = Board::new();
+    fn samples(codes: &[u8], end: Option<SimulatedInputs>) -> Request<'_> {
+        Request::Samples { codes, end }
+    }
+    board.refused(&samples(&[], None), Refusal::OutOfStep);
+    board.done(&Request::Simulate {
+        target: scene.target.into(),
+        start: kband::wire::Start::Ordinary,
+    });
+    let mut closed = ClosedLoop::build(&scene).unwrap();
+    let mut bench = Bench::build(&scene).unwrap();
+    let mut signal = Signal::build(&scene.settings).unwrap();
+    let mut before = 0;
+    for n in 0..100 {
+        let (mut bytes, mut used, mut check) = ([0; 200], 0, 0);
+        loop {
+            let AdcCode(code) = bench.sample();
+            let phase = signal.phase();
+            let sampled = signal.sample(AdcCode(code));
+            bench.hold(sampled.output, (signal.phase() - phase).bits());
+            check = fold_output(check, sampled.output);
+            used += write_reading(&mut bytes[used..], before, code);
+            before = code;
+            if sampled.wrapped {
+                break;
+            }
+            if used > 190 {
+                board.done(&samples(&bytes[..used], None));
+                used = 0;
+            }
+        }
+        let end = Some(bench.inputs().into());
+        let report = board.ask(&samples(&bytes[..used], end), |response| match response {
+            Response::Cycle { outputs, report } => {
+                assert_eq!(outputs, check, "cycle {n}");
+                report
+            }
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(report, closed.cycle().report, "cycle {n}");
+        signal.command(report.command);
+    }
+    // A reading too many or too few is told, not guessed at.
+    board.refused(
+        &samples(&[0; 3], Some(bench.inputs().into())),
+        Refusal::OutOfStep,
+    );
+    board.refused(&samples(&[0xff; 3], None), Refusal::OutOfStep);
+}

@@ -9,6 +9,7 @@ use kband::regime::band::BandError;
 use kband::regime::{Band, Lock};
 
 use super::scene::SceneFile;
+use crate::board::{BoardLoop, Line};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 use crate::report::{Column, Table, Value};
@@ -55,6 +56,40 @@ impl Outcome {
         go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
     ) -> Result<Self, Refusal> {
         let mut closed = ClosedLoop::build(&file.scene)?;
+        let k_unit = f64::from(closed.controller().k(1.0));
+        Self::gather(file, k_unit, go_on, || {
+            let moment = closed.cycle();
+            Ok((moment, closed.plant().strikes().to_vec()))
+        })
+    }
+
+    /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
+    pub fn run_on(line: Line, file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
+        let k_unit = f64::from(ClosedLoop::build(&file.scene)?.controller().k(1.0));
+        let mut closed = BoardLoop::start(line, &file.scene)?;
+        let progress = Progress::new("simulating", cycles(file) as u64);
+        let outcome = Self::gather(
+            file,
+            k_unit,
+            &mut |done| {
+                progress.advance(done);
+                desk.go_on()
+            },
+            || {
+                let moment = closed.cycle()?;
+                Ok((moment, closed.plant().strikes().to_vec()))
+            },
+        );
+        progress.finish();
+        outcome
+    }
+
+    fn gather(
+        file: &SceneFile,
+        k_unit: f64,
+        go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
+        mut cycle: impl FnMut() -> Result<(Moment, Vec<Strike>), Refusal>,
+    ) -> Result<Self, Refusal> {
         let turns_per_second = f64::from(file.scene.settings.frequency) * 4_294_967_296.0;
         let cycles = cycles(file);
         let mut moments = Vec::with_capacity(cycles);
@@ -63,14 +98,14 @@ impl Outcome {
             if n % 256 == 255 {
                 go_on(256)?;
             }
-            let moment = closed.cycle();
-            for strike in closed.plant().strikes() {
-                strikes.push(((strike.time as f64 / turns_per_second) as f32, *strike));
+            let (moment, struck) = cycle()?;
+            for strike in struck {
+                strikes.push(((strike.time as f64 / turns_per_second) as f32, strike));
             }
             moments.push(moment);
         }
         Ok(Self {
-            k_unit: f64::from(closed.controller().k(1.0)),
+            k_unit,
             file: file.clone(),
             moments,
             strikes,

@@ -7,6 +7,7 @@ use serde_json::json;
 use kband::feeder::Restitution;
 
 use crate::arguments;
+use crate::board::Line;
 use crate::desk::Desk;
 use crate::file::{self, Target};
 use crate::picture::{Picture, Theme};
@@ -22,6 +23,7 @@ use crate::simulate::{DEFAULT, Outcome, Runs, SceneFile, draw, runs};
   kband simulate
   kband simulate --print-scene > my.toml
   kband simulate my.toml --out my.svg --trace my.csv
+  kband simulate my.toml --on qemu
   kband simulate --restitution 0.28..0.32 --duration 20 --runs 200")]
 pub struct Arguments {
     /// Scene file (TOML); without one, the default scene.
@@ -48,6 +50,15 @@ pub struct Arguments {
     /// Seed of what is drawn.
     #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295), default_value = "1")]
     seed: usize,
+
+    /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated CPU)
+    /// or a serial port; its drive stays off.
+    #[arg(long, value_name = "qemu or /dev/PORT", conflicts_with = "runs")]
+    on: Option<String>,
+
+    /// Image for --on qemu, instead of the one that cargo builds here.
+    #[arg(long, value_name = "FILE", requires = "on")]
+    image: Option<PathBuf>,
 
     /// Picture to write, .svg or .png.
     #[arg(long, value_name = "FILE", default_value = "kband-simulate.svg")]
@@ -76,6 +87,8 @@ impl Default for Arguments {
             duration: None,
             runs: None,
             seed: 1,
+            on: None,
+            image: None,
             out: "kband-simulate.svg".into(),
             trace: "kband-simulate.csv".into(),
             theme: Theme::Light,
@@ -129,7 +142,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             .print(arguments.format)?;
         return Ok(Exit::Done);
     }
-    let outcome = Outcome::run(&file, desk)?;
+    let outcome = match &arguments.on {
+        Some(on) => {
+            let line = Line::open(on, arguments.image.as_deref())?;
+            Outcome::run_on(line, &file, desk)?
+        }
+        None => Outcome::run(&file, desk)?,
+    };
     write_picture(&picture, &draw(&outcome), arguments.theme)?;
     let table = outcome.trace();
     trace.write(|out| table.write_csv(out))?;

@@ -61,7 +61,7 @@ pub struct Inputs {
 }
 
 /// What the controller saw and did in one cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Report {
     /// Cycles since the controller was built.
     pub cycle: u32,

@@ -13,7 +13,7 @@ pub const SAMPLE_RATE: u32 = 20_000;
 pub struct AdcCode(pub u16);
 
 /// What the drive is to do from the next cycle on.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,

@@ -1,7 +1,7 @@
 //! The numbered lists of the controller: states, faults, limits, events. Numbers never change.
 
 /// What the controller is doing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[repr(u8)]
 pub enum State {
     /// Drive off, waiting for the enable input.
@@ -26,7 +26,7 @@ pub enum State {
 }
 
 /// Why the controller stopped the drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[repr(u8)]
 pub enum Fault {
     /// The accelerometer's reading does not move at all.
@@ -50,7 +50,7 @@ pub enum Fault {
 }
 
 /// What holds the controller back, as a set.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Limits(u16);
 
 impl Limits {
@@ -121,7 +121,7 @@ impl Limits {
 }
 
 /// What happened in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[repr(u8)]
 pub enum Event {
     /// The enable input was given and the soft start began.
@@ -163,7 +163,7 @@ pub enum Event {
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Events([Option<Event>; Events::MOST]);
 
 impl Events {

@@ -38,6 +38,97 @@ pub enum Request<'a> {
     LastWords,
     /// Nothing, but the desk is there.
     Alive,
+    /// From now on the desk simulates the plant, with a controller started anew for this target; refused
+    /// while the drive runs. The drive stays off until the next reset.
+    Simulate {
+        /// What is wanted of the parts.
+        target: Target,
+        /// Why the controller starts.
+        start: Start,
+    },
+    /// Readings of the simulated converter, for a signal path and a controller as they run the drive.
+    Samples {
+        /// Each reading's difference to the one before as a zigzag varint ([`write_reading`]).
+        codes: &'a [u8],
+        /// With the last reading of a drive cycle: the inputs at its end.
+        end: Option<SimulatedInputs>,
+    },
+}
+
+/// The inputs of a simulated board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SimulatedInputs {
+    /// The enable input.
+    pub enable: bool,
+    /// The over-temperature input.
+    pub over_temperature: bool,
+    /// Whether the link brought a frame in this cycle.
+    pub link_heard: bool,
+    /// Whether the stack came close to its end.
+    pub stack_low: bool,
+}
+
+impl From<control::Inputs> for SimulatedInputs {
+    fn from(inputs: control::Inputs) -> Self {
+        Self {
+            enable: inputs.enable,
+            over_temperature: inputs.over_temperature,
+            link_heard: inputs.link_heard,
+            stack_low: inputs.stack_low,
+        }
+    }
+}
+
+impl From<SimulatedInputs> for control::Inputs {
+    fn from(inputs: SimulatedInputs) -> Self {
+        Self {
+            enable: inputs.enable,
+            over_temperature: inputs.over_temperature,
+            link_heard: inputs.link_heard,
+            stack_low: inputs.stack_low,
+        }
+    }
+}
+
+/// Appends a reading's difference to the one before; bytes used, 0 where there is no room for three.
+pub fn write_reading(room: &mut [u8], before: u16, code: u16) -> usize {
+    let difference = i32::from(code) - i32::from(before);
+    let mut left = ((difference << 1) ^ (difference >> 31)) as u32;
+    let Some(room) = room.get_mut(..3) else {
+        return 0;
+    };
+    let mut used = 0;
+    while left >= 0x80 {
+        room[used] = left as u8 | 0x80;
+        left >>= 7;
+        used += 1;
+    }
+    room[used] = left as u8;
+    used + 1
+}
+
+/// Takes the next reading after `before` off the front of `codes`; `None` where there is none or where
+/// it is no reading.
+pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
+    let mut left = 0_u32;
+    for shift in [0, 7, 14] {
+        let (&byte, rest) = codes.split_first()?;
+        *codes = rest;
+        left |= u32::from(byte & 0x7f) << shift;
+        if byte & 0x80 == 0 {
+            let difference = (left >> 1) as i32 ^ -((left & 1) as i32);
+            return u16::try_from(i32::from(before) + difference).ok();
+        }
+    }
+    None
+}
+
+/// Folds an output's bits into the check of a cycle's outputs, 0 at its beginning.
+#[must_use]
+pub fn fold_output(check: u32, output: f32) -> u32 {
+    (check ^ output.to_bits())
+        .wrapping_mul(0x0100_0193)
+        .rotate_left(5)
 }
 
 /// What the board says to the desk.
@@ -59,6 +150,13 @@ pub enum Response<'a> {
     LastWords(Option<&'a str>),
     /// One drive cycle; sent unasked once telemetry is on.
     Telemetry(Telemetry),
+    /// A drive cycle of the simulation ended.
+    Cycle {
+        /// All outputs of the cycle, folded ([`fold_output`]).
+        outputs: u32,
+        /// What the controller saw and did.
+        report: control::Report,
+    },
 }
 
 /// Why a request was refused.
@@ -77,6 +175,8 @@ pub enum Refusal<'a> {
     Running,
     /// The memory of the settings failed.
     Store,
+    /// The desk simulates no plant, or its readings end elsewhere than the board's cycle.
+    OutOfStep,
 }
 
 /// A setting with what may be known of it.
@@ -133,6 +233,37 @@ impl From<Target> for control::Target {
             Target::K(k) => Self::K(k),
             Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             Target::Speed(speed) => Self::Speed(speed),
+        }
+    }
+}
+
+/// Why a controller starts; [`control::Start`] on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Start {
+    /// Power came, or a user asked for it.
+    Ordinary,
+    /// The watchdog or a brown-out reset the board.
+    Reset,
+    /// The stored settings were refused.
+    Refused,
+}
+
+impl From<control::Start> for Start {
+    fn from(start: control::Start) -> Self {
+        match start {
+            control::Start::Ordinary => Self::Ordinary,
+            control::Start::Reset => Self::Reset,
+            control::Start::Refused => Self::Refused,
+        }
+    }
+}
+
+impl From<Start> for control::Start {
+    fn from(start: Start) -> Self {
+        match start {
+            Start::Ordinary => Self::Ordinary,
+            Start::Reset => Self::Reset,
+            Start::Refused => Self::Refused,
         }
     }
 }

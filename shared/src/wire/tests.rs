@@ -30,6 +30,23 @@ fn requests() -> Vec<Request<'static>> {
         Request::Counters,
         Request::LastWords,
         Request::Alive,
+        Request::Simulate {
+            target: Target::Locked(1),
+            start: Start::Ordinary,
+        },
+        Request::Samples {
+            codes: &[1, 2, 3],
+            end: None,
+        },
+        Request::Samples {
+            codes: &[],
+            end: Some(SimulatedInputs {
+                enable: true,
+                over_temperature: false,
+                link_heard: true,
+                stack_low: false,
+            }),
+        },
     ]
 }
 
@@ -43,6 +60,7 @@ fn responses() -> Vec<Response<'static>> {
         }),
         Response::Refused(Refusal::Running),
         Response::Refused(Refusal::Store),
+        Response::Refused(Refusal::OutOfStep),
         Response::Setting(Setting {
             number: 0,
             key: "frequency",
@@ -89,6 +107,10 @@ fn responses() -> Vec<Response<'static>> {
             fault: 0,
             limits: 2,
         }),
+        Response::Cycle {
+            outputs: 0x0102_0304,
+            report: crate::control::Report::default(),
+        },
     ]
 }
 
@@ -246,6 +268,34 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
 }
 
 proptest! {
+    #[test]
+    fn readings_are_read_as_written(codes: Vec<u16>) {
+        let mut bytes = [0; 1024];
+        let (mut used, mut before) = (0, 0);
+        for &code in &codes {
+            let more = write_reading(&mut bytes[used..], before, code);
+            prop_assert!(more > 0);
+            used += more;
+            before = code;
+        }
+        let (mut rest, mut before) = (&bytes[..used], 0);
+        for &code in &codes {
+            before = read_reading(&mut rest, before).unwrap();
+            prop_assert_eq!(before, code);
+        }
+        prop_assert_eq!(read_reading(&mut rest, before), None);
+    }
+
+    #[test]
+    fn readings_of_garbage_end(bytes: Vec<u8>, before: u16) {
+        let mut rest = &bytes[..];
+        let mut count = 0;
+        while read_reading(&mut rest, before).is_some() {
+            count += 1;
+        }
+        prop_assert!(count <= bytes.len());
+    }
+
     #[test]
     fn one_wrong_bit_is_never_taken(at in 0_usize..4096, bit in 0_u8..8) {
         let mut buffer = [0; FRAME_MOST];

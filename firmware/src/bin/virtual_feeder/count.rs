@@ -91,7 +91,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
         let sampled = signal.sample(bench.sample());
         bench.hold(sampled.output, (signal.phase() - before).bits());
         if sampled.wrapped {
-            let report = station.cycle(signal.cycle(), bench.inputs());
+            let report = station.simulated_cycle(signal.cycle(), bench.inputs());
             signal.command(report.command);
             EXCHANGE.command(report.command);
             cycles += 1;

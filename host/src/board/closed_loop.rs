@@ -1,0 +1,129 @@
+//! Processor in the loop: the controller on the board, the plant at the desk, in lock-step.
+
+use kband::control::{Report, SAMPLE_RATE, Settings, Signal};
+use kband::plant::{Bench, Moment, Plant, Scene};
+use kband::wire::{Request, Response, fold_output, write_reading};
+
+use super::line::Line;
+use crate::refusal::Refusal;
+
+/// Readings go to the board once so many bytes of them wait.
+const PIECE: usize = 240;
+
+/// The closed loop of a scene with its controller on a board.
+///
+/// The board gets every reading and runs its own signal path and controller on them. What the drive
+/// does within a cycle was decided when the cycle began, so that the desk computes the outputs along
+/// and the board confirms them, bit for bit, at the end of each cycle with its next decision.
+pub struct BoardLoop {
+    line: Line,
+    bench: Bench,
+    signal: Signal,
+    before: u16,
+}
+
+impl BoardLoop {
+    /// The loop of a scene at time 0, on the board at the end of `line`, whose drive stays off.
+    pub fn start(mut line: Line, scene: &Scene) -> Result<Self, Refusal> {
+        line.tell(&Request::Defaults)?;
+        tell_settings(&mut line, &scene.settings)?;
+        line.tell(&Request::Simulate {
+            target: scene.target.into(),
+            start: scene.start.into(),
+        })?;
+        Ok(Self {
+            line,
+            bench: Bench::build(scene)?,
+            signal: Signal::build(&scene.settings)?,
+            before: 0,
+        })
+    }
+
+    /// Runs to the end of the next drive cycle.
+    pub fn cycle(&mut self) -> Result<Moment, Refusal> {
+        self.bench.forget_strikes();
+        let (mut bytes, mut used, mut check) = ([0; PIECE + 8], 0, 0);
+        for _ in 0..2 * SAMPLE_RATE {
+            let code = self.bench.sample();
+            if let Some(target) = self.bench.new_target() {
+                // A target out of range is refused, as at the desk; the old one stays.
+                self.line.ask(&Request::Target(target.into()), |_| ())?;
+            }
+            let before = self.signal.phase();
+            let sampled = self.signal.sample(code);
+            self.bench
+                .hold(sampled.output, (self.signal.phase() - before).bits());
+            check = fold_output(check, sampled.output);
+            used += write_reading(&mut bytes[used..], self.before, code.0);
+            self.before = code.0;
+            if sampled.wrapped {
+                break;
+            }
+            if used >= PIECE {
+                self.line.tell(&Request::Samples {
+                    codes: &bytes[..used],
+                    end: None,
+                })?;
+                used = 0;
+            }
+        }
+        let report = self.end(&bytes[..used], check)?;
+        self.signal.command(report.command);
+        Ok(Moment {
+            time: self.bench.time(),
+            report,
+            strikes: self.bench.plant().strikes().len() as u32,
+            way: self.bench.plant().way(),
+        })
+    }
+
+    fn end(&mut self, codes: &[u8], check: u32) -> Result<Report, Refusal> {
+        let request = Request::Samples {
+            codes,
+            end: Some(self.bench.inputs().into()),
+        };
+        let time = self.bench.time();
+        self.line.ask(&request, |response| match response {
+            Response::Cycle { outputs, report } if outputs == check => Ok(report),
+            Response::Cycle { .. } => Err(Refusal::new(
+                format!("at {time} s the board's outputs are not the desk's"),
+                "this is a fault of kband: report it with the scene",
+            )),
+            other => Err(Refusal::new(
+                format!("at {time} s the board fell out of step: {other:?}"),
+                "reset the board and start again",
+            )),
+        })?
+    }
+
+    /// The plant.
+    #[must_use]
+    pub fn plant(&self) -> &Plant {
+        self.bench.plant()
+    }
+}
+
+/// Sets every setting; those that need another one first get their turn again.
+fn tell_settings(line: &mut Line, settings: &Settings) -> Result<(), Refusal> {
+    let mut left: Vec<(&str, f32)> = Settings::KEYS
+        .iter()
+        .zip(settings.values())
+        .filter(|(key, value)| key.default != *value)
+        .map(|(key, value)| (key.name, value))
+        .collect();
+    while !left.is_empty() {
+        let mut refused = Vec::new();
+        let mut why = None;
+        for (key, value) in &left {
+            if let Err(refusal) = line.tell(&Request::Set { key, value: *value }) {
+                refused.push((*key, *value));
+                why = Some(refusal);
+            }
+        }
+        if refused.len() == left.len() {
+            return why.map_or(Ok(()), Err);
+        }
+        left = refused;
+    }
+    Ok(())
+}

@@ -1,0 +1,7 @@
+//! A board on the link: a real one on a serial port, or the emulated CPU.
+
+mod closed_loop;
+mod line;
+
+pub use closed_loop::BoardLoop;
+pub use line::Line;
