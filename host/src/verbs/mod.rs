@@ -42,6 +42,7 @@ verbs! {
     Explain => explain,
     Exponent => exponent,
     Impacts => impacts,
+    Paper => paper,
     Simulate => simulate,
     Transport => transport,
 }

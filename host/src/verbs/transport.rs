@@ -11,8 +11,9 @@ use kband::transport::{Effort, Start};
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
+use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
-use crate::report::number;
+use crate::report::{Report, number};
 
 /// The conveying speed in every regime, over k or the amplitude.
 #[derive(Clone, Debug, clap::Args)]
@@ -104,13 +105,36 @@ pub enum Show {
 /// Computes and prints what was asked for.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
+    let (report, picture) = computed(arguments, desk)?;
+    report.print(arguments.printed.format)?;
+    output.write(&report, picture)?;
+    Ok(Exit::Done)
+}
+
+/// The picture that these options draw, for a page that holds several.
+pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+    let words = std::iter::once("transport").chain(options.split_whitespace());
+    let line = <Line as clap::Parser>::try_parse_from(words)
+        .map_err(|error| Refusal::new(error.to_string(), "see kband transport --help"))?;
+    let (_, picture) = computed(&line.arguments, desk)?;
+    Ok(picture())
+}
+
+/// A report, and its picture once it is wanted.
+type Computed = (Report, Box<dyn FnOnce() -> Picture>);
+
+fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
     let feeder = Feeder::build(arguments)?;
     match arguments.show {
-        Show::Speed => speed::run(&feeder, arguments, &output, desk)?,
-        Show::Intervals => interval::run(&feeder, arguments, &output, desk)?,
-        Show::Return => dead::run(&feeder, arguments, &output, desk)?,
+        Show::Speed => speed::computed(feeder, arguments, desk),
+        Show::Intervals => interval::computed(feeder, arguments, desk),
+        Show::Return => dead::computed(feeder, arguments, desk),
     }
-    Ok(Exit::Done)
 }
 
 /// What is the same for every k.

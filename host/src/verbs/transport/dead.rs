@@ -5,8 +5,7 @@ use std::f64::consts::PI;
 use kband::transport::Inelastic;
 use serde_json::json;
 
-use super::{Arguments, Feeder};
-use crate::arguments::Output;
+use super::{Arguments, Computed, Feeder};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
@@ -14,12 +13,11 @@ use crate::report::{Column, Report, Table, number};
 
 const POINTS: usize = 2001;
 
-pub(super) fn run(
-    feeder: &Feeder,
+pub(super) fn computed(
+    feeder: Feeder,
     arguments: &Arguments,
-    output: &Output,
     desk: &Desk,
-) -> Result<(), Refusal> {
+) -> Result<Computed, Refusal> {
     let k = feeder.single_k(arguments)?;
     let dead = Inelastic::build(k)?;
     let Some(lift_off) = dead.lift_off() else {
@@ -75,8 +73,7 @@ pub(super) fn run(
             number(lift_off, 6)
         ))
         .json(&json!({ "k": k, "lift_off": lift_off, "rest_share": share, "rows": rows }))?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || {
+    let picture = move || {
         let room = 0.03 * (PI - 2.0 * lift_off);
         let axis =
             |label: &str| Axis::new(label, Unit::RADIANS, lift_off - room, PI - lift_off + room);
@@ -89,6 +86,6 @@ pub(super) fn run(
             .caption(format!("k = {}", number(k, 6)))
             .width(720.0)
             .panel(panel)
-    })?;
-    Ok(())
+    };
+    Ok((report, Box::new(picture)))
 }

@@ -4,8 +4,7 @@ use kband::impact::{Kernel, Map, Tangential};
 use kband::transport::{Intervals, Motion, Spread, Start, measure};
 use serde_json::json;
 
-use super::{Arguments, Feeder, effort, starts};
-use crate::arguments::Output;
+use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
@@ -27,18 +26,15 @@ struct Found {
     correlation: Vec<Spread>,
 }
 
-pub(super) fn run(
-    feeder: &Feeder,
+pub(super) fn computed(
+    feeder: Feeder,
     arguments: &Arguments,
-    output: &Output,
     desk: &Desk,
-) -> Result<(), Refusal> {
+) -> Result<Computed, Refusal> {
     let k = feeder.single_k(arguments)?;
-    let found = found(feeder, k, arguments, desk)?;
-    let report = report(feeder, &found)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(feeder, &found))?;
-    Ok(())
+    let found = found(&feeder, k, arguments, desk)?;
+    let report = report(&feeder, &found)?;
+    Ok((report, Box::new(move || picture(&feeder, &found))))
 }
 
 fn found(

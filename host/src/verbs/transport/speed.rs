@@ -5,8 +5,8 @@ use kband::regime::{Lock, band};
 use kband::transport::{Motion, Sensitivity, Spread, Start, locked, measure, stationary};
 use serde_json::json;
 
-use super::{Arguments, Feeder, ORDERS, effort, locks, starts};
-use crate::arguments::{Output, Range};
+use super::{Arguments, Computed, Feeder, ORDERS, effort, locks, starts};
+use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Tone, Unit};
 use crate::refusal::Refusal;
@@ -81,19 +81,15 @@ impl Row {
     }
 }
 
-pub(super) fn run(
-    feeder: &Feeder,
+pub(super) fn computed(
+    feeder: Feeder,
     arguments: &Arguments,
-    output: &Output,
     desk: &Desk,
-) -> Result<(), Refusal> {
-    let over = Over::of(feeder, arguments)?;
-    let rows = rows(feeder, arguments, &over, desk)?;
-    let fits = fits(&rows);
-    let report = report(feeder, arguments, &over, &rows, &fits)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(feeder, &over, &rows))?;
-    Ok(())
+) -> Result<Computed, Refusal> {
+    let over = Over::of(&feeder, arguments)?;
+    let rows = rows(&feeder, arguments, &over, desk)?;
+    let report = report(&feeder, arguments, &over, &rows, &fits(&rows))?;
+    Ok((report, Box::new(move || picture(&feeder, &over, &rows))))
 }
 
 /// The values of k that are computed and which of them are shown.

@@ -1,0 +1,237 @@
+//! The comparison as one self-contained page with pictures.
+
+use std::f64::consts::{PI, TAU};
+
+use kband::impact::{Event, Kernel, Map, Orbit, State};
+use kband::regime::{Lock, band};
+
+use super::row::{Row, Verdict};
+use crate::desk::Desk;
+use crate::picture::{Axis, Panel, Picture, Theme, Unit};
+use crate::refusal::Refusal;
+use crate::report::number;
+use crate::verbs::transport;
+
+const STYLE: &str = "
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
+body.dark { background: #14181d; color: #ececec; }
+table { border-collapse: collapse; width: 100%; font-size: 13px; }
+th, td { text-align: left; vertical-align: top; padding: 4px 8px; border-bottom: 1px solid #8886; }
+td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+td.verdict { white-space: nowrap; font-weight: 600; }
+tr.fails td { background: #b03a00; color: #fff; }
+figure { margin: 2em 0; } figure svg { max-width: 100%; height: auto; }
+figcaption { font-size: 14px; }
+";
+
+pub(super) fn page(
+    rows: &[Row],
+    restitution: f64,
+    theme: Theme,
+    desk: &Desk,
+) -> Result<String, Refusal> {
+    let r = number(restitution, 4);
+    let pictures = [
+        (
+            regimes(restitution, desk)?,
+            format!(
+                "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
+                 rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
+            ),
+        ),
+        (
+            transport::picture(&format!("--restitution {r}"), desk)?,
+            "Conveying speed over k. Locked parts travel at one speed whatever the amplitude; elsewhere the \
+             speed grows with it."
+                .into(),
+        ),
+        (
+            transport::picture("--restitution 0.9 --k 0.02..0.9:90 --amplitude-ratio 2", desk)?,
+            "Wide chaos, R = 0.9: the time mean grows like the amplitude and exceeds the bound (37) of the \
+             impact mean."
+                .into(),
+        ),
+        (
+            transport::picture("--restitution 0.9 --k 0.05 --show intervals", desk)?,
+            "The renewal picture (28) to (32), measured: the distribution of the intervals, and their \
+             correlation."
+                .into(),
+        ),
+        (
+            transport::picture("--restitution 0 --k 0.2 --show return", desk)?,
+            "The limit (38) of dead parts: a map of the launch phase alone.".into(),
+        ),
+    ];
+    let mut page = String::from("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
+    page.push_str("<meta name=\"viewport\" content=\"width=device-width\">");
+    page.push_str(&format!(
+        "<title>The paper, recomputed</title><style>{STYLE}</style></head><body{}>\n",
+        if theme == Theme::Dark { " class=\"dark\"" } else { "" }
+    ));
+    page.push_str(
+        "<h1>The paper, recomputed</h1>\n<p>M.-O. Hongler, J. Figour, <em>Periodic versus chaotic dynamics in \
+         vibratory feeders</em>, Helv. Phys. Acta (1989). Each row is recomputed from the exact map and compared \
+         with a reference of its own; the residual is the largest deviation over all cases.</p>\n",
+    );
+    let failed = rows.iter().filter(|row| !row.holds()).count();
+    let count = |verdict: Verdict| rows.iter().filter(|row| row.verdict == verdict).count();
+    page.push_str(&format!(
+        "<p><strong>{} rows: {} agree, {} corrected, {} refuted, {} not transcribed. {}</strong></p>\n",
+        rows.len(),
+        count(Verdict::Agrees),
+        count(Verdict::Corrected),
+        count(Verdict::Refuted),
+        count(Verdict::Step),
+        if failed == 0 {
+            "Every recomputation agrees with its reference.".to_string()
+        } else {
+            format!("{failed} recomputations disagree with their reference.")
+        }
+    ));
+    page.push_str(&table(rows));
+    for (picture, words) in pictures {
+        page.push_str(&format!(
+            "<figure>\n{}\n<figcaption>{}</figcaption></figure>\n",
+            inline(&picture.to_svg(theme)),
+            escaped(&words)
+        ));
+    }
+    page.push_str("</body></html>\n");
+    Ok(page)
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut table = String::from(
+        "<table><thead><tr><th>equation</th><th>subject</th><th>printed</th><th>recomputed</th>\
+         <th>verdict</th><th>residual</th><th>allowed</th><th>printed is off by</th><th>cases</th></tr></thead>\
+         <tbody>\n",
+    );
+    for row in rows {
+        let words = [row.equation.as_str(), row.subject, &row.printed, &row.recomputed];
+        table.push_str(if row.holds() { "<tr>" } else { "<tr class=\"fails\">" });
+        for word in words {
+            table.push_str(&format!("<td>{}</td>", escaped(word)));
+        }
+        let verdict = if row.holds() { row.verdict.words() } else { "recomputation fails" };
+        table.push_str(&format!("<td class=\"verdict\">{verdict}</td>"));
+        for value in [
+            number(row.residual, 2),
+            number(row.tolerance, 2),
+            row.printed_error.map_or_else(String::new, |off| number(off, 2)),
+            row.cases.to_string(),
+        ] {
+            table.push_str(&format!("<td class=\"number\">{value}</td>"));
+        }
+        table.push_str("</tr>\n");
+    }
+    table + "</tbody></table>\n"
+}
+
+/// An SVG document as an element of a page.
+fn inline(svg: &str) -> &str {
+    svg.find("<svg").map_or(svg, |start| &svg[start..])
+}
+
+fn escaped(words: &str) -> String {
+    words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// Fig. 3: phases of impact over k, with the bands.
+fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
+    const COLUMNS: usize = 840;
+    let (low, high) = (0.05, 1.1 * band::birth(restitution, 1)?);
+    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<Columns, Refusal> {
+        let k = low + (high - low) * (column as f64 + 0.5) / COLUMNS as f64;
+        let map = Map::build(k, restitution)?;
+        let mut starts = vec![None];
+        for order in 1..=3 {
+            // Below its band an orbit of the cascade or of the chaos behind it is met from the lock's phase.
+            // A little beside it, or the unstable orbit itself would be drawn.
+            starts.extend(Lock::at(k, restitution, order)?.map(|lock| {
+                let State { phase, velocity } = lock.state();
+                Some(State { phase: phase + 1e-3, velocity })
+            }));
+        }
+        let mut found = Columns::default();
+        for start in starts {
+            let (rests, phases) = settled(&map, start);
+            let place = if rests { &mut found.resting } else { &mut found.hopping };
+            place.extend(phases.into_iter().map(|phase| (k, phase)));
+        }
+        Ok(found)
+    })?;
+    let mut panel = Panel::new(
+        Axis::new("k = g cos α / (b ω²)", Unit::NONE, low, high),
+        Axis::new("phase of impact", Unit::RADIANS, -0.5 * PI, 1.5 * PI).in_pi(),
+    )
+    .height(460.0);
+    for order in 1..=3 {
+        let (flip, birth) = (band::flip(restitution, order)?, band::birth(restitution, order)?);
+        if flip > low {
+            panel = panel
+                .strip("stable period 1", flip, birth)
+                .caption(0.5 * (flip + birth), format!("r={order}"));
+        }
+    }
+    let points = |of: fn(&Columns) -> &Vec<(f64, f64)>| -> Vec<(f64, f64)> {
+        columns.iter().flat_map(of).copied().collect()
+    };
+    let resting = points(|found| &found.resting);
+    let hopping = points(|found| &found.hopping);
+    let shown = panel.clone().heading("Parts that hop and never rest").density("impacts", hopping);
+    let rested = panel
+        .heading("Parts that come to rest: impacts between two rests, chatter left out")
+        .density("impacts", resting);
+    Ok(Picture::new("Regimes over k (Fig. 3)")
+        .caption(format!("R = {}, from rest and from the locks r = 1, 2, 3", number(restitution, 4)))
+        .panel(shown)
+        .panel(rested))
+}
+
+#[derive(Default)]
+struct Columns {
+    hopping: Vec<(f64, f64)>,
+    resting: Vec<(f64, f64)>,
+}
+
+/// Whether the settled orbit from `start` (else from rest) rests, and the phases at which it strikes.
+fn settled(map: &Map, start: Option<State>) -> (bool, Vec<f64>) {
+    let mut orbit = match start {
+        Some(state) => Orbit::new(map, state),
+        None => Orbit::from_rest(map),
+    };
+    orbit.watch(1500, &mut ());
+    let (mut rests, mut phases) = (false, Vec::new());
+    for event in orbit.take(160) {
+        match event {
+            // The last hops of a chatter all strike at the phase of rest.
+            Event::Impact(impact) if impact.next.velocity > 1e-3 => {
+                let phase = impact.next.phase;
+                phases.push(if phase > 1.5 * PI { phase - TAU } else { phase });
+            }
+            Event::Impact(_) => {}
+            Event::Rest { .. } | Event::LiftOff { .. } => rests = true,
+        }
+    }
+    (rests, phases)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_stands_alone_and_marks_what_fails() {
+        let rows = crate::verbs::paper::tests::rows();
+        let text = table(rows);
+        assert_eq!(text.matches("<tr>").count(), rows.len() + 1);
+        assert!(!text.contains("class=\"fails\""));
+        let mut broken = rows[0].clone();
+        broken.residual = f64::INFINITY;
+        assert!(table(&[broken]).contains("class=\"fails\""));
+        let picture = regimes(0.2, &Desk::new(Some(2)).unwrap()).unwrap();
+        let svg = picture.to_svg(Theme::Light);
+        let inline = inline(&svg);
+        assert!(inline.starts_with("<svg") && !inline.contains("href=\"http"));
+    }
+}
