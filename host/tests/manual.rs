@@ -124,3 +124,51 @@ fn every_link_of_the_manual_leads_somewhere() {
         }
     }
 }
+
+fn page(name: &str) -> String {
+    let all = pages();
+    let path = all
+        .iter()
+        .find(|page| page.ends_with(name))
+        .expect("the page is there");
+    fs::read_to_string(path).expect("the page is read")
+}
+
+#[test]
+fn the_table_of_settings_is_that_of_the_controller() {
+    let mut table = String::from("| key | default | accepted | is |\n|---|---|---|---|\n");
+    for key in kband::control::Settings::KEYS {
+        let (name, default) = (key.name, key.default);
+        let (accepted, meaning) = (key.accepted.trim(), key.meaning.trim());
+        table += &format!("| `{name}` | {default} | {accepted} | {meaning} |\n");
+    }
+    assert!(
+        page("commissioning.md").contains(&table),
+        "commissioning.md should hold\n{table}"
+    );
+}
+
+#[test]
+fn the_scene_shown_is_the_default_one() {
+    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(["simulate", "--print-scene"])
+        .stdin(Stdio::null())
+        .output()
+        .expect("kband starts");
+    let scene = String::from_utf8(output.stdout).expect("a scene is text");
+    let block = format!("```toml\n{}\n```", scene.trim_end());
+    assert!(
+        page("scenes.md").contains(&block),
+        "scenes.md should hold\n{block}"
+    );
+}
+
+#[test]
+fn the_link_page_names_this_version() {
+    let (version, schema) = (kband::wire::VERSION, kband::wire::SCHEMA);
+    let line = format!("This is version {version}, schema `{schema:#010x}`.");
+    assert!(
+        page("link.md").contains(&line),
+        "link.md should say: {line}"
+    );
+}
