@@ -12,7 +12,7 @@ set -u
 exec </dev/null
 cd "$(dirname "$0")/.." || exit 1
 ulimit -c 0
-[ -d "${CARGO_HOME:-$HOME/.cargo}/bin" ] && PATH="${CARGO_HOME:-$HOME/.cargo}/bin:$PATH"
+[ -d "${CARGO_HOME:-${HOME:-/root}/.cargo}/bin" ] && PATH="${CARGO_HOME:-${HOME:-/root}/.cargo}/bin:$PATH"
 
 export CARGO_TERM_COLOR=never CARGO_TERM_PROGRESS_WHEN=never CARGO_NET_RETRY=3 CARGO_HTTP_TIMEOUT=30
 export RUST_BACKTRACE=0 GIT_TERMINAL_PROMPT=0

@@ -111,7 +111,7 @@ install_targets_from_debian() {
         timeout 60 rustup toolchain link "$linked" /usr
 }
 
-command -v rustup >/dev/null || PATH="${CARGO_HOME:-$HOME/.cargo}/bin:$PATH"
+command -v rustup >/dev/null || PATH="${CARGO_HOME:-${HOME:-/root}/.cargo}/bin:$PATH"
 command -v cargo >/dev/null || give_up "no Rust here; install it from https://rustup.rs, then run tests/setup.sh"
 
 missing=$(missing_targets | tr '\n' ' ')
