@@ -104,9 +104,10 @@ cross=cargo
 compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev/null || cross='cargo +kband-thumb'
 
 step "format" 60 cargo fmt --all --check
-step "clippy for the desk" 900 cargo clippy --locked --workspace --all-targets -- -D warnings
-step "clippy for the target" 900 $cross clippy --locked --target $thumb \
-    --package kband-firmware --package kband-emulated -- -D warnings
+step "clippy for the desk" 1200 cargo clippy --locked --workspace --all-targets -- -D warnings
+# Profile and folder of the images: their build scripts and macros are then compiled once for both.
+step "clippy for the target" 1200 $cross clippy --locked --profile firmware --target $thumb \
+    --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
 # What the tests ask for, as they ask for it: one package at a time, or the packages would get each
 # other's features. The second board first: its image lies where the first board's will.
 image() {
