@@ -3,6 +3,7 @@
 use core::f32::consts::{PI, TAU};
 
 use super::{Drive, Envelope, Kick};
+use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::feeder::OutOfRange;
 use crate::impact::{Kernel, State};
 use crate::regime::Lock;
@@ -32,7 +33,7 @@ const PATIENCE: f32 = 60.0;
 
 /// Velocity in `b w` below which chattering is closed to rest by its series; the error in the time of
 /// rest is below 2 % of the chatter that was closed.
-const CHATTER: f64 = 0.01;
+const CHATTER: f32 = 0.01;
 
 /// Amplitude over target below which rests after the kick are counted.
 const NEARLY: f32 = 1.02;
@@ -42,14 +43,14 @@ const NEARLY: f32 = 1.02;
 const LEAVING: f32 = 1e-4;
 
 /// Distance to the locked orbit, in rad and `b w`, within which the orbit has the part.
-const HELD: f64 = 0.03;
+const HELD: f32 = 0.03;
 
 /// Steps of the amplitude over target at which the map is set up anew, 1/128: small against any drive's
 /// error, and several impacts of a slow descent share one set-up.
 const STEPS: f32 = 128.0;
 
 /// k above which a part may be taken to be at rest for ever; the kernels end there.
-const HIGHEST: f64 = 4.0;
+const HIGHEST: f32 = 4.0;
 
 /// A part that starts at rest when the kick starts, phase 0 of cycle 0, followed impact by impact.
 ///
@@ -59,7 +60,11 @@ const HIGHEST: f64 = 4.0;
 #[derive(Clone, Copy, Debug)]
 pub struct Follow<K: Kernel> {
     trial: Trial,
-    lock: Option<Lock>,
+    /// The trial in f32, in which all but the map is computed: a board does f64 in software.
+    k: f32,
+    restitution: f32,
+    /// Phase, velocity and cycles per impact of the locked orbit, where there is one that attracts.
+    lock: Option<(f32, f32, f32)>,
     envelope: Envelope,
     /// Amplitude over target that `map` is set up for.
     amplitude: f32,
@@ -78,7 +83,14 @@ impl<K: Kernel> Follow<K> {
     pub fn new(trial: Trial, drive: Drive, kick: Kick) -> Result<Self, OutOfRange> {
         Ok(Self {
             trial,
-            lock: Lock::at(trial.k, trial.restitution, trial.order)?.filter(|lock| lock.attracts()),
+            k: trial.k as f32,
+            restitution: trial.restitution as f32,
+            lock: Lock::at(trial.k, trial.restitution, trial.order)?
+                .filter(Lock::attracts)
+                .map(|lock| {
+                    let State { phase, velocity } = lock.state();
+                    (phase as f32, velocity as f32, lock.order() as f32)
+                }),
             envelope: Envelope::new(drive, kick),
             amplitude: 1.0,
             map: K::build(trial.k, trial.restitution)?,
@@ -112,7 +124,7 @@ impl<K: Kernel> Follow<K> {
     /// One impact, or one wait for the next cycle; the outcome once it is known.
     pub fn step(&mut self) -> Option<Outcome> {
         self.steps += 1;
-        let Some(lock) = self.lock else {
+        let Some((lock_phase, lock_velocity, order)) = self.lock else {
             return Some(Outcome::Missed);
         };
         let launch = match self.state {
@@ -138,18 +150,25 @@ impl<K: Kernel> Follow<K> {
         let flight = impact.flight as f32 / TAU;
         self.time += flight;
         self.state = Some(impact.next);
-        let next = K::observe(impact.next);
+        let State { phase, velocity } = K::observe(impact.next);
+        let (phase, velocity) = (phase as f32, velocity as f32);
         if settled {
             let since = *self.settled_since.get_or_insert(self.time);
             if self.time - since > PATIENCE {
                 return Some(Outcome::Missed);
             }
-            if libm::fabsf(flight - lock.order() as f32) < 0.02 && lock.distance(next) < HELD {
+            // The orbit strikes in 0..pi/2; phases just before 2 pi are next to those.
+            let apart = phase - lock_phase;
+            let apart = if apart > PI { apart - TAU } else { apart };
+            if libm::fabsf(flight - order) < 0.02
+                && libm::fabsf(apart) < HELD
+                && libm::fabsf(velocity - lock_velocity) < HELD
+            {
                 return Some(Outcome::Locked);
             }
         }
-        if next.velocity < CHATTER {
-            self.close(next);
+        if velocity < CHATTER {
+            self.close(phase, velocity);
         }
         // At constant amplitude all rests are followed by the same orbit: if it did not lock once, it
         // never will.
@@ -158,7 +177,8 @@ impl<K: Kernel> Follow<K> {
 
     /// Amplitude at `time`, in the steps for which the map is set up.
     fn sample(&mut self, time: f32) -> f32 {
-        libm::roundf(self.envelope.amplitude(time) * STEPS) / STEPS
+        // Rounded by the conversion, which the FPU does.
+        (self.envelope.amplitude(time) * STEPS + 0.5) as i32 as f32 / STEPS
     }
 
     /// Sets the map up for an amplitude, if that is another.
@@ -167,27 +187,33 @@ impl<K: Kernel> Follow<K> {
             return;
         }
         self.amplitude = amplitude;
-        if let Ok(map) = K::build(self.k().min(HIGHEST), self.trial.restitution) {
+        let k = if amplitude == 1.0 {
+            self.trial.k
+        } else {
+            f64::from(self.k_at(amplitude).min(HIGHEST))
+        };
+        if let Ok(map) = K::build(k, self.trial.restitution) {
             self.map = map;
             self.set_ups += 1;
         }
     }
 
-    /// k at the amplitude of the map.
-    fn k(&self) -> f64 {
-        self.trial.k / f64::from(self.amplitude)
+    /// k at an amplitude over target.
+    fn k_at(&self, amplitude: f32) -> f32 {
+        self.k / amplitude
     }
 
     /// Sums the chatter of a slow part whose pull outlasts it, and leaves it at rest.
-    fn close(&mut self, state: State) {
-        let (sine, cosine) = (libm::sin(state.phase), libm::cos(state.phase));
-        let pull = self.k() - sine;
-        let x = 2.0 * state.velocity / (pull * (1.0 - self.trial.restitution));
-        if state.velocity > 0.0 {
-            if pull <= 0.0 || x * libm::fabs(cosine) > 0.1 * pull {
+    fn close(&mut self, phase: f32, velocity: f32) {
+        if velocity > 0.0 {
+            let (sine, cosine) =
+                sine_cosine_single(Phase::from_bits((phase * STEPS_PER_RAD) as i64 as u32));
+            let pull = self.k_at(self.amplitude) - sine;
+            let x = 2.0 * velocity / (pull * (1.0 - self.restitution));
+            if pull <= 0.0 || x * libm::fabsf(cosine) > 0.1 * pull {
                 return;
             }
-            self.time += (x * (1.0 + x * cosine / (3.0 * pull))) as f32 / TAU;
+            self.time += x * (1.0 + x * cosine / (3.0 * pull)) / TAU;
         }
         self.state = None;
         if self.envelope.is_over() && self.amplitude < NEARLY {
@@ -198,7 +224,7 @@ impl<K: Kernel> Follow<K> {
     /// Waits at rest for lift-off at the amplitude of that moment; `None` where that is not in this
     /// cycle, and the next one begins.
     fn lift_off(&mut self) -> Option<K::State> {
-        let cycle = libm::floorf(self.time);
+        let cycle = self.time as u32 as f32;
         let mut phase = (self.time - cycle) * TAU;
         let mut amplitude = 0.0;
         let mut leaves = PI;
@@ -209,8 +235,8 @@ impl<K: Kernel> Follow<K> {
                 break;
             }
             amplitude = sampled;
-            let k = self.trial.k / f64::from(amplitude);
-            leaves = if k < 1.0 { libm::asin(k) as f32 } else { PI };
+            let k = self.k_at(amplitude);
+            leaves = if k < 1.0 { arcsine(k) } else { PI };
             phase = phase.max(leaves);
         }
         if phase + LEAVING < PI - leaves {
@@ -224,10 +250,39 @@ impl<K: Kernel> Follow<K> {
     }
 }
 
+/// Steps of a phase in a radian.
+const STEPS_PER_RAD: f32 = 4_294_967_296.0 / TAU;
+
+/// Arcsine of 0..=1, error below 3e-7 (Abramowitz & Stegun 4.4.46 in f32).
+fn arcsine(x: f32) -> f32 {
+    const COEFFICIENTS: [f32; 8] = [
+        -0.001_262_491,
+        0.006_670_09,
+        -0.017_088_126,
+        0.030_891_88,
+        -0.050_174_305,
+        0.088_978_98,
+        -0.214_598_8,
+        core::f32::consts::FRAC_PI_2,
+    ];
+    let sum = COEFFICIENTS.iter().fold(0.0, |sum, c| sum * x + c);
+    PI / 2.0 - square_root_single(1.0 - x) * sum
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::DriveSettings;
     use super::*;
+
+    #[test]
+    fn arcsine_keeps_its_error() {
+        for step in 0..=10_000 {
+            let x = step as f32 / 10_000.0;
+            let error = f64::from(arcsine(x)) - libm::asin(f64::from(x));
+            assert!(error.abs() < 3e-7, "{x} {error}");
+        }
+    }
+
     use crate::impact::{Hybrid, Map};
 
     fn locks(k: f64, restitution: f64, kick: Kick) -> bool {
@@ -306,7 +361,7 @@ mod tests {
             let lock = Lock::at(k, restitution, 1).unwrap().unwrap();
             let map = Map::build(k, restitution).unwrap();
             for corner in 0..4 {
-                let side = |bit: i32| if corner & bit == 0 { HELD } else { -HELD };
+                let side = |bit: i32| f64::from(if corner & bit == 0 { HELD } else { -HELD });
                 let State { phase, velocity } = lock.state();
                 let mut state = Map::state(phase + side(1), velocity + side(2)).unwrap();
                 for _ in 0..200 {
