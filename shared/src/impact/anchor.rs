@@ -24,6 +24,8 @@ const PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
 pub(crate) const STEP: f32 = (TAU / 4_294_967_296.0) as f32;
 pub(crate) const PER_STEP: f32 = (4_294_967_296.0 / TAU) as f32;
 const TURN: f32 = TAU as f32;
+/// A turn in steps of a phase.
+const WHOLE: i64 = 1 << 32;
 /// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer, which then stands in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
@@ -137,8 +139,7 @@ pub(crate) trait Flight {
     /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
     /// precision of the kernel.
     fn local(&self, node: i32) -> Local;
-    /// Ballistic height over k at `steps`, up to a turn, after launch, where f32 makes it `nearly` 0;
-    /// k < 1.
+    /// Ballistic height over k at `steps` after launch, where f32 makes it `nearly` 0; k < 1.
     fn above_k(&self, steps: i64, nearly: f32) -> f32;
     /// Flights below this many rad keep more digits in the deflated form than on a node.
     const SHORT: f32;
@@ -279,22 +280,13 @@ fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
 #[inline(always)]
 pub(crate) fn settle<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> Option<Settled> {
     let (height, gain, b2) = expand(shape.k, local, offset);
-    let settled = correct(local, offset, height, gain, b2);
-    // The next term is 2 (b2 e / slope)^2 e.
-    (abs(settled.offset - offset) < F::NEAR).then_some(settled)
-}
-
-#[inline(always)]
-fn correct(local: &Local, offset: f32, height: f32, gain: f32, b2: f32) -> Settled {
     let inverse = 1.0 / (local.slope + gain);
     let newton = height * inverse;
-    finished(
-        local,
-        offset,
-        gain,
-        b2,
-        -newton * (1.0 + b2 * newton * inverse),
-    )
+    // What is left is about 2 (b2 newton / slope)^2 newton.
+    (abs(newton) < F::NEAR).then(|| {
+        let e = -newton * (1.0 + b2 * newton * inverse);
+        finished(local, offset, gain, b2, e)
+    })
 }
 
 /// The state after the last step `e`.
@@ -327,7 +319,9 @@ pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> 
         let (height, gain, b2) = expand(shape.k, &local, offset);
         let slope = local.slope + gain;
         if slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope {
-            return correct(&local, offset, height, gain, b2);
+            let newton = height / slope;
+            let e = -newton * (1.0 + b2 * newton / slope);
+            return finished(&local, offset, gain, b2, e);
         }
         let (mut e, square) = down_crossing(height, slope, b2);
         if square > 0.0 {
@@ -450,11 +444,12 @@ fn simple_hop(near: f32) -> Start {
 #[inline(never)]
 fn double_start(launch: Launch, a1: f32, a2: f32, rounding: f32) -> Start {
     let mut x = a1 / (2.0 * a2);
-    if x > 0.3 {
+    // Beyond, heights keep enough digits.
+    if x > 0.08 {
         return Start::Open;
     }
     let (mut minimum, mut b2) = (0.0, 1.0);
-    for _ in 0..3 {
+    for _ in 0..4 {
         let (w, w1) = deflated(&launch, x);
         b2 = a2 - launch.sine * (1.0 / 8.0) * x - launch.cosine * (1.0 / 20.0) * x * x;
         let e = -w1 / (2.0 * b2);
@@ -521,7 +516,7 @@ pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (
         _ => {}
     }
     let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
-    (solve(shape, launch, &bracket), grazes || skims)
+    (solve(shape, launch, flight, &bracket), grazes || skims)
 }
 
 #[inline(always)]
@@ -562,7 +557,7 @@ fn segment<F: Flight>(
     let over_flank = |x: f32| v - k * x - flank;
     // From the very entry of a hump the next one is a whole turn away.
     let (to_entry, entry) = match shape.entry.wrapping_sub(launch.phase) {
-        0 => (1 << 32, TURN),
+        0 => (WHOLE, TURN),
         steps => (i64::from(steps), steps as f32 * STEP),
     };
     // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's own precision decides.
@@ -595,8 +590,20 @@ fn segment<F: Flight>(
     }
     // Time when the ball falls through height k.
     let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
+    // Whether the ball has fallen through height k, by f32 unless that is near.
+    let falls = |time: f32, steps: i64| {
+        if abs(time - through) < 1e-4 {
+            flight.above_k(steps, over_k(time)) <= 0.0
+        } else {
+            time > through
+        }
+    };
     let mut grazes = false;
-    let mut begin = if clears { entry + TURN } else { entry };
+    let (mut begin, mut begin_steps) = if clears {
+        (entry + TURN, to_entry + WHOLE)
+    } else {
+        (entry, to_entry)
+    };
     // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
     // above height 1 are looked at, and the rounds are bounded by their count with room for rounding.
     for _ in 0..16 {
@@ -610,16 +617,16 @@ fn segment<F: Flight>(
             };
             begin - step
         };
-        if begin > through {
+        if falls(begin, begin_steps) {
             let bracket = Bracket {
-                low: through - 1e-4,
+                low: smaller(through, begin) - 1e-4,
                 high: begin,
                 start: from_entry(),
             };
             return (bracket, grazes);
         }
         let end = begin + hump_length;
-        if end >= through {
+        if falls(end, begin_steps + i64::from(shape.hump)) {
             let bracket = Bracket {
                 low: begin,
                 high: through + 1e-4,
@@ -654,10 +661,12 @@ fn segment<F: Flight>(
                 }
             }
         }
-        begin += TURN;
-        if begin + hump_length < through - 2.0 * TURN {
-            begin = skip(shape, *launch, begin);
+        let mut turns = 1;
+        if begin + hump_length < through - 3.0 * TURN {
+            turns += skip(shape, *launch, begin + TURN);
         }
+        begin += turns as f32 * TURN;
+        begin_steps += i64::from(turns) << 32;
     }
     let bracket = Bracket {
         low: entry,
@@ -667,19 +676,19 @@ fn segment<F: Flight>(
     (bracket, true)
 }
 
-/// The last hump at or after the one that begins at `begin` that lies under a ball above height 1 with
-/// all between them.
+/// Humps between the one that begins at `begin` and the last after it that lies under a ball above
+/// height 1 with all between them.
 #[inline(never)]
-fn skip(shape: &Shape, launch: Launch, begin: f32) -> f32 {
+fn skip(shape: &Shape, launch: Launch, begin: f32) -> i32 {
     let v = launch.velocity + launch.cosine;
     let leaving = v * v - 2.0 * shape.k * (1.0 - launch.sine);
     let speed = root(leaving);
     let (rises, sinks) = ((v - speed) * shape.inverse, (v + speed) * shape.inverse);
     let last = begin + shape.hump_length;
     if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
-        begin + ((sinks - last) * (1.0 / TURN)) as i32 as f32 * TURN
+        ((sinks - last) * (1.0 / TURN)) as i32
     } else {
-        begin
+        0
     }
 }
 
@@ -737,7 +746,7 @@ fn lowest<F: Flight>(
 /// within it has found it: Householder's where the root is simple and near, else the safeguarded
 /// search.
 #[inline(always)]
-fn solve(shape: &Shape, launch: &Launch, bracket: &Bracket) -> Found {
+fn solve<F: Flight>(shape: &Shape, launch: &Launch, flight: &F, bracket: &Bracket) -> Found {
     let v = launch.velocity + launch.cosine;
     let (mut node, offset) = node_of(launch.phase, bracket.start);
     let mut time = bracket.start - offset;
@@ -748,7 +757,7 @@ fn solve(shape: &Shape, launch: &Launch, bracket: &Bracket) -> Found {
         let b2 = 0.5 * (sine - shape.k);
         let square = u1 * u1;
         let product = b2 * u0;
-        if !(u1 < 0.0 && abs(product) < 0.15 * square) {
+        if !(u1 < -0.01 && abs(product) < 0.15 * square) {
             break;
         }
         let step = householder(u0, u1, square, product, cosine);
@@ -767,7 +776,7 @@ fn solve(shape: &Shape, launch: &Launch, bracket: &Bracket) -> Found {
         }
         time += count * SPACING;
     }
-    let (node, offset) = solve_safely(shape, *launch, *bracket);
+    let (node, offset) = solve_safely(shape, *launch, flight, *bracket);
     Found::Near {
         node,
         offset,
@@ -782,37 +791,38 @@ fn householder(u0: f32, u1: f32, square: f32, product: f32, cosine: f32) -> f32 
     -u0 * (square - product) / (u1 * (square - 2.0 * product) + cosine * (1.0 / 6.0) * u0 * u0)
 }
 
-/// The root in `bracket`, nearly, by Cauchy's step on nodes, with bisection where it leaves the bracket.
+/// The root in `bracket`, nearly, by Cauchy's step on nodes to the full precision of the kernel, with
+/// bisection where there is no root near or the step leaves the bracket.
 #[inline(never)]
-fn solve_safely(shape: &Shape, launch: Launch, bracket: Bracket) -> (i32, f32) {
+fn solve_safely<F: Flight>(
+    shape: &Shape,
+    launch: Launch,
+    flight: &F,
+    bracket: Bracket,
+) -> (i32, f32) {
     let Bracket {
         mut low,
         mut high,
         start: mut x,
     } = bracket;
-    let v = launch.velocity + launch.cosine;
     let mut round = 0;
     loop {
         let (node, offset) = node_of(launch.phase, x);
         let time = x - offset;
-        let (sine, cosine) = sine_cosine_at(node);
-        let u0 = (launch.sine - sine) + time * (v - shape.half_k * time);
-        let u1 = v - shape.k * time - cosine;
-        let b2 = 0.5 * (sine - shape.k);
-        let (mut step, square) = down_crossing(u0, u1, b2);
+        let local = flight.local(node);
+        let Local { height, slope, .. } = local;
+        let b2 = 0.5 * (local.sine - shape.k);
+        let (mut step, square) = down_crossing(height, slope, b2);
         if square > 1e-3 {
-            let cubic = step * step * step * cosine * (1.0 / 6.0) / square;
+            let cubic = step * step * step * local.cosine * (1.0 / 6.0) / square;
             if abs(cubic) < 0.5 * abs(step) {
                 step += cubic;
             }
         }
+        // The one down-crossing is after every height above 0; near launch, on a concave rise, even one
+        // rounded below 0 is before it.
+        let before = height > 0.0 || (b2 < 0.0 && slope > 0.0);
         if time > low && time < high {
-            // On a concave rise even a height rounded below 0 is before the root.
-            let before = if b2 < 0.0 {
-                u0 > 0.0 || u1 > 0.0
-            } else {
-                u0 > 0.0 && u1 < 0.0
-            };
             if before {
                 low = time;
             } else {
@@ -820,17 +830,16 @@ fn solve_safely(shape: &Shape, launch: Launch, bracket: Bracket) -> (i32, f32) {
             }
         }
         let mut next = time + step;
-        if !(next >= low - 1e-4 && next <= high + 1e-4) {
+        let found = square > 0.0 && next >= low - 1e-4 && next <= high + 1e-4;
+        if !found {
             next = 0.5 * (low + high);
             step = next - time;
         }
         let moved = abs(next - x);
         x = next;
         round += 1;
-        if (square > 0.0 && abs(step) < 0.1 * square && abs(step) < 0.15)
-            || moved < 2e-3
-            || round >= 24
-        {
+        let near = (abs(step) < 0.1 * square && abs(step) < 0.15) || moved < 2e-3;
+        if found && near || high - low < 1e-4 || round >= 32 {
             let (jump, count) = nearest(step * PER_RADIAN);
             return (node.wrapping_add(jump), step - count * SPACING);
         }

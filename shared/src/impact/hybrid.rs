@@ -225,7 +225,25 @@ impl Flight for Ballistic<'_> {
     const ROUNDING: f32 = 1e-8;
 
     fn local(&self, node: i32) -> Local {
-        self.exact(node).0
+        let local = self.exact(node).0;
+        let steps = self.steps_to(node);
+        let turns = product_32(steps, self.velocities(steps).0) >> 16;
+        // Beyond a height of 2 the bits of the exact one wrap.
+        let height = if turns > 3 << 29 {
+            2.0
+        } else if turns < -(3 << 29) {
+            -2.0
+        } else {
+            // 2 pi in steps of 2^-28, to steps of 2^-26.
+            let coarse = ((turns * TURN) >> 34) as i32 + (self.sine >> 4);
+            let coarse = (coarse as f32) * PER_26 - local.sine;
+            if !(-1.9..=1.9).contains(&coarse) {
+                coarse
+            } else {
+                local.height
+            }
+        };
+        Local { height, ..local }
     }
 
     #[inline(never)]

@@ -596,21 +596,22 @@ impl Ballistic<'_> {
                 low = middle;
             }
         }
-        // The nearer of the two nodes has the lowest point within half a spacing.
-        let (left, right) = (self.local(low), self.local(high_node));
-        let (node, local) = if left.slope.unsigned_abs() < right.slope.unsigned_abs() {
-            (low, left)
-        } else {
-            (high_node, right)
+        let (node, local) = (low, self.local(low));
+        // Within the hump the slope rises, so that bisection finds its zero.
+        let place = |steps: i64| {
+            let steps = (steps - self.steps_to(node)).clamp(0, 1 << 24) as i32;
+            high(steps, TURN) << 6
         };
-        let mut d = 0_i32;
-        for _ in 0..3 {
-            let powers = Powers::of(d);
-            let slope = local.slope + self.gain(&local, d, &powers);
-            let curvature = (local.curvature + (high(local.cosine, d) >> 4)).max(1 << 16);
-            let step = Reciprocal::coarse(curvature as u32).times(slope, 36);
-            d = d.saturating_sub(step).clamp(-REACH, REACH);
+        let (mut left, mut right) = (place(begin), place(end));
+        for _ in 0..16 {
+            let middle = (left + right) / 2;
+            if local.slope + self.gain(&local, middle, &Powers::of(middle)) > 0 {
+                right = middle;
+            } else {
+                left = middle;
+            }
         }
+        let d = (left + right) / 2;
         let powers = Powers::of(d);
         let height = self.height(&local, d, &powers);
         let touches = height.unsigned_abs() < 11;
@@ -657,19 +658,16 @@ impl Ballistic<'_> {
                 let offset = (place - time) as i32;
                 return (node, local, product_high(offset, TURN) << 6);
             }
-            let step = down_crossing(&local);
+            let (step, crosses) = down_crossing(&local);
             let next = time + (i64::from(product_high(step, TURNS)) << 8);
-            let inside = next >= low - (1 << 16) && next <= high + (1 << 16);
+            let inside = crosses && next >= low - (1 << 16) && next <= high + (1 << 16);
             if inside && step.abs() < REACH >> 10 {
                 return (node, local, step << 10);
             }
             if time > low && time < high {
-                // On a concave rise even a height rounded below 0 is before the root.
-                let before = if local.curvature < 0 {
-                    local.height > 0 || local.slope > 0
-                } else {
-                    local.height > 0 && local.slope < 0
-                };
+                // The one down-crossing is after every height above 0; near launch, on a concave rise,
+                // even one rounded below 0 is before it.
+                let before = local.height > 0 || (local.curvature < 0 && local.slope > 0);
                 if before {
                     low = time;
                 } else {
@@ -717,7 +715,7 @@ impl Ballistic<'_> {
                     curvature,
                     ..local
                 };
-                down_crossing(&nearly).clamp(-REACH >> 10, REACH >> 10) << 10
+                down_crossing(&nearly).0.clamp(-REACH >> 10, REACH >> 10) << 10
             };
             let small = step.unsigned_abs() < 1 << 22;
             d = d.saturating_add(step);
@@ -790,10 +788,10 @@ fn square_root(square: i64) -> u32 {
     }
 }
 
-/// The step to the first down-crossing of the parabola at a node (its extremum where there is none),
-/// steps of 2^-24 rad, at most 2.9 rad.
+/// The step to the first down-crossing of the parabola at a node, steps of 2^-24 rad, at most 2.9 rad;
+/// to its extremum where there is none, which the second value tells.
 #[inline(always)]
-fn down_crossing(local: &Local) -> i32 {
+fn down_crossing(local: &Local) -> (i32, bool) {
     let Local {
         height,
         slope,
@@ -813,7 +811,7 @@ fn down_crossing(local: &Local) -> i32 {
         if slope > 0 || discriminant <= 0 {
             // -(u1 + r) / (S - k).
             if curvature == 0 {
-                return 0;
+                return (0, false);
             }
             let step =
                 Reciprocal::coarse(curvature.unsigned_abs()).times(slope.saturating_add(root), 26);
@@ -822,12 +820,15 @@ fn down_crossing(local: &Local) -> i32 {
             // 2 u0 / (r - u1).
             let sum = root as u32 + slope.unsigned_abs();
             if sum == 0 {
-                return 0;
+                return (0, false);
             }
             Reciprocal::coarse(sum).times(height, 21)
         }
     };
-    step.clamp(-(29 << 24) / 10, (29 << 24) / 10)
+    (
+        step.clamp(-(29 << 24) / 10, (29 << 24) / 10),
+        discriminant > 0,
+    )
 }
 
 /// `a b / 2^32`, modulo 2^64, for an `a` below 2^48.
