@@ -39,6 +39,7 @@ macro_rules! scenes {
 }
 
 scenes! {
+    chaotic
     empty_band
     from_rest
     gain_drift
@@ -48,16 +49,20 @@ scenes! {
     locked_order_2
     many_parts
     new_target
+    no_common_chaos
     no_response
     not_captured
     output_limit
     outside_every_band
     over_amplitude
     over_temperature
+    resonance_tracking
     sensor_inverted
     sensor_lost
     sensor_saturated
     settings_invalid
+    speed
+    speed_of_no_lock
     stack_low
     stop_and_start
     stopped

@@ -7,7 +7,7 @@ pub mod runs;
 mod scene;
 
 pub use expect::Expectation;
-pub use outcome::{Happened, Outcome};
+pub use outcome::{Happened, Outcome, words};
 pub use picture::draw;
 pub use runs::Runs;
 pub use scene::{DEFAULT, SceneFile, describe};

@@ -1,11 +1,11 @@
 //! Running a scene, and what came of it.
 
-use std::f64::consts::TAU;
-
-use kband::control::{Event, Limits, Report, State, Target};
+use kband::arithmetic::Phase;
+use kband::control::{Controller, Event, Limits, NoSetpoint, Report, Start, State, Target};
 use kband::feeder::Restitution;
-use kband::plant::{ClosedLoop, Moment, Strike};
+use kband::plant::{Change, ClosedLoop, Moment, Strike};
 use kband::regime::band::BandError;
+use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::{Band, Lock};
 
 use super::scene::SceneFile;
@@ -16,6 +16,14 @@ use crate::report::{Column, Table, Value};
 
 /// Time over which the end of a scene is judged, in s.
 const END: f32 = 1.0;
+/// Time over which the parts' impacts are listened to, in s: the last three tell rest from silence at
+/// the slowest hopping, and hold enough impacts to tell chaos.
+const HEARD: f32 = 6.0;
+/// How exactly an impact repeats on a drive whose amplitude is controlled through a noisy sensor.
+const JITTER: HearingSettings = HearingSettings {
+    noise: 0.02,
+    resolution: 1e-3,
+};
 
 /// An event with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +43,8 @@ pub struct Outcome {
     moments: Vec<Moment>,
     /// Impacts with their time in s.
     strikes: Vec<(f32, Strike)>,
-    k_unit: f64,
+    /// A controller with the target of the end, for what it would choose.
+    controller: Controller,
 }
 
 impl Outcome {
@@ -56,8 +65,7 @@ impl Outcome {
         go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
     ) -> Result<Self, Refusal> {
         let mut closed = ClosedLoop::build(&file.scene)?;
-        let k_unit = f64::from(closed.controller().k(1.0));
-        Self::gather(file, k_unit, go_on, || {
+        Self::gather(file, go_on, || {
             let moment = closed.cycle();
             Ok((moment, closed.plant().strikes().to_vec()))
         })
@@ -65,12 +73,10 @@ impl Outcome {
 
     /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
     pub fn run_on(line: Line, file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
-        let k_unit = f64::from(ClosedLoop::build(&file.scene)?.controller().k(1.0));
         let mut closed = BoardLoop::start(line, &file.scene)?;
         let progress = Progress::new("simulating", cycles(file) as u64);
         let outcome = Self::gather(
             file,
-            k_unit,
             &mut |done| {
                 progress.advance(done);
                 desk.go_on()
@@ -86,7 +92,6 @@ impl Outcome {
 
     fn gather(
         file: &SceneFile,
-        k_unit: f64,
         go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
         mut cycle: impl FnMut() -> Result<(Moment, Vec<Strike>), Refusal>,
     ) -> Result<Self, Refusal> {
@@ -104,8 +109,9 @@ impl Outcome {
             }
             moments.push(moment);
         }
+        let settings = &file.scene.settings;
         Ok(Self {
-            k_unit,
+            controller: Controller::build(settings, last_target(file), Start::Ordinary)?,
             file: file.clone(),
             moments,
             strikes,
@@ -175,10 +181,14 @@ impl Outcome {
         sum / f64::max(count, 1.0)
     }
 
-    /// k at the mean amplitude at the end.
+    /// k at the end: of the mean acceleration, so that it stands where the frequency moves, and infinite
+    /// at rest.
     #[must_use]
     pub fn k(&self) -> f64 {
-        self.k_unit / self.amplitude()
+        let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
+            (sum + f64::from(moment.report.k).recip(), count + 1.0)
+        });
+        f64::max(count, 1.0) / sum
     }
 
     /// Mean conveying speed at the end in m/s, positive upwards (time mean).
@@ -198,15 +208,11 @@ impl Outcome {
 
     fn band_of_target(&self) -> Result<Band, BandError> {
         let settings = &self.file.scene.settings;
-        let order = match self.target() {
-            Target::Locked { order } => u32::from(order),
-            _ => 1,
-        };
         let lot = Restitution::interval(
             f64::from(settings.restitution_low),
             f64::from(settings.restitution_high),
         );
-        Band::common(lot?, order)
+        Band::common(lot?, self.order())
     }
 
     /// The band that the target's order (else order 1) has for the whole lot.
@@ -218,19 +224,12 @@ impl Outcome {
     /// The target at the end.
     #[must_use]
     pub fn target(&self) -> Target {
-        let later = self.file.scene.disturbances.iter().flatten().rev();
-        later
-            .filter_map(|disturbance| match disturbance.change {
-                kband::plant::Change::Target(target) => Some(target),
-                _ => None,
-            })
-            .next()
-            .unwrap_or(self.file.scene.target)
+        self.controller.target()
     }
 
-    /// Phases of the track at the impacts at the end, in rad, per part in the order of time.
-    fn late(&self, part: u8) -> Vec<Strike> {
-        let from = self.file.duration - END;
+    /// The impacts of one part in the last `time` s.
+    fn late(&self, part: u8, time: f32) -> Vec<Strike> {
+        let from = self.file.duration - time;
         self.strikes
             .iter()
             .filter(|(time, strike)| *time > from && strike.part == part)
@@ -242,7 +241,7 @@ impl Outcome {
     #[must_use]
     pub fn regime(&self) -> String {
         let parts = self.file.scene.part_count;
-        let mut words: Vec<String> = (0..parts).map(|part| regime_of(&self.late(part))).collect();
+        let mut words: Vec<String> = (0..parts).map(|part| words(self.regime_of(part))).collect();
         words.sort();
         words.dedup();
         if words.is_empty() {
@@ -251,13 +250,26 @@ impl Outcome {
         words.join(" / ")
     }
 
+    /// What one part really does at the end, told from its impacts alone.
+    fn regime_of(&self, part: u8) -> Regime {
+        let Ok(mut classifier) = Classifier::<256>::build(JITTER) else {
+            return Regime::Undecided;
+        };
+        for strike in self.late(part, HEARD) {
+            let cycle = (strike.time >> 32) as u32;
+            classifier.impact(cycle, Phase::from_bits(strike.time as u32));
+        }
+        classifier.cycle(self.moments.len() as u32);
+        classifier.verdict().regime
+    }
+
     /// Mean phase at which the parts strike where they are locked, in rad.
     #[must_use]
     pub fn lock_phase(&self) -> Option<f64> {
         if !self.regime().starts_with("locked") {
             return None;
         }
-        let strikes = self.late(0);
+        let strikes = self.late(0, END);
         let (sine, cosine) = strikes.iter().fold((0.0, 0.0), |(s, c), strike| {
             (s + strike.phase.sin(), c + strike.phase.cos())
         });
@@ -267,13 +279,10 @@ impl Outcome {
     /// Phase at which the target's lock would strike for the middle of the lot, in rad.
     #[must_use]
     pub fn expected_phase(&self) -> Option<f64> {
-        let Target::Locked { order } = self.target() else {
-            return None;
-        };
         let settings = &self.file.scene.settings;
         let middle =
             0.5 * (f64::from(settings.restitution_low) + f64::from(settings.restitution_high));
-        let lock = Lock::at(self.k(), middle, u32::from(order)).ok()??;
+        let lock = Lock::at(self.k(), middle, self.order()).ok()??;
         Some(lock.state().phase)
     }
 
@@ -342,6 +351,20 @@ impl Outcome {
         })
     }
 
+    /// Order of the lock that was wanted at the end; 1 where none was.
+    fn order(&self) -> u32 {
+        self.controller.order().map_or(1, u32::from)
+    }
+
+    /// Why the target has no setpoint, if it has none, in the controller's words.
+    #[must_use]
+    pub fn no_setpoint(&self) -> Option<String> {
+        let held = self.last().limits.contains(Limits::NO_SETPOINT);
+        // That a lot has no chaos of its own is only known once it was searched for.
+        let why = self.controller.no_setpoint().unwrap_or(NoSetpoint::Chaos);
+        held.then(|| why.to_string())
+    }
+
     /// Names of the limits that hold the drive back at the end.
     #[must_use]
     pub fn limits(&self) -> Vec<&'static str> {
@@ -354,6 +377,18 @@ impl Outcome {
     }
 }
 
+/// The target at the end of a scene.
+fn last_target(file: &SceneFile) -> Target {
+    let changes = file.scene.disturbances.iter().flatten().rev();
+    changes
+        .filter_map(|disturbance| match disturbance.change {
+            Change::Target(target) => Some(target),
+            _ => None,
+        })
+        .next()
+        .unwrap_or(file.scene.target)
+}
+
 /// Drive cycles of a scene.
 fn cycles(file: &SceneFile) -> usize {
     f64::from(file.duration * file.scene.settings.frequency).ceil() as usize
@@ -364,40 +399,19 @@ fn single(value: f32) -> Value {
     Value::Number(value.to_string().parse().unwrap_or(f64::from(value)))
 }
 
-/// What one part does, from its impacts in the order of time.
-fn regime_of(strikes: &[Strike]) -> String {
-    if strikes.is_empty() {
-        return "rest".into();
-    }
-    if strikes.len() < 4 {
-        return "undecided".into();
-    }
-    let flights: Vec<f64> = strikes
-        .windows(2)
-        .map(|pair| (pair[1].time - pair[0].time) as f64 / 4_294_967_296.0)
-        .collect();
-    // Flights below a fiftieth of a cycle only occur in a chatter, whose end is rest.
-    if flights.iter().any(|flight| *flight < 0.02) {
-        return "hops and rests".into();
-    }
-    let order = flights.iter().sum::<f64>() / flights.len() as f64;
-    let order = order.round().max(1.0);
-    let apart = |a: f64, b: f64| {
-        let d = a - b;
-        (d - TAU * (d / TAU).round()).abs()
-    };
-    for period in [1, 2, 4, 8] {
-        let repeats = strikes.len() > 2 * period
-            && strikes
-                .windows(period + 1)
-                .all(|w| apart(w[period].phase, w[0].phase) < 0.12);
-        let kept = flights.iter().all(|flight| (flight - order).abs() < 0.45);
-        if repeats && kept {
-            return match period {
-                1 => format!("locked, order {order}"),
-                _ => format!("locked, order {order}, period {period}"),
-            };
+/// A regime in words.
+#[must_use]
+pub fn words(regime: Regime) -> String {
+    match regime {
+        Regime::Rest => "rest".into(),
+        Regime::HopAndRest { cycles: 1 } => "hops and rests every cycle".into(),
+        Regime::HopAndRest { cycles } => format!("hops and rests every {cycles} cycles"),
+        Regime::Locked { order } => format!("locked, order {order}"),
+        Regime::Doubled { order, doublings } => {
+            format!("order {order}, {} times the period", 1_u64 << doublings)
         }
+        Regime::Periodic { impacts, cycles } => format!("{impacts} impacts in {cycles} cycles"),
+        Regime::Chaotic => "chaotic".into(),
+        Regime::Undecided => "undecided".into(),
     }
-    "hops irregularly".into()
 }

@@ -13,7 +13,7 @@ use crate::file::{self, Target};
 use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{self, Column, Format, Report, Table, Value, number};
-use crate::simulate::{DEFAULT, Outcome, Runs, SceneFile, draw, runs};
+use crate::simulate::{DEFAULT, Outcome, Runs, SceneFile, draw, runs, words};
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
 ///
@@ -243,6 +243,9 @@ fn told(
     for limit in outcome.limits() {
         say(format!("held back by     {limit}"));
     }
+    if let Some(why) = outcome.no_setpoint() {
+        say(format!("no setpoint      {why}"));
+    }
     say(format!(
         "amplitude b      {} mm",
         number(outcome.amplitude() * 1e3, 4)
@@ -265,6 +268,13 @@ fn told(
         )),
     }
     say(format!("regime           {}", outcome.regime()));
+    if let Some(heard) = last.regime {
+        say(format!(
+            "heard            {} (confidence {})",
+            words(heard.regime),
+            number(f64::from(heard.confidence), 2)
+        ));
+    }
     if let Some(phase) = outcome.lock_phase() {
         let expected = outcome
             .expected_phase()

@@ -81,6 +81,17 @@ impl AmplitudeLoop {
         self.saturated = false;
     }
 
+    /// Takes over at an amplitude (m) that an output has brought about and holds.
+    pub fn resume(&mut self, amplitude: f32, output: f32) {
+        self.reset();
+        self.reference = [amplitude; 4];
+        self.output = [output; 3];
+        self.model = output;
+        if output > 0.0 && amplitude > 0.0 {
+            self.gain = amplitude / output;
+        }
+    }
+
     /// Takes the amplitude measured in the cycle that just ended and the reference at the end of the
     /// cycle after next, both in m; gives the output for that cycle as a share of full output.
     pub fn cycle(&mut self, measured: f32, reference: f32) -> f32 {

@@ -1,7 +1,8 @@
 //! Capture: kicks that throw parts onto the wanted orbit, one attempt after the other.
 
+use super::setpoint::{LockAt, lot};
 use super::settings::Settings;
-use crate::feeder::{OutOfRange, Restitution};
+use crate::feeder::OutOfRange;
 use crate::impact::Hybrid;
 use crate::regime::capture::{
     Drive, DriveSettings, Kick, Lot, Plan, PlanSettings, Planner, Progress as Planning,
@@ -22,23 +23,15 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for the kicks that bring a lot onto the lock of `order` at k and an amplitude (m) that
-    /// full output exceeds by `reserve`.
-    pub fn begin(
-        settings: &Settings,
-        order: u32,
-        k: f64,
-        reserve: f32,
-    ) -> Result<Self, OutOfRange> {
+    /// A search for the kicks that bring the lot onto a lock whose amplitude a kick may exceed `reserve`
+    /// times.
+    pub fn begin(settings: &Settings, lock: &LockAt, reserve: f32) -> Result<Self, OutOfRange> {
         let envelope = f64::from(settings.envelope);
         let planner = Planner::new(PlanSettings {
             lot: Lot {
-                k,
-                restitution: Restitution::interval(
-                    f64::from(settings.restitution_low),
-                    f64::from(settings.restitution_high),
-                )?,
-                order,
+                k: lock.k,
+                restitution: lot(settings)?,
+                order: u32::from(lock.order),
                 amplitude_error: f64::from(settings.amplitude_error),
             },
             drive: Drive::build(DriveSettings {

@@ -5,35 +5,19 @@ use core::f32::consts::{PI, TAU};
 use super::amplitude::AmplitudeLoop;
 use super::angle::{phase_of, radians_of};
 use super::capture::{Capture, Progress, Search};
+use super::chaos::ChaosSearch;
 use super::hearing::Hearing;
+use super::resonance::Resonance;
+use super::setpoint::{Choice, Level, LockAt, NoSetpoint, Target};
 use super::settings::Settings;
 use super::signal::{Command, Cycle, Signal, phase_step};
 use super::supervise::{Event, Events, Fault, Limits, State};
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, Restitution};
-use crate::regime::band::BandError;
-use crate::regime::{Band, Lock, NoBand};
+use crate::feeder::OutOfRange;
+use crate::regime::classify::{Classifier, HearingSettings, Regime, Verdict};
 
 /// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
 pub const PLAN_SLICES: usize = 8;
-
-/// What the user wants of the parts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Target {
-    /// Parts locked to the drive, one impact every `order` cycles.
-    Locked {
-        /// Drive cycles per impact (symbol r), 1..=8.
-        order: u8,
-    },
-    /// Parts in chaotic motion.
-    Chaotic,
-    /// A value of k, 0.02..10.
-    K(f32),
-    /// A normal amplitude b in mm.
-    Amplitude(f32),
-    /// A conveying speed in mm/s.
-    Speed(f32),
-}
 
 /// Why the controller starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -81,6 +65,10 @@ pub struct Report {
     pub phase: f32,
     /// Concentration of these phases, 0..1.
     pub concentration: f32,
+    /// What the parts are heard to do, and how sure that is.
+    pub regime: Option<Verdict>,
+    /// Drive frequency in Hz.
+    pub frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
     /// Kicks begun for the present target.
@@ -113,9 +101,30 @@ const PATIENCE: u32 = 40;
 /// Confidence from which a lock is believed, and below which it is no longer.
 const BELIEVED: f32 = 0.9;
 const DOUBTED: f32 = 0.6;
-/// Half width of the phases that a lock is heard at, beyond those that the interval of restitution
-/// explains, in rad: amplitude error, doubling not yet resolved, error of the stamps.
-const LOCK_WIDTH: f32 = 0.35;
+/// Cycles from one look at the regime to the next: its search for periods is the costliest part of a cycle.
+const LOOK: u32 = 8;
+/// Confidence from which a regime that is heard is believed.
+const SURE: f32 = 0.5;
+/// Cycles in which the amplitude glides from a lock to chaos: slow enough that each doubling is followed.
+const GLIDE: f32 = 150.0;
+/// Cycles in lock before the glide begins.
+const SETTLED: u32 = 50;
+
+/// Where the way to chaos stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Glide {
+    /// Chaos is not wanted.
+    Unwanted,
+    /// First the lock.
+    Ahead,
+    /// On the way.
+    Going,
+    /// At the amplitude; whether chaos was heard.
+    There {
+        /// Whether it was heard.
+        heard: bool,
+    },
+}
 
 /// Cycles after which a suspicion is a fault.
 #[derive(Clone, Copy, Debug, Default)]
@@ -153,13 +162,18 @@ pub struct Controller {
     /// Largest amplitude that both hard limits allow, in m, and the limit that it is.
     ceiling: f32,
     ceiling_limit: Limits,
-    step: u32,
+    resonance: Resonance,
     amplitude: AmplitudeLoop,
     target: Target,
+    level: Level,
     setpoint: f32,
-    /// Phase of the wanted lock and the half width that counts for it, in rad.
-    lock: Option<(Phase, f32)>,
-    no_band: Option<NoBand>,
+    lock: Option<LockAt>,
+    glide: Glide,
+    chaos: Option<ChaosSearch>,
+    /// Falls out of chaos since the target was set.
+    falls: u8,
+    classifier: Classifier<64>,
+    regime: Option<Verdict>,
     hearing: Hearing,
     capture: Capture,
     search: Search,
@@ -195,10 +209,6 @@ impl Controller {
     /// The controller for these settings and this target; the refusal names the parameter.
     pub fn build(settings: &Settings, target: Target, start: Start) -> Result<Self, OutOfRange> {
         let amplitude = AmplitudeLoop::build(settings)?;
-        let angular = TAU * settings.frequency;
-        let square = angular * angular;
-        let by_acceleration = settings.acceleration_limit / square;
-        let by_amplitude = settings.amplitude_limit * 1e-3;
         let fault = match start {
             Start::Ordinary => None,
             Start::Reset => Some(Fault::WatchdogReset),
@@ -206,20 +216,21 @@ impl Controller {
         };
         let mut controller = Self {
             settings: *settings,
-            square,
+            square: 0.0,
             pull: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
-            ceiling: by_acceleration.min(by_amplitude),
-            ceiling_limit: if by_acceleration < by_amplitude {
-                Limits::ACCELERATION
-            } else {
-                Limits::AMPLITUDE
-            },
-            step: phase_step(settings.frequency),
+            ceiling: 0.0,
+            ceiling_limit: Limits::AMPLITUDE,
+            resonance: Resonance::new(settings),
             amplitude,
             target,
+            level: Level::Amplitude(0.0),
             setpoint: 0.0,
             lock: None,
-            no_band: None,
+            glide: Glide::Unwanted,
+            chaos: None,
+            falls: 0,
+            classifier: Classifier::build(HearingSettings::EAR)?,
+            regime: None,
             hearing: Hearing::default(),
             capture: Capture::new(settings.capture_attempts as u8),
             search: Search::default(),
@@ -247,10 +258,11 @@ impl Controller {
             suspicions: Suspicions::default(),
             count: 0,
         };
+        controller.retune();
         controller.set_target(target)?;
         // A controller that starts with its target has not been given one.
         controller.news = Events::default();
-        if controller.no_band.is_some() {
+        if controller.no_setpoint().is_some() {
             controller.news.push(Event::NoSetpoint);
         }
         Ok(controller)
@@ -264,72 +276,36 @@ impl Controller {
 
     /// Takes a new target; refused, with the old one kept, where its number is out of range.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
-        let refuse = |parameter, value: f32, accepted| {
-            Err(OutOfRange {
-                parameter,
-                value: f64::from(value),
-                accepted,
-            })
+        let choice = Choice::of(target, &self.settings)?;
+        let search = match choice.lock {
+            Some(lock) => {
+                let reserve = self.reserve(self.amplitude_of(lock.k as f32));
+                Search::begin(&self.settings, &lock, reserve)?
+            }
+            None => Search::default(),
         };
-        let mut lock = None;
-        let mut no_band = None;
-        let mut search = Search::default();
-        let setpoint = match target {
-            Target::Locked { order } => {
-                if !(1..=8).contains(&order) {
-                    return refuse("target locked order", f32::from(order), "1..8");
-                }
-                match Band::common(self.restitution()?, u32::from(order)) {
-                    Ok(band) => {
-                        let k = band.setpoint();
-                        lock = self.lock_phase(k, u32::from(order))?;
-                        let setpoint = self.amplitude_of(k as f32);
-                        search = Search::begin(
-                            &self.settings,
-                            u32::from(order),
-                            k,
-                            self.reserve(setpoint),
-                        )?;
-                        setpoint
-                    }
-                    Err(BandError::Empty(none)) => {
-                        no_band = Some(none);
-                        0.0
-                    }
-                    Err(BandError::OutOfRange(refused)) => return Err(refused),
-                }
-            }
-            Target::Chaotic => self.amplitude_of(0.34),
-            Target::K(k) => {
-                if !(0.02..=10.0).contains(&k) {
-                    return refuse("target k", k, "0.02..10");
-                }
-                self.amplitude_of(k)
-            }
-            Target::Amplitude(b) => {
-                if !(0.0..=self.settings.amplitude_limit).contains(&b) {
-                    return refuse("target amplitude", b, "0..amplitude_limit mm");
-                }
-                b * 1e-3
-            }
-            Target::Speed(speed) => {
-                if !speed.is_finite() {
-                    return refuse("target speed", speed, "a finite speed in mm/s");
-                }
-                self.settings.safe_amplitude * 1e-3
-            }
+        let chaotic = target == Target::Chaotic && choice.lock.is_some();
+        self.chaos = if chaotic {
+            Some(ChaosSearch::begin(&self.settings)?)
+        } else {
+            None
         };
+        self.glide = if chaotic {
+            Glide::Ahead
+        } else {
+            Glide::Unwanted
+        };
+        self.falls = 0;
         self.target = target;
-        self.setpoint = setpoint;
-        self.lock = lock;
-        self.no_band = no_band;
+        self.lock = choice.lock;
         self.search = search;
         self.arrived = 0;
         self.given_up = false;
-        self.hearing.reset();
+        self.forget_parts();
         self.capture.stop();
         self.news.push(Event::TargetSet);
-        if no_band.is_some() {
+        self.set_level(choice.level);
+        if matches!(choice.level, Level::None(_)) {
             self.news.push(Event::NoSetpoint);
         }
         if self.settled_state() {
@@ -338,30 +314,44 @@ impl Controller {
         Ok(())
     }
 
-    /// Why the target has no setpoint, and which bounds of restitution would allow one.
+    /// Why the target has no setpoint, and what would allow one.
     #[must_use]
-    pub fn no_band(&self) -> Option<NoBand> {
-        self.no_band
+    pub fn no_setpoint(&self) -> Option<NoSetpoint> {
+        match self.level {
+            Level::None(why) => Some(why),
+            _ => None,
+        }
     }
 
-    fn restitution(&self) -> Result<Restitution, OutOfRange> {
-        Restitution::interval(
-            f64::from(self.settings.restitution_low),
-            f64::from(self.settings.restitution_high),
-        )
-    }
-
-    /// Middle and half width of the phases at which the lot's parts strike in lock at k.
-    fn lock_phase(&self, k: f64, order: u32) -> Result<Option<(Phase, f32)>, OutOfRange> {
-        let lot = self.restitution()?;
-        let at = |r| Lock::at(k, r, order).map(|lock| lock.map(|lock| lock.state().phase as f32));
-        let (Some(low), Some(high)) = (at(lot.low())?, at(lot.high())?) else {
-            return Ok(None);
+    fn set_level(&mut self, level: Level) {
+        self.level = level;
+        self.setpoint = match level {
+            Level::K(k) => self.amplitude_of(k as f32),
+            Level::Amplitude(amplitude) => amplitude,
+            Level::None(_) => 0.0,
         };
-        Ok(Some((
-            phase_of(0.5 * (low + high)),
-            0.5 * (high - low).abs() + LOCK_WIDTH,
-        )))
+    }
+
+    /// What depends on the drive's frequency.
+    fn retune(&mut self) {
+        let angular = TAU * self.resonance.frequency();
+        self.square = angular * angular;
+        let by_acceleration = self.settings.acceleration_limit / self.square;
+        let by_amplitude = self.settings.amplitude_limit * 1e-3;
+        self.ceiling = by_acceleration.min(by_amplitude);
+        self.ceiling_limit = if by_acceleration < by_amplitude {
+            Limits::ACCELERATION
+        } else {
+            Limits::AMPLITUDE
+        };
+        self.set_level(self.level);
+    }
+
+    /// Forgets what the parts were heard to do.
+    fn forget_parts(&mut self) {
+        self.hearing.reset();
+        self.classifier.forget();
+        self.regime = None;
     }
 
     fn settled_state(&self) -> bool {
@@ -394,6 +384,12 @@ impl Controller {
         self.pull / (amplitude * self.square)
     }
 
+    /// Order of the lock that is wanted, also as the way to chaos or for a speed.
+    #[must_use]
+    pub fn order(&self) -> Option<u8> {
+        self.lock.map(|lock| lock.order)
+    }
+
     /// The target.
     #[must_use]
     pub fn target(&self) -> Target {
@@ -423,21 +419,18 @@ impl Controller {
         }
         self.limit(inputs);
         let goal = self.move_reference();
-        if self.running() {
+        if !self.running() {
+            self.rest();
+        } else if self.resonance.sweeps() {
+            self.sweep(measured, &mut events);
+        } else {
             // A sensor that may be lost is not followed: the output waits for the verdict.
             if !blind {
                 self.output = self.amplitude.cycle(measured, self.reference);
-                self.hearing.cycle(cycle, lead, self.lock);
+                self.hear(cycle, lead);
+                self.follow_resonance(measured);
             }
             self.progress(goal, measured, &mut events);
-        } else {
-            self.output = 0.0;
-            self.reference = 0.0;
-            self.strained = 0;
-            self.amplitude.reset();
-            self.hearing.reset();
-            self.capture.stop();
-            self.limits = Limits::default();
         }
         if !held_back && !self.limits.is_empty() {
             events.push(Event::Limited);
@@ -459,13 +452,15 @@ impl Controller {
             concentration: self.hearing.concentration(),
             confidence: self.confidence(),
             attempts: self.capture.attempts(),
+            regime: self.regime,
+            frequency: self.resonance.frequency(),
             state: self.state,
             fault: self.fault,
             limits: self.limits,
             events,
             command: Command {
                 amplitude: self.output,
-                step: self.step,
+                step: phase_step(self.resonance.frequency()),
                 immediate: !self.running(),
             },
         }
@@ -474,7 +469,58 @@ impl Controller {
     /// One bounded slice of planning; whether more is to be done. Call it in idle time, at most
     /// as often per cycle as it says that there is more.
     pub fn plan_step(&mut self) -> bool {
-        self.search.step()
+        if self.search.step() {
+            return true;
+        }
+        self.chaos.as_mut().is_some_and(ChaosSearch::step)
+    }
+
+    /// Everything at rest, drive off.
+    fn rest(&mut self) {
+        self.output = 0.0;
+        self.reference = 0.0;
+        self.strained = 0;
+        self.amplitude.reset();
+        self.forget_parts();
+        self.capture.stop();
+        self.limits = Limits::default();
+        self.back_to_lock();
+    }
+
+    /// A cycle of the search for the resonance, at the output that gives the safe amplitude there.
+    fn sweep(&mut self, measured: f32, events: &mut Events) {
+        let output = self.settings.safe_amplitude / self.settings.gain;
+        self.output = output.min(self.settings.output_maximum);
+        self.reference = measured;
+        let ended = self.resonance.swept(measured);
+        self.retune();
+        if ended {
+            self.amplitude.resume(measured, self.output);
+            events.push(Event::ResonanceFound);
+        }
+    }
+
+    fn follow_resonance(&mut self, measured: f32) {
+        if self.resonance.tracks() && measured > 0.3e-3 * self.settings.safe_amplitude {
+            self.resonance.follow(self.lead);
+            self.retune();
+        }
+    }
+
+    /// Takes what was heard in a cycle.
+    fn hear(&mut self, cycle: &Cycle, lead: Phase) {
+        let lock = self.lock.map(|lock| (lock.phase, lock.width));
+        self.hearing.cycle(cycle, lead, lock);
+        for heard in cycle.impacts() {
+            let time = (u64::from(self.count) << 32 | u64::from(heard.phase.bits()))
+                .wrapping_add_signed(i64::from(lead.bits() as i32));
+            self.classifier
+                .impact((time >> 32) as u32, Phase::from_bits(time as u32));
+        }
+        self.classifier.cycle(self.count);
+        if self.count.is_multiple_of(LOOK) {
+            self.regime = Some(self.classifier.verdict());
+        }
     }
 
     /// How far a kick may go over an amplitude within the drive's output and hard limits.
@@ -575,6 +621,10 @@ impl Controller {
                 self.arrived = 0;
                 self.expected = 0.0;
                 events.push(Event::Started);
+                if self.resonance.tracks() {
+                    self.resonance.begin();
+                    self.retune();
+                }
             }
             State::Stopping => {
                 let patience = 4.0 * self.settings.soft_stop * self.settings.frequency;
@@ -609,7 +659,7 @@ impl Controller {
         let running = self.running();
         self.limits.set(Limits::LINK_LOST, running && lost);
         self.limits
-            .set(Limits::NO_SETPOINT, running && self.no_band.is_some());
+            .set(Limits::NO_SETPOINT, running && self.no_setpoint().is_some());
         self.limits
             .set(self.ceiling_limit, running && self.setpoint > self.ceiling);
         self.limits
@@ -628,6 +678,9 @@ impl Controller {
             _ if self.limits.contains(Limits::LINK_LOST) => (safe, down),
             _ if self.limits.contains(Limits::NO_SETPOINT) => (safe, up),
             State::Capturing => (self.setpoint * self.capture.command(), Move::Envelope),
+            State::Holding if self.glide == Glide::Going => {
+                (self.setpoint, Move::Ramp(self.setpoint * (0.25 / GLIDE)))
+            }
             _ => (self.setpoint, up),
         };
         let goal = goal.min(self.ceiling);
@@ -663,9 +716,9 @@ impl Controller {
     }
 
     fn confidence(&self) -> f32 {
-        match self.target {
-            Target::Locked { order } if self.lock.is_some() => self.hearing.lock_confidence(order),
-            _ => 0.0,
+        match self.lock {
+            Some(lock) => self.hearing.lock_confidence(lock.order),
+            None => 0.0,
         }
     }
 
@@ -687,7 +740,7 @@ impl Controller {
                 };
                 let strained = self.limits.contains(Limits::OUTPUT);
                 if self.arrived >= 3 || strained {
-                    self.hearing.reset();
+                    self.forget_parts();
                     if self.limits.is_empty() {
                         self.enter(State::Holding);
                         events.push(Event::SetpointReached);
@@ -700,6 +753,7 @@ impl Controller {
                 self.arrived = 0;
                 self.enter(State::Starting);
             }
+            State::Holding if self.gliding() => self.glide_on(near, events),
             State::Holding if self.lock.is_some() => {
                 if locked {
                     self.enter(State::Locked);
@@ -715,7 +769,7 @@ impl Controller {
                 Progress::Planned { sure: false } => events.push(Event::KickUncertain),
                 Progress::Begun => {
                     events.push(Event::KickBegun);
-                    self.hearing.reset();
+                    self.forget_parts();
                 }
                 Progress::Ended => events.push(Event::KickEnded),
                 Progress::Captured => {
@@ -739,6 +793,8 @@ impl Controller {
                     self.doubts = 0;
                     self.enter(State::Lost);
                     events.push(Event::LockLost);
+                } else if self.glide == Glide::Ahead && self.in_state >= SETTLED {
+                    self.leave_lock(events);
                 }
             }
             State::Lost => {
@@ -751,6 +807,76 @@ impl Controller {
                 }
             }
             _ => {}
+        }
+    }
+}
+
+impl Controller {
+    fn gliding(&self) -> bool {
+        matches!(self.glide, Glide::Going | Glide::There { .. })
+    }
+
+    /// Leaves the lock for chaos, once the search for it is over.
+    fn leave_lock(&mut self, events: &mut Events) {
+        match self.chaos.filter(ChaosSearch::done).map(|chaos| chaos.k()) {
+            None => {}
+            Some(Some(k)) => {
+                self.glide = Glide::Going;
+                self.set_level(Level::K(k));
+                self.enter(State::Holding);
+            }
+            Some(None) => {
+                self.glide = Glide::Unwanted;
+                self.lock = None;
+                self.set_level(Level::None(NoSetpoint::Chaos));
+                events.push(Event::NoSetpoint);
+            }
+        }
+    }
+
+    /// Goes back to the amplitude of the lock, from which chaos is reached.
+    fn back_to_lock(&mut self) {
+        if let (true, Some(lock)) = (self.gliding(), self.lock) {
+            self.glide = Glide::Ahead;
+            self.set_level(Level::K(lock.k));
+        }
+    }
+
+    /// On the way to chaos, and there: listens whether the parts are in it.
+    fn glide_on(&mut self, near: bool, events: &mut Events) {
+        match self.glide {
+            Glide::Going if near => {
+                self.glide = Glide::There { heard: false };
+                self.forget_parts();
+            }
+            Glide::There { heard } => {
+                let sure = self.regime.filter(|verdict| verdict.confidence >= SURE);
+                match sure.map(|verdict| verdict.regime) {
+                    Some(Regime::Chaotic) if !heard => {
+                        self.glide = Glide::There { heard: true };
+                        events.push(Event::Chaotic);
+                    }
+                    Some(Regime::Rest | Regime::HopAndRest { .. }) => self.fall(events),
+                    _ => {}
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The parts fell out of chaos to rest: the way begins anew, as often as kicks are allowed.
+    fn fall(&mut self, events: &mut Events) {
+        self.falls = self.falls.saturating_add(1);
+        self.back_to_lock();
+        if f32::from(self.falls) > self.settings.capture_attempts {
+            self.given_up = true;
+            self.glide = Glide::Unwanted;
+            self.enter(State::Holding);
+            events.push(Event::NotCaptured);
+        } else {
+            self.arrived = 0;
+            self.enter(State::Starting);
+            events.push(Event::LockLost);
         }
     }
 }

@@ -19,18 +19,22 @@
 mod amplitude;
 mod angle;
 mod capture;
+mod chaos;
 mod controller;
 mod hearing;
 mod listen;
+mod resonance;
+mod setpoint;
 mod settings;
 mod signal;
 mod supervise;
 
 pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
-pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start, Target};
+pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start};
 pub use hearing::Hearing;
 pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
+pub use setpoint::{NoSetpoint, Target};
 pub use settings::{Key, Settings};
 pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};
 pub use supervise::{Event, Events, Fault, Limits, State};

@@ -82,7 +82,7 @@ settings! {
     /// High bound of the parts' restitution.
     restitution_high = 0.22, 0.0..1.0 "";
     /// Restitution along the track (symbol Rt), for the speed target.
-    tangential_restitution = 0.3, 0.0..1.0 "";
+    tangential_restitution = 0.3, 0.0..0.99 "";
     /// Resonance frequency of the drive.
     resonance = 50.0, 5.0..500.0 "Hz";
     /// Quality factor of the drive's resonance (symbol Q).

@@ -160,6 +160,8 @@ pub enum Event {
     Stopping = 17,
     /// The drive is off.
     Stopped = 18,
+    /// The sweep found the resonance.
+    ResonanceFound = 19,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -212,7 +214,8 @@ named!(Fault: SensorLost = "sensor lost", SensorSaturated = "sensor saturated", 
 named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetSet = "target set", NoSetpoint = "no setpoint",
     KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
     Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
-    Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped");
+    Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped",
+    ResonanceFound = "resonance found");
 
 #[cfg(test)]
 mod tests {
@@ -223,7 +226,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..19));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..20));
         let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         names.sort_unstable();
         names.dedup();

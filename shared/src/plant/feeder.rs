@@ -4,11 +4,12 @@ use core::f64::consts::TAU;
 
 use super::drive::{Resonator, Ringing, Swing};
 use super::noise::Noise;
-use super::part::{Part, Strike, Tangential, Track};
+use super::part::{Part, Strike, Track};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::Phase;
 use crate::control::{AdcCode, SAMPLE_RATE};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
+use crate::impact::TangentialSettings;
 
 /// Events of one part in one sample before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_SAMPLE: usize = 16;
@@ -39,7 +40,7 @@ pub struct Plant {
     lost: bool,
     inverted: bool,
     last_code: u16,
-    tangential: Tangential,
+    tangential: TangentialSettings,
     strikes: [Strike; STRIKES],
     strike_count: usize,
 }
@@ -79,7 +80,7 @@ impl Plant {
             lost: false,
             inverted: false,
             last_code: (settings.sensor_zero / volts) as u16,
-            tangential: Tangential {
+            tangential: TangentialSettings {
                 amplitude_ratio: f64::from(settings.amplitude_ratio),
                 phase_lead: f64::from(settings.phase_lead) * (TAU / 360.0),
                 incline_tangent: libm::tan(f64::from(settings.incline) * (TAU / 360.0)),
@@ -178,6 +179,12 @@ impl Plant {
     /// Forgets the impacts so far.
     pub fn forget_strikes(&mut self) {
         self.strike_count = 0;
+    }
+
+    /// Drive cycles so far.
+    #[must_use]
+    pub fn cycles(&self) -> u32 {
+        (self.time >> 32) as u32
     }
 
     /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.

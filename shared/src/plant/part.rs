@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use super::drive::Swing;
-use crate::impact::{Contact, Impact, Kernel, Map, State};
+use crate::impact::{Contact, Impact, Kernel, Map, State, Tangential, TangentialSettings};
 
 const TURN: f64 = 4_294_967_296.0;
 
@@ -56,35 +56,7 @@ pub struct Track {
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
     /// The motion along the track.
-    pub tangential: Tangential,
-}
-
-/// What the motion along the track depends on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tangential {
-    /// Amplitude parallel to the track over the amplitude normal to it (symbol eta).
-    pub amplitude_ratio: f64,
-    /// Phase lead of the parallel motion (symbol gamma) in rad.
-    pub phase_lead: f64,
-    /// Tangent of the incline.
-    pub incline_tangent: f64,
-    /// Restitution along the track (symbol Rt).
-    pub restitution: f64,
-}
-
-impl Tangential {
-    /// Way in units of b in a flight, and velocity after it in units of b w (equations 10 and 11).
-    fn flight(&self, k: f64, phase: f64, flight: f64, along: f64) -> (f64, f64) {
-        let (sine, cosine) = libm::sincos(phase + self.phase_lead);
-        let (sine_after, cosine_after) = libm::sincos(phase + self.phase_lead + flight);
-        let pull = k * self.incline_tangent;
-        let way = (along + self.amplitude_ratio * cosine) * flight
-            - 0.5 * pull * flight * flight
-            - self.amplitude_ratio * (sine_after - sine);
-        let after = self.restitution
-            * (along - self.amplitude_ratio * (cosine_after - cosine) - pull * flight);
-        (way, after)
-    }
+    pub tangential: TangentialSettings,
 }
 
 impl Part {
@@ -213,10 +185,17 @@ impl Part {
         start: u64,
     ) {
         let unit = amplitude * track.angular;
-        let (way, along) =
-            track
-                .tangential
-                .flight(map.k(), phase, impact.flight, self.along / unit);
+        let launch = State {
+            phase,
+            velocity: 0.0,
+        };
+        let (way, along) = match Tangential::build(map.k(), track.tangential) {
+            Ok(tangential) => (
+                tangential.way(launch, impact, self.along / unit),
+                tangential.after(launch, impact, self.along / unit),
+            ),
+            Err(_) => (0.0, 0.0),
+        };
         self.motion = Motion::Flying {
             until: start + (impact.flight / TAU * TURN) as u64,
             arrival: arrival_speed(map, phase, impact) * unit,

@@ -1,0 +1,194 @@
+//! Where the parts of a lot are chaotic: a search with the map on board, slice by slice.
+
+use super::settings::Settings;
+use crate::feeder::OutOfRange;
+use crate::impact::{Hybrid, Kernel};
+use crate::regime::classify::{Classifier, HearingSettings, Regime};
+use crate::regime::{Lock, band};
+
+/// Impacts that one slice computes.
+const SLICE: u32 = 128;
+/// Step in k, as a share of it.
+const STEP: f64 = 0.004;
+/// Highest k that is tried, over the flip of the deadest part: the doublings accumulate at 0.87 to 0.92 of it.
+const HIGHEST: f64 = 0.935;
+/// Lowest k that is tried, over the flip of the liveliest part: below, its hopping is transient.
+const LOWEST: f64 = 0.80;
+/// Impacts before a part is listened to, and those listened to.
+const SETTLE: u32 = 200;
+const LISTEN: u32 = 400;
+/// Velocity in b w below which a part counts as coming to rest.
+const RESTING: f64 = 1e-3;
+
+/// One part at one k being listened to.
+#[derive(Clone, Copy, Debug)]
+struct Trial {
+    map: Hybrid,
+    state: <Hybrid as Kernel>::State,
+    impacts: u32,
+    classifier: Classifier<64>,
+}
+
+impl Trial {
+    fn new(k: f64, restitution: f64) -> Option<Self> {
+        let lock = Lock::at(k, restitution, 1).ok()??;
+        let state = lock.state();
+        Some(Self {
+            map: Hybrid::build(k, restitution).ok()?,
+            // Off the orbit, which repels here.
+            state: Hybrid::state(state.phase + 0.02, state.velocity).ok()?,
+            impacts: 0,
+            classifier: Classifier::build(HearingSettings::EAR).ok()?,
+        })
+    }
+
+    /// One impact; whether the part is chaotic, once it is known.
+    fn step(&mut self) -> Option<bool> {
+        let impact = self.map.impact(self.state);
+        self.state = impact.next;
+        self.impacts += 1;
+        if Hybrid::observe(impact.next).velocity < RESTING {
+            return Some(false);
+        }
+        if self.impacts > SETTLE {
+            self.classifier.flight(impact.flight);
+        }
+        (self.impacts > SETTLE + LISTEN)
+            .then(|| self.classifier.verdict().regime == Regime::Chaotic)
+    }
+}
+
+/// The search for the widest stretch of k where the deadest, the middle and the liveliest part of a
+/// lot hop chaotically without coming to rest, as far as the board's own ear can tell.
+#[derive(Clone, Copy, Debug)]
+pub struct ChaosSearch {
+    parts: [f64; 3],
+    k: f64,
+    lowest: f64,
+    part: usize,
+    trial: Option<Trial>,
+    /// The stretch that is growing and the longest so far, as (high k, low k).
+    growing: Option<(f64, f64)>,
+    longest: Option<(f64, f64)>,
+    done: bool,
+}
+
+impl ChaosSearch {
+    /// The search for a lot; the refusal names the parameter.
+    pub fn begin(settings: &Settings) -> Result<Self, OutOfRange> {
+        let (low, high) = (
+            f64::from(settings.restitution_low),
+            f64::from(settings.restitution_high),
+        );
+        Ok(Self {
+            // The liveliest part comes to rest first, the deadest is periodic longest.
+            parts: [high, low, 0.5 * (low + high)],
+            k: HIGHEST * band::flip(low, 1)?,
+            lowest: LOWEST * band::flip(high, 1)?,
+            part: 0,
+            trial: None,
+            growing: None,
+            longest: None,
+            done: false,
+        })
+    }
+
+    /// One slice; whether more are to be done.
+    pub fn step(&mut self) -> bool {
+        for _ in 0..SLICE {
+            if self.k < self.lowest {
+                self.done = true;
+            }
+            if self.done {
+                return false;
+            }
+            let trial = match &mut self.trial {
+                Some(trial) => trial,
+                empty => match Trial::new(self.k, self.parts[self.part]) {
+                    Some(trial) => empty.insert(trial),
+                    None => {
+                        self.next(false);
+                        continue;
+                    }
+                },
+            };
+            if let Some(chaotic) = trial.step() {
+                self.trial = None;
+                if chaotic && self.part + 1 < self.parts.len() {
+                    self.part += 1;
+                } else {
+                    self.next(chaotic);
+                }
+            }
+        }
+        true
+    }
+
+    /// Goes on to the next k; `chaotic` is whether all parts were at this one.
+    fn next(&mut self, chaotic: bool) {
+        let width = |stretch: Option<(f64, f64)>| stretch.map_or(0.0, |(high, low)| high / low);
+        self.growing = chaotic.then(|| (self.growing.map_or(self.k, |(high, _)| high), self.k));
+        if width(self.growing) > width(self.longest) {
+            self.longest = self.growing;
+        }
+        self.part = 0;
+        self.k *= 1.0 - STEP;
+    }
+
+    /// Whether the search is over.
+    #[must_use]
+    pub fn done(&self) -> bool {
+        self.done
+    }
+
+    /// k in the middle of the widest stretch, `None` where the lot has none.
+    #[must_use]
+    pub fn k(&self) -> Option<f64> {
+        self.longest.map(|(high, low)| libm::sqrt(high * low))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::Map;
+    use crate::regime::exponent::{self, ExponentSettings, Motion};
+
+    fn search(low: f32, high: f32) -> (Option<f64>, u32) {
+        let mut search = ChaosSearch::begin(&Settings {
+            restitution_low: low,
+            restitution_high: high,
+            ..Settings::default()
+        })
+        .unwrap();
+        let mut slices = 0;
+        while search.step() {
+            slices += 1;
+            assert!(slices < 2000);
+        }
+        (search.k(), slices)
+    }
+
+    #[test]
+    fn what_it_finds_is_chaotic_by_the_exponent_too() {
+        for (low, high) in [(0.2, 0.2), (0.195, 0.205), (0.3, 0.3), (0.5, 0.5)] {
+            let (k, _) = search(low, high);
+            let k = k.unwrap();
+            let middle = 0.5 * f64::from(low + high);
+            let map = Map::build(k, middle).unwrap();
+            let settings = ExponentSettings {
+                settle: 1000,
+                impacts: 4000,
+            };
+            let found = exponent::measure(&map, exponent::start(&map, 1), settings).unwrap();
+            assert_eq!(found.motion, Motion::Chaotic, "R {middle} k {k}");
+        }
+    }
+
+    #[test]
+    fn a_wide_lot_has_no_common_chaos_and_the_search_ends() {
+        let (k, slices) = search(0.15, 0.25);
+        assert_eq!(k, None);
+        assert!(slices < 1200, "{slices}");
+    }
+}

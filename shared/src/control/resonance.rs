@@ -1,0 +1,153 @@
+//! The drive's resonance: a sweep that finds it, and a phase loop that follows it.
+
+use core::f32::consts::{FRAC_PI_2, PI};
+
+use super::settings::Settings;
+use super::signal::SAMPLE_RATE;
+
+/// Most points of a sweep.
+const POINTS: u16 = 64;
+/// Time constants of the envelope at each point before its amplitude counts.
+const DWELL: f32 = 4.0;
+/// Time constant of the phase loop over that of the envelope.
+const SLOWNESS: f32 = 4.0;
+
+/// The drive's frequency, where it may follow the resonance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resonance {
+    low: f32,
+    high: f32,
+    quality: f32,
+    frequency: f32,
+    sweep: Option<Sweep>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sweep {
+    /// Points after the first.
+    intervals: u16,
+    point: u16,
+    cycles: u16,
+    /// Largest amplitude so far in m, and its frequency.
+    best: (f32, f32),
+}
+
+impl Resonance {
+    /// The drive at its set frequency; it stays there where `tracking` is 0.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        Self {
+            low: (settings.frequency - settings.tracking).max(5.0),
+            high: settings.frequency + settings.tracking,
+            quality: settings.quality,
+            frequency: settings.frequency,
+            sweep: None,
+        }
+    }
+
+    /// Drive frequency in Hz.
+    #[must_use]
+    pub fn frequency(&self) -> f32 {
+        self.frequency
+    }
+
+    /// Whether the frequency may follow the resonance.
+    #[must_use]
+    pub fn tracks(&self) -> bool {
+        self.high > self.low
+    }
+
+    /// Whether a sweep is going on.
+    #[must_use]
+    pub fn sweeps(&self) -> bool {
+        self.sweep.is_some()
+    }
+
+    /// Begins a sweep from the low end, in steps of half the resonance's width.
+    pub fn begin(&mut self) {
+        let step = 0.5 * self.frequency / self.quality;
+        let intervals = libm::ceilf((self.high - self.low) / step) as u16;
+        self.frequency = self.low;
+        self.sweep = Some(Sweep {
+            intervals: intervals.clamp(2, POINTS),
+            point: 0,
+            cycles: 0,
+            best: (0.0, self.low),
+        });
+    }
+
+    /// Takes the amplitude of a cycle of the sweep in m; whether that ended it, at its peak.
+    pub fn swept(&mut self, amplitude: f32) -> bool {
+        let Some(sweep) = &mut self.sweep else {
+            return false;
+        };
+        sweep.cycles += 1;
+        if f32::from(sweep.cycles) < DWELL * self.quality * (1.0 / PI) + 4.0 {
+            return false;
+        }
+        if amplitude > sweep.best.0 {
+            sweep.best = (amplitude, self.frequency);
+        }
+        sweep.cycles = 0;
+        sweep.point += 1;
+        if sweep.point > sweep.intervals {
+            self.frequency = sweep.best.1;
+            self.sweep = None;
+            return true;
+        }
+        let part = f32::from(sweep.point) / f32::from(sweep.intervals);
+        self.frequency = self.low + (self.high - self.low) * part;
+        false
+    }
+
+    /// Follows the resonance by the lead of the track (rad): a quarter turn late at the peak, and half a
+    /// sample more for the output that is held.
+    pub fn follow(&mut self, lead: f32) {
+        let held = PI * self.frequency / SAMPLE_RATE as f32;
+        let error = lead + FRAC_PI_2 + held;
+        // Near the peak the lead falls by 2 Q for a relative change of frequency.
+        let towards = self.frequency * error / (2.0 * self.quality);
+        let share = PI / (SLOWNESS * self.quality);
+        self.frequency = (self.frequency + share * towards).clamp(self.low, self.high);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sweep_ends_at_the_peak_within_half_a_step_and_stays_in_its_bounds() {
+        let mut resonance = Resonance::new(&Settings {
+            tracking: 3.0,
+            ..Settings::default()
+        });
+        resonance.begin();
+        let mut cycles = 0;
+        loop {
+            let f = resonance.frequency();
+            assert!((47.0..=53.0).contains(&f));
+            let x = f / 51.2;
+            let response = 1.0 / ((1.0 - x * x) * (1.0 - x * x) + x * x / 625.0);
+            cycles += 1;
+            if resonance.swept(response) {
+                break;
+            }
+            assert!(cycles < 5000);
+        }
+        // Half the width of the resonance is one hertz; steps are no longer than that.
+        assert!((resonance.frequency() - 51.2).abs() <= 0.5);
+        for _ in 0..10_000 {
+            resonance.follow(3.0);
+        }
+        assert_eq!(resonance.frequency(), 53.0);
+    }
+
+    #[test]
+    fn without_tracking_nothing_moves() {
+        let mut resonance = Resonance::new(&Settings::default());
+        assert!(!resonance.tracks());
+        resonance.follow(0.0);
+        assert_eq!(resonance.frequency(), 50.0);
+    }
+}

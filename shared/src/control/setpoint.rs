@@ -1,0 +1,271 @@
+//! The amplitude for a target, chosen for the whole lot.
+
+use core::fmt;
+
+use super::angle::phase_of;
+use super::settings::Settings;
+use crate::arithmetic::Phase;
+use crate::feeder::{OutOfRange, Restitution, Track, TrackSettings, accept};
+use crate::impact::TangentialSettings;
+use crate::regime::band::BandError;
+use crate::regime::{Band, Lock, NoBand};
+use crate::transport::locked;
+
+/// What the user wants of the parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// Parts locked to the drive, one impact every `order` cycles.
+    Locked {
+        /// Drive cycles per impact (symbol r), 1..=8.
+        order: u8,
+    },
+    /// Parts in chaotic motion.
+    Chaotic,
+    /// A value of k, 0.02..10.
+    K(f32),
+    /// A normal amplitude b in mm.
+    Amplitude(f32),
+    /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
+    Speed(f32),
+}
+
+/// Why a target has no setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoSetpoint {
+    /// The lot has no common band of the wanted order.
+    Band(NoBand),
+    /// The lot has no common chaotic stretch.
+    Chaos,
+    /// No lock conveys at this speed within 10 %; the nearest one's speed in mm/s, if there is any.
+    Speed(Option<f32>),
+}
+
+impl fmt::Display for NoSetpoint {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Band(none) => none.fmt(formatter),
+            Self::Chaos => formatter.write_str(
+                "no k at which all parts of the interval are chaotic; a narrower interval of restitution would \
+                 allow it",
+            ),
+            Self::Speed(Some(speed)) => write!(
+                formatter,
+                "no lock of the lot conveys at this speed within 10 %; the nearest is {speed:.1} mm/s"
+            ),
+            Self::Speed(None) => formatter.write_str("the lot has no common band, so no lock conveys it"),
+        }
+    }
+}
+
+/// Where a lock is heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LockAt {
+    /// Drive cycles per impact.
+    pub order: u8,
+    /// k of the setpoint.
+    pub k: f64,
+    /// Phase at which the lot's parts strike.
+    pub phase: Phase,
+    /// Half width of the phases that count, in rad.
+    pub width: f32,
+}
+
+/// How the setpoint of a target is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Level {
+    /// As k, whatever the frequency.
+    K(f64),
+    /// As an amplitude in m.
+    Amplitude(f32),
+    /// Not at all.
+    None(NoSetpoint),
+}
+
+/// The choice for a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// The setpoint.
+    pub level: Level,
+    /// The lock that is wanted at it, if one is.
+    pub lock: Option<LockAt>,
+}
+
+/// Half width of the phases that a lock is heard at, beyond those that the interval of restitution
+/// explains, in rad: amplitude error, doubling not yet resolved, error of the stamps.
+const LOCK_WIDTH: f32 = 0.35;
+/// Deviation of a lock's speed from the wanted one that still serves.
+const SPEED_TOLERANCE: f32 = 0.1;
+/// Orders of lock that may be wanted.
+const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
+
+impl Choice {
+    /// The choice for a target; the refusal names a number that is out of range.
+    pub fn of(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
+        let within = |parameter, value: f32, accepts, accepted| {
+            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
+        };
+        match target {
+            Target::Locked { order } => {
+                within(
+                    "target locked order",
+                    f32::from(order),
+                    ORDERS.contains(&order),
+                    "1..8",
+                )?;
+                Self::lock(order, settings)
+            }
+            // Chaos is reached through the lock of order 1.
+            Target::Chaotic => Self::lock(1, settings),
+            Target::K(k) => {
+                within("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
+                Ok(Self::level(Level::K(f64::from(k))))
+            }
+            Target::Amplitude(b) => {
+                let accepts = (0.0..=settings.amplitude_limit).contains(&b);
+                within("target amplitude", b, accepts, "0..amplitude_limit mm")?;
+                Ok(Self::level(Level::Amplitude(b * 1e-3)))
+            }
+            Target::Speed(speed) => {
+                within(
+                    "target speed",
+                    speed,
+                    speed.is_finite(),
+                    "a finite speed in mm/s",
+                )?;
+                Self::speed(speed, settings)
+            }
+        }
+    }
+
+    fn level(level: Level) -> Self {
+        Self { level, lock: None }
+    }
+
+    fn lock(order: u8, settings: &Settings) -> Result<Self, OutOfRange> {
+        let lot = lot(settings)?;
+        let band = match Band::common(lot, u32::from(order)) {
+            Ok(band) => band,
+            Err(BandError::Empty(none)) => {
+                return Ok(Self::level(Level::None(NoSetpoint::Band(none))));
+            }
+            Err(BandError::OutOfRange(refused)) => return Err(refused),
+        };
+        let k = band.setpoint();
+        let at = |r| {
+            Lock::at(k, r, u32::from(order)).map(|lock| lock.map(|lock| lock.state().phase as f32))
+        };
+        let lock = at(lot.low())?
+            .zip(at(lot.high())?)
+            .map(|(low, high)| LockAt {
+                order,
+                k,
+                phase: phase_of(0.5 * (low + high)),
+                width: 0.5 * (high - low).abs() + LOCK_WIDTH,
+            });
+        Ok(Self {
+            level: Level::K(k),
+            lock,
+        })
+    }
+
+    /// The lock whose speed is nearest: a locked part's speed does not depend on the amplitude, so the
+    /// orders of lock are the choice there is.
+    fn speed(wanted: f32, settings: &Settings) -> Result<Self, OutOfRange> {
+        let mut nearest: Option<(f32, Self)> = None;
+        for order in ORDERS {
+            let choice = Self::lock(order, settings)?;
+            let Some(speed) = choice.lock.and_then(|lock| lock_speed(&lock, settings)) else {
+                continue;
+            };
+            if nearest.is_none_or(|(best, _)| (speed - wanted).abs() < (best - wanted).abs()) {
+                nearest = Some((speed, choice));
+            }
+        }
+        Ok(match nearest {
+            Some((speed, choice)) if (speed - wanted).abs() <= SPEED_TOLERANCE * wanted.abs() => {
+                choice
+            }
+            other => Self::level(Level::None(NoSetpoint::Speed(
+                other.map(|(speed, _)| speed),
+            ))),
+        })
+    }
+}
+
+/// The lot that the settings describe.
+pub(super) fn lot(settings: &Settings) -> Result<Restitution, OutOfRange> {
+    Restitution::interval(
+        f64::from(settings.restitution_low),
+        f64::from(settings.restitution_high),
+    )
+}
+
+/// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
+fn lock_speed(lock: &LockAt, settings: &Settings) -> Option<f32> {
+    let track = Track::build(TrackSettings {
+        frequency: f64::from(settings.frequency),
+        incline: f64::from(settings.incline),
+        amplitude_ratio: f64::from(settings.amplitude_ratio),
+        phase_lead: f64::from(settings.phase_lead),
+        gravity: f64::from(settings.gravity),
+    })
+    .ok()?;
+    let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
+    let orbit = Lock::at(lock.k, lot(settings).ok()?.middle(), u32::from(lock.order)).ok()??;
+    let unit = track.velocity_unit(track.amplitude(lock.k));
+    Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_setpoint_of_a_lock_is_in_the_band_of_every_part() {
+        let choice = Choice::of(Target::Locked { order: 1 }, &Settings::default()).unwrap();
+        let Level::K(k) = choice.level else {
+            panic!("{choice:?}")
+        };
+        for restitution in [0.18, 0.2, 0.22] {
+            let band = Band::common(Restitution::single(restitution).unwrap(), 1).unwrap();
+            assert!(band.contains(k));
+        }
+    }
+
+    #[test]
+    fn a_speed_is_that_of_the_lock_that_serves_it_or_is_refused_with_the_nearest() {
+        // Equation 21: pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) } = 88.4 r mm/s.
+        let settings = Settings {
+            restitution_low: 0.199,
+            restitution_high: 0.201,
+            ..Settings::default()
+        };
+        for (speed, order) in [(88.0, 1), (95.0, 1), (180.0, 2), (268.0, 3)] {
+            let choice = Choice::of(Target::Speed(speed), &settings).unwrap();
+            assert_eq!(choice.lock.unwrap().order, order, "{speed}");
+        }
+        for speed in [-80.0, 0.0, 40.0, 130.0] {
+            let choice = Choice::of(Target::Speed(speed), &settings).unwrap();
+            assert!(
+                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(near))) if near > 80.0),
+                "{speed}: {choice:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_by_name() {
+        for (target, parameter) in [
+            (Target::Locked { order: 0 }, "target locked order"),
+            (Target::Locked { order: 9 }, "target locked order"),
+            (Target::K(0.0), "target k"),
+            (Target::K(f32::NAN), "target k"),
+            (Target::Amplitude(1.1), "target amplitude"),
+            (Target::Amplitude(f32::NAN), "target amplitude"),
+            (Target::Speed(f32::INFINITY), "target speed"),
+        ] {
+            let refused = Choice::of(target, &Settings::default()).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
+        }
+    }
+}
