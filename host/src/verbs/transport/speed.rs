@@ -1,47 +1,37 @@
 //! Speed over k or b: measured, in closed form, and its sensitivity to the amplitude.
 
 use kband::impact::{Growth, Kernel, Map, Tangential};
+use kband::regime::classify::Regime;
 use kband::regime::{Lock, band};
-use kband::transport::{Motion, Sensitivity, Spread, Start, locked, measure, stationary};
+use kband::transport::{Sensitivity, Spread, Start, locked, measure, stationary};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, ORDERS, effort, locks, starts};
+use super::{Arguments, Computed, Feeder, ORDERS, effort, starts};
 use crate::arguments::Range;
 use crate::desk::Desk;
+use crate::ending::{self, Endings, TONES};
 use crate::picture::{Axis, Panel, Picture, Tone, Unit};
 use crate::refusal::Refusal;
 use crate::report::{Column, Report, Table, Value, number};
 
-/// What a part does at one k.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Regime {
-    Locked(u32),
-    /// Hops periodically, not once every r cycles.
-    Periodic,
-    Chaotic,
-    HopAndRest,
-    Rest,
+/// The regime as rows and pictures name it: how many cycles a hop and rest takes does not matter here.
+fn named(regime: Regime) -> String {
+    match regime {
+        Regime::HopAndRest { .. } => "hops and rests".into(),
+        other => ending::name(other),
+    }
 }
 
-impl Regime {
-    fn words(self) -> String {
-        match self {
-            Self::Locked(order) => format!("locked r={order}"),
-            Self::Periodic => "periodic".into(),
-            Self::Chaotic => "chaotic".into(),
-            Self::HopAndRest => "hop and rest".into(),
-            Self::Rest => "rest".into(),
-        }
-    }
+/// Regimes whose speeds are one row: all that hop and rest.
+fn alike(one: Regime, other: Regime) -> bool {
+    matches!((one, other), (Regime::HopAndRest { .. }, Regime::HopAndRest { .. })) || one == other
+}
 
-    fn tone(self) -> Tone {
-        match self {
-            Self::Locked(_) => Tone::Locked,
-            Self::Periodic => Tone::Periodic,
-            Self::Chaotic => Tone::Chaotic,
-            Self::HopAndRest => Tone::HopAndRest,
-            Self::Rest => Tone::Rest,
-        }
+/// Regimes whose sensitivity is one number: locks of one order, and one kind of any other.
+fn kin(one: Regime, other: Regime) -> bool {
+    match (one, other) {
+        (Regime::Locked { .. }, _) | (_, Regime::Locked { .. }) => one == other,
+        _ => ending::tone(one) == ending::tone(other),
     }
 }
 
@@ -88,7 +78,7 @@ pub(super) fn computed(
 ) -> Result<Computed, Refusal> {
     let over = Over::of(&feeder, arguments)?;
     let rows = rows(&feeder, arguments, &over, desk)?;
-    let report = report(&feeder, arguments, &over, &rows, &fits(&rows))?;
+    let report = report(&feeder, arguments, &over, &rows, &fits(&over, &rows))?;
     Ok((report, Box::new(move || picture(&feeder, &over, &rows))))
 }
 
@@ -173,9 +163,13 @@ fn rows(
         let starts = starts(*k, feeder.restitution, arguments.starts);
         tasks.extend(starts.into_iter().map(|start| (n, start)));
     }
+    let impacts = arguments.settle + arguments.impacts;
+    let endings = desk.try_map("regimes", over.k.len(), |n| {
+        Endings::new(over.k[n], feeder.restitution, impacts)
+    })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (n, start) = tasks[task];
-        measured(feeder, over.k[n], start, arguments)
+        measured(feeder, over.k[n], &endings[n], start, arguments)
     })?;
     let mut rows: Vec<Row> = Vec::new();
     let mut first = 0;
@@ -194,51 +188,47 @@ fn rows(
     Ok(rows)
 }
 
-fn measured(feeder: &Feeder, k: f64, start: Start, arguments: &Arguments) -> Result<Run, Refusal> {
+fn measured(
+    feeder: &Feeder,
+    k: f64,
+    endings: &Endings,
+    start: Start,
+    arguments: &Arguments,
+) -> Result<Run, Refusal> {
     let map = Map::build(k, feeder.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
-    let mut growth = Growth::new(&map);
-    let measured = measure(&map, tangential, start, effort(arguments), &mut growth);
-    let conveyed = measured.conveyed;
-    let time_mean = conveyed.time_mean().unwrap_or(0.0);
-    let exponent = growth.exponents().map(|[largest, _]| largest);
-    let regime = match measured.motion {
-        Motion::Rest => Regime::Rest,
-        Motion::HopAndRest => Regime::HopAndRest,
-        Motion::Hopping => {
-            // A lock is recognised by the length of its flights and the speed of its closed form.
-            let locked = locks(k, feeder.restitution).into_iter().find(|lock| {
-                let cycles = f64::from(lock.order()) * std::f64::consts::TAU;
-                let closed = locked::velocity(lock, k, &feeder.settings);
-                conveyed.mean_interval().is_some_and(|mean| (mean - cycles).abs() < 1e-6)
-                    && (time_mean - closed).abs() < 1e-6
-            });
-            match locked {
-                Some(lock) => Regime::Locked(lock.order()),
-                None if conveyed.rests == 0 && exponent.is_some_and(|largest| largest < 0.0) => {
-                    Regime::Periodic
-                }
-                None => Regime::Chaotic,
-            }
-        }
+    let regime = match start {
+        Start::Rest => endings.from_rest(),
+        Start::Hop(state) => endings.of(state),
     };
+    // Every part that rests forgets how it started; from rest the period is measured without the way to it.
+    let start = match regime {
+        Regime::HopAndRest { .. } => Start::Rest,
+        _ => start,
+    };
+    let mut growth = Growth::new(&map);
+    let conveyed = measure(&map, tangential, start, effort(arguments), &mut growth).conveyed;
+    let hops = conveyed.rests == 0;
     Ok(Run {
         regime,
-        time_mean,
+        time_mean: conveyed.time_mean().unwrap_or(0.0),
         impact_mean: conveyed.impact_mean(),
         interval: conveyed.mean_interval(),
-        exponent: if conveyed.rests == 0 { exponent } else { None },
+        exponent: growth.exponents().map(|[largest, _]| largest).filter(|_| hops),
     })
 }
 
 fn grouped(k: f64, tasks: &[(usize, Start)], runs: &[Run]) -> Vec<Row> {
-    let mut regimes: Vec<Regime> = runs.iter().map(|run| run.regime).collect();
-    regimes.sort_unstable();
-    regimes.dedup();
+    let mut regimes: Vec<Regime> = Vec::new();
+    for run in runs {
+        if !regimes.iter().any(|known| alike(*known, run.regime)) {
+            regimes.push(run.regime);
+        }
+    }
     regimes
         .into_iter()
         .map(|regime| {
-            let of = || runs.iter().filter(move |run| run.regime == regime);
+            let of = || runs.iter().filter(move |run| alike(run.regime, regime));
             Row {
                 k,
                 regime,
@@ -246,7 +236,7 @@ fn grouped(k: f64, tasks: &[(usize, Start)], runs: &[Run]) -> Vec<Row> {
                 from_rest: tasks
                     .iter()
                     .zip(runs)
-                    .any(|(task, run)| task.1 == Start::Rest && run.regime == regime),
+                    .any(|(task, run)| task.1 == Start::Rest && alike(run.regime, regime)),
                 time_mean: Spread::of(of().map(|run| run.time_mean)),
                 impact_mean: Spread::of(of().filter_map(|run| run.impact_mean)),
                 interval: Spread::of(of().filter_map(|run| run.interval)),
@@ -262,7 +252,7 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     let at = over.k.iter().position(|k| *k == row.k)?;
     let find = |n: usize| {
         let k = *over.k.get(n)?;
-        let found = rows.iter().find(|other| other.k == k && other.regime == row.regime)?;
+        let found = rows.iter().find(|other| other.k == k && alike(other.regime, row.regime))?;
         Some((k, found.mean(), found.error()))
     };
     let here = (row.k, row.mean(), row.error());
@@ -275,7 +265,7 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     }
 }
 
-/// The sensitivity of a regime over all its rows: the slope of ln V against ln b.
+/// The sensitivity of a regime over its rows: the slope of ln V against ln b.
 #[derive(Clone, Copy, Debug)]
 struct Fit {
     regime: Regime,
@@ -286,52 +276,102 @@ struct Fit {
     error: f64,
 }
 
-fn fits(rows: &[Row]) -> Vec<Fit> {
-    let mut regimes: Vec<Regime> = rows.iter().map(|row| row.regime).collect();
-    regimes.sort_unstable();
-    regimes.dedup();
-    regimes.into_iter().filter_map(|regime| fit(regime, rows)).collect()
+fn fits(over: &Over, rows: &[Row]) -> Vec<Fit> {
+    let mut regimes: Vec<Regime> = Vec::new();
+    for row in rows {
+        if !regimes.iter().any(|known| kin(*known, row.regime)) {
+            regimes.push(row.regime);
+        }
+    }
+    regimes.sort_by_key(|regime| match regime {
+        Regime::Locked { order } => *order,
+        _ => u32::MAX,
+    });
+    regimes
+        .into_iter()
+        .filter_map(|regime| fit(regime, over, rows))
+        .collect()
 }
 
-fn fit(regime: Regime, rows: &[Row]) -> Option<Fit> {
-    let points: Vec<(f64, f64)> = rows
-        .iter()
-        .filter(|row| row.regime == regime && row.mean() > 0.0)
-        .map(|row| (-row.k.ln(), (row.mean() / row.k).ln()))
-        .collect();
-    let count = points.len() as f64;
-    if points.len() < 4 {
-        return None;
+/// What a fit stands for.
+fn kind(regime: Regime) -> String {
+    let tone = ending::tone(regime);
+    match regime {
+        Regime::Locked { .. } => ending::name(regime),
+        _ => TONES
+            .iter()
+            .find(|known| known.0 == tone)
+            .map_or_else(String::new, |known| known.1.into()),
     }
-    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
-    let (x, y) = (mean(|point| point.0), mean(|point| point.1));
-    let squares: f64 = points.iter().map(|point| (point.0 - x).powi(2)).sum();
-    let slope = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum::<f64>() / squares;
-    let left: f64 = points
-        .iter()
-        .map(|point| (point.1 - y - slope * (point.0 - x)).powi(2))
-        .sum();
-    let k = points.iter().map(|point| (-point.0).exp());
+}
+
+/// Whether a regime at one k is the same orbit, or the same chaos, as at the k beside it.
+fn continues(one: Regime, other: Regime) -> bool {
+    match (one, other) {
+        (Regime::Doubled { order: a, .. }, Regime::Doubled { order: b, .. }) => a == b,
+        (
+            Regime::Periodic { impacts: p, cycles: r },
+            Regime::Periodic { impacts: q, cycles: s },
+        ) => u64::from(r) * u64::from(q) == u64::from(s) * u64::from(p),
+        _ => kin(one, other),
+    }
+}
+
+/// One slope for all stretches of neighbouring k in which the regime goes on; each stretch has a level
+/// of its own, as locks and what grows out of them have.
+fn fit(regime: Regime, over: &Over, rows: &[Row]) -> Option<Fit> {
+    let mut stretches: Vec<(usize, Vec<&Row>)> = Vec::new();
+    for (n, k) in over.k.iter().enumerate() {
+        for row in rows.iter().filter(|row| row.k == *k && kin(row.regime, regime) && row.mean() > 0.0) {
+            let open = stretches.iter_mut().find(|(last, stretch)| {
+                last + 1 == n && stretch.last().is_some_and(|before| continues(before.regime, row.regime))
+            });
+            match open {
+                Some((last, stretch)) => {
+                    *last = n;
+                    stretch.push(row);
+                }
+                None => stretches.push((n, vec![row])),
+            }
+        }
+    }
+    stretches.retain(|(_, stretch)| stretch.len() > 1);
+    let (mut squares, mut products, mut heights) = (0.0, 0.0, 0.0);
+    for (_, stretch) in &stretches {
+        let count = stretch.len() as f64;
+        let points = || stretch.iter().map(|row| (-row.k.ln(), (row.mean() / row.k).ln()));
+        let (x, y) = points().fold((0.0, 0.0), |sum, point| (sum.0 + point.0 / count, sum.1 + point.1 / count));
+        for point in points() {
+            let (dx, dy) = (point.0 - x, point.1 - y);
+            squares += dx * dx;
+            products += dx * dy;
+            heights += dy * dy;
+        }
+    }
+    let used: usize = stretches.iter().map(|(_, stretch)| stretch.len()).sum();
+    let free = used.checked_sub(stretches.len() + 1).filter(|free| *free > 0)?;
+    let slope = products / squares;
+    let k = stretches.iter().flat_map(|(_, stretch)| stretch).map(|row| row.k);
     Some(Fit {
         regime,
-        rows: points.len(),
+        rows: used,
         low: k.clone().fold(f64::INFINITY, f64::min),
         high: k.fold(0.0, f64::max),
         slope,
-        error: (left / (count - 2.0) / squares).sqrt(),
+        error: ((heights - slope * products).max(0.0) / free as f64 / squares).sqrt(),
     })
 }
 
 fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
     match row.regime {
-        Regime::Locked(order) => {
+        Regime::Locked { order } => {
             let lock = Lock::at(row.k, feeder.restitution, order).ok().flatten()?;
             Some(locked::velocity(&lock, row.k, &feeder.settings))
         }
-        Regime::Periodic | Regime::Chaotic => {
+        Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic => {
             stationary::impact_mean(row.k, feeder.restitution, &feeder.settings, row.interval.mean()?)
         }
-        Regime::HopAndRest | Regime::Rest => None,
+        Regime::HopAndRest { .. } | Regime::Rest | Regime::Undecided => None,
     }
 }
 
@@ -373,7 +413,7 @@ fn report(
         let mut cells: Vec<Value> = vec![
             row.k.into(),
             feeder.amplitude(row.k).into(),
-            row.regime.words().into(),
+            named(row.regime).into(),
             row.starts.into(),
             row.from_rest.into(),
             speed.into(),
@@ -396,7 +436,7 @@ fn report(
         .iter()
         .map(|fit| {
             json!({
-                "regime": fit.regime.words(), "rows": fit.rows, "k_low": fit.low, "k_high": fit.high,
+                "regime": kind(fit.regime), "rows": fit.rows, "k_low": fit.low, "k_high": fit.high,
                 "sensitivity": fit.slope, "sensitivity_error": fit.error,
             })
         })
@@ -410,7 +450,7 @@ fn report(
     for fit in fits {
         report = report.note(format!(
             "{}: (dV/V)/(db/b) = {:.3} ± {:.3} over k = {}..{} ({} values)",
-            fit.regime.words(),
+            kind(fit.regime),
             // No minus sign before a zero.
             if fit.slope.abs() < 5e-4 { 0.0 } else { fit.slope },
             fit.error,
@@ -419,17 +459,13 @@ fn report(
             fit.rows
         ));
     }
-    let of = |wanted: &dyn Fn(Regime) -> bool| fits.iter().find(|fit| wanted(fit.regime));
-    if let (Some(lock), Some(chaos)) = (
-        of(&|regime| matches!(regime, Regime::Locked(_))),
-        of(&|regime| regime == Regime::Chaotic),
-    ) {
-        report = report.note(format!(
-            "so it is the lock that makes the speed insensitive to the amplitude ({:.3}), not chaos ({:.3} over \
-             its whole range; near 0 only where it keeps the mean interval of the lock it came from)",
-            lock.slope.abs(),
-            chaos.slope
-        ));
+    if let Some(chaos) = fits.iter().find(|fit| fit.regime == Regime::Chaotic) {
+        report = report.note(if chaos.slope > 0.5 {
+            "chaos does not make the speed insensitive to the amplitude; a lock does"
+        } else {
+            "chaos beside a band keeps the mean interval of its lock, and so its speed; wide chaos (R = 0.9, k \
+             below 0.2) grows with the amplitude"
+        });
     }
     if let Some(tangent) = critical {
         report = report.note(format!(
@@ -451,7 +487,7 @@ fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> serde_json::Va
     json!({
         "k": row.k,
         "b": feeder.amplitude(row.k),
-        "regime": row.regime.words(),
+        "regime": named(row.regime),
         "starts": row.starts,
         "from_rest": row.from_rest,
         "speed": speed,
@@ -534,30 +570,15 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     if let Some(bound) = bound(feeder) {
         panel = panel.line("bound of the impact mean, equation 37", 1, smooth(&|_| Some(bound)));
     }
-    let group = |wanted: &dyn Fn(Regime) -> bool| -> Vec<(f64, f64)> {
-        rows.iter().filter(|row| wanted(row.regime)).map(|row| (place(row.k), speed(row))).collect()
-    };
-    panel = panel
-        .markers("locked", 0, group(&|regime| matches!(regime, Regime::Locked(_))))
-        .markers("hop and rest", 2, group(&|regime| regime == Regime::HopAndRest))
-        .markers("chaotic", 3, group(&|regime| regime == Regime::Chaotic))
-        .markers("periodic", 4, group(&|regime| regime == Regime::Periodic))
-        .ribbon(ribbon(over, rows, &place), &[
-            (Tone::Locked, "from rest: locked"),
-            (Tone::Periodic, "periodic"),
-            (Tone::Chaotic, "chaotic"),
-            (Tone::HopAndRest, "hop and rest"),
-            (Tone::Rest, "rest"),
-        ]);
-    let answers: Vec<(f64, f64, Regime)> = rows
+    let names = &TONES[..6];
+    let measured = rows.iter().map(|row| (place(row.k), speed(row), row.regime)).collect();
+    panel = marked(panel, measured).ribbon(ribbon(over, rows, &place), names);
+    let answers = rows
         .iter()
         .filter_map(|row| Some((place(row.k), row.sensitivity?, row.regime)))
         .filter(|(_, found, _)| found.error < 0.5 && (-1.0..=3.0).contains(&found.value))
         .map(|(at, found, regime)| (at, found.value, regime))
         .collect();
-    let of = |wanted: &dyn Fn(Regime) -> bool| -> Vec<(f64, f64)> {
-        answers.iter().filter(|answer| wanted(answer.2)).map(|answer| (answer.0, answer.1)).collect()
-    };
     let below = Panel::new(
         over.axis(),
         Axis::new("(dV/V) / (db/b)", Unit::NONE, -1.0, 3.0),
@@ -565,15 +586,27 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     .height(200.0)
     .heading("Sensitivity of the speed to the amplitude")
     .level(0.0, "does not feel b")
-    .level(1.0, "grows like b")
-    .markers("locked", 0, of(&|regime| matches!(regime, Regime::Locked(_))))
-    .markers("hop and rest", 2, of(&|regime| regime == Regime::HopAndRest))
-    .markers("chaotic", 3, of(&|regime| regime == Regime::Chaotic))
-    .markers("periodic", 4, of(&|regime| regime == Regime::Periodic));
+    .level(1.0, "grows like b");
+    let below = marked(below, answers);
     Picture::new("Conveying speed in every regime")
         .caption(feeder.words())
         .panel(panel)
         .panel(below)
+}
+
+/// The points as markers by the tone of their regime.
+fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
+    for (series, (tone, name)) in TONES[..5].iter().enumerate() {
+        let of: Vec<(f64, f64)> = points
+            .iter()
+            .filter(|point| ending::tone(point.2) == *tone)
+            .map(|point| (point.0, point.1))
+            .collect();
+        if !of.is_empty() {
+            panel = panel.markers(name, series, of);
+        }
+    }
+    panel
 }
 
 /// The regime of a part from rest, from half way to the left neighbour to half way to the right one.
@@ -581,7 +614,7 @@ fn ribbon(over: &Over, rows: &[Row], place: &dyn Fn(f64) -> f64) -> Vec<(f64, f6
     let found: Vec<(f64, Tone)> = rows
         .iter()
         .filter(|row| row.from_rest)
-        .map(|row| (place(row.k), row.regime.tone()))
+        .map(|row| (place(row.k), ending::tone(row.regime)))
         .collect();
     let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
     let mut stretches: Vec<(f64, f64, Tone)> = Vec::new();
@@ -608,21 +641,21 @@ mod tests {
         arguments: Arguments,
     }
 
-    fn rows_of(line: &str, threads: usize) -> (Feeder, Vec<Row>) {
+    fn rows_of(line: &str, threads: usize) -> (Feeder, Over, Vec<Row>) {
         let words = std::iter::once("transport").chain(line.split_whitespace());
         let arguments = Line::parse_from(words).arguments;
         let feeder = Feeder::build(&arguments).unwrap();
         let over = Over::of(&feeder, &arguments).unwrap();
         let desk = Desk::new(Some(threads)).unwrap();
         let rows = rows(&feeder, &arguments, &over, &desk).unwrap();
-        (feeder, rows)
+        (feeder, over, rows)
     }
 
     #[test]
     fn the_same_bits_for_any_number_of_threads() {
         let line = "--restitution 0.9 --k 0.05..0.07:3 --impacts 300 --settle 100";
-        let (_, one) = rows_of(line, 1);
-        let (_, three) = rows_of(line, 3);
+        let (_, _, one) = rows_of(line, 1);
+        let (_, _, three) = rows_of(line, 3);
         // Debug prints every f64 so that it reads back to the same bits.
         assert_eq!(format!("{one:?}"), format!("{three:?}"));
     }
@@ -630,9 +663,9 @@ mod tests {
     #[test]
     fn a_lock_is_found_fast_or_slow_from_rest_or_not_and_does_not_feel_the_amplitude() {
         let line = "--restitution 0.2 --k 0.40..0.44:3 --impacts 400 --settle 400";
-        let (feeder, rows) = rows_of(line, 2);
+        let (feeder, _, rows) = rows_of(line, 2);
         let locked: Vec<&Row> =
-            rows.iter().filter(|row| row.regime == Regime::Locked(1)).collect();
+            rows.iter().filter(|row| row.regime == (Regime::Locked { order: 1 })).collect();
         assert_eq!(locked.len(), 3);
         for row in &locked {
             let closed = closed_form(&feeder, row).unwrap();
@@ -651,12 +684,12 @@ mod tests {
     #[test]
     fn wide_chaos_grows_like_the_amplitude_and_a_single_k_has_a_sensitivity() {
         let line = "--restitution 0.9 --k 0.03..0.08:6 --amplitude-ratio 2 --impacts 2500 --settle 300";
-        let (_, rows) = rows_of(line, 2);
-        let fit = fit(Regime::Chaotic, &rows).unwrap();
+        let (_, over, rows) = rows_of(line, 2);
+        let fit = fit(Regime::Chaotic, &over, &rows).unwrap();
         // Six values of k, each the mean of 13 runs; the soak found 1.000 +- 0.002.
         assert!((fit.slope - 1.0).abs() < 6.0 * fit.error.max(0.01), "{fit:?}");
-        let (_, single) = rows_of("--restitution 0.2 --k 0.43 --impacts 300", 2);
-        let locked = single.iter().find(|row| row.regime == Regime::Locked(1)).unwrap();
+        let (_, _, single) = rows_of("--restitution 0.2 --k 0.43 --impacts 300", 2);
+        let locked = single.iter().find(|row| row.regime == (Regime::Locked { order: 1 })).unwrap();
         assert!(locked.sensitivity.unwrap().value.abs() < 1e-6);
         assert!(single.iter().all(|row| row.k == 0.43));
     }
