@@ -70,6 +70,19 @@ pub(crate) static FIXED: [[i32; 2]; COUNT] = {
     table
 };
 
+/// What the cosine of [`FIXED`] lacks, steps of 2^-48.
+pub(crate) static COSINE_REST: [i32; COUNT] = {
+    let mut table = [0; COUNT];
+    let mut j = 0;
+    while j < COUNT {
+        let cosine = NODES[j][1].high;
+        let rest = cosine - fixed(cosine) as f64 / 1_073_741_824.0;
+        table[j] = (rest * 281_474_976_710_656.0) as i32;
+        j += 1;
+    }
+    table
+};
+
 /// Nearest step of 2^-30 to `value` in -1..=1.
 const fn fixed(value: f64) -> i32 {
     let scaled = value * 1_073_741_824.0;

@@ -71,6 +71,27 @@ pub fn sine_cosine_fixed(phase: Phase) -> (i32, i32) {
     )
 }
 
+/// As [`sine_cosine_fixed`], with the cosine also in steps of 2^-48.
+#[inline(always)]
+pub(crate) fn sine_cosine_fine(phase: Phase) -> (i32, i32, i64) {
+    let (index, distance) = nearest(phase);
+    let [sine, cosine] = node::FIXED[index];
+    let d = distance as f32 * STEP;
+    let z = d * d;
+    let versine = z * (0.5 - z * (1.0 / 24.0));
+    let arc = d - d * z * (1.0 / 6.0);
+    let (s, c) = (sine as f32, cosine as f32);
+    // Steps of 2^-36: the correction is below 0.0124.
+    let fall = ((s * arc + c * versine) * 64.0) as i32;
+    let fine =
+        (i64::from(cosine) << 18) + i64::from(node::COSINE_REST[index]) - (i64::from(fall) << 12);
+    (
+        sine + (c * arc - s * versine) as i32,
+        cosine - (fall >> 6),
+        fine,
+    )
+}
+
 /// Sine and cosine of a phase in steps of 2^-30, in integers alone, for CPUs without an FPU.
 ///
 /// Measured over 2^20 spread phases and all nodes: error at most 3.8e-9, RMS 9.6e-10.

@@ -20,8 +20,20 @@ pub struct SingleState {
 /// The impact map in f32, for displays and pictures (`f32`).
 ///
 /// The phase is an integer, so that it never drifts; everything else is f32, whose step at the flight
-/// time limits the error. Range: k 0.005..=4, restitution 0..=1, velocity 0..=60; an orbit that would
-/// leave it (only with a restitution above 0.96) is held at the top.
+/// time limits the error. Measured against the f64 map from the same 400 000 states, k 0.02..0.98:
+///
+/// | velocities | phase error: median | p99 | max (rad) | velocity: max |
+/// |---|---|---|---|---|
+/// | 0..20 | 1.5e-6 | 4.7e-5 | 3.2e-4 | 2.5e-4 |
+/// | 0..3 | 1.9e-7 | 7.7e-6 | 6.5e-5 | 3.8e-5 |
+/// | 3e-7..3, logarithmic | 6e-9 | 2.6e-6 | 3.9e-4 | 6.9e-5 |
+///
+/// The first impact is the right one down to a gap of 1e-5 over a hump (times the flight time, where
+/// that is above 1); nearer it is flagged. About 240 instructions an impact on a Cortex-M4F, at most 340
+/// on any locked or chaotic orbit tried.
+///
+/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60; an orbit that would leave it (only with a
+/// restitution above 0.96) is held at the top.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
     shape: Shape,
@@ -71,12 +83,12 @@ impl Single {
         } else {
             larger(pull, 1e-9)
         };
-        self.low(&flight, &launch)
+        self.low(flight, launch)
     }
 
     #[inline(always)]
-    fn low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
-        let (found, grazes) = search(&self.shape, launch, flight);
+    fn low(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
+        let (found, grazes) = search(&self.shape, &launch, &flight);
         match found {
             Found::Short {
                 flight: time,
@@ -146,6 +158,7 @@ fn steps_to(phase: u32, node: i32) -> i64 {
 }
 
 /// A flight in f32.
+#[derive(Clone, Copy)]
 struct Ballistic {
     k: f32,
     phase: u32,
