@@ -9,6 +9,7 @@
 //! | [`board`] | a board on the link, and a scene's controller on it |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`ending`] | where an orbit of the exact map ends |
+//! | `live` | the dashboard in the terminal |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`verbs`] | one file per verb |
@@ -18,6 +19,8 @@ pub mod board;
 pub mod desk;
 pub mod ending;
 pub mod file;
+#[cfg(feature = "live")]
+pub mod live;
 pub mod picture;
 pub mod refusal;
 pub mod report;

@@ -153,6 +153,9 @@ fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
         ("diagram --threads 0", &["--threads", "1..1024"]),
         ("explain fault 7", &["fault", "7", "1, 2, 3"]),
         ("explain entropy", &["entropy", "capture"]),
+        ("live", &["not a terminal", "kband simulate"]),
+        ("live nothing.toml", &["nothing.toml"]),
+        ("live --speed 0", &["--speed", "0.01..100"]),
         ("completions cmd", &["cmd", "bash"]),
         ("nonsense", &["nonsense"]),
     ];

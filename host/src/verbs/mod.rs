@@ -42,6 +42,7 @@ verbs! {
     Explain => explain,
     Exponent => exponent,
     Impacts => impacts,
+    Live => live,
     Paper => paper,
     Simulate => simulate,
     Transport => transport,

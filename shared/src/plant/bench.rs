@@ -84,7 +84,8 @@ impl Bench {
         self.samples as f32 / SAMPLE_RATE as f32
     }
 
-    fn apply(&mut self, change: Change) {
+    /// Makes a change now, beside those of the scene.
+    pub fn apply(&mut self, change: Change) {
         match change {
             Change::Enable(enable) => self.inputs.enable = enable,
             Change::Target(target) => self.target = Some(target),

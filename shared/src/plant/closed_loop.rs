@@ -2,7 +2,7 @@
 
 use super::bench::Bench;
 use super::feeder::Plant;
-use super::scene::Scene;
+use super::scene::{Change, Scene};
 use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal};
 use crate::feeder::OutOfRange;
 
@@ -73,6 +73,11 @@ impl ClosedLoop {
         let step = (self.signal.phase() - before).bits();
         self.bench.hold(sampled.output, step);
         sampled.wrapped
+    }
+
+    /// Makes a change now, beside those of the scene; a target is taken at the end of the cycle.
+    pub fn apply(&mut self, change: Change) {
+        self.bench.apply(change);
     }
 
     /// The controller.

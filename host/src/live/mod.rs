@@ -1,0 +1,125 @@
+//! The dashboard in the terminal: k against the band, the regime, the phase of the impacts, faults.
+
+mod history;
+mod screen;
+mod source;
+
+use std::time::{Duration, Instant};
+
+use kband::control::{State, Target};
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
+
+pub use history::History;
+#[cfg(debug_assertions)]
+pub use source::Panics;
+pub use source::{Lot, Seen, Simulation, Source, Wish};
+
+use crate::desk::Desk;
+use crate::refusal::Refusal;
+
+/// Time between two pictures on the screen.
+const FRAME: Duration = Duration::from_millis(50);
+
+/// Step of k by the keys + and -.
+const STEP: f32 = 0.005;
+
+/// How fast it runs, and how long.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// Seconds of the source for one second of the clock.
+    pub speed: f64,
+    /// Ends by itself after this time.
+    pub limit: Option<Duration>,
+}
+
+/// The terminal as it was, restored whichever way the dashboard ends; after a panic by the hook that
+/// [`ratatui::try_init`] installs.
+struct Restored;
+
+impl Drop for Restored {
+    fn drop(&mut self) {
+        // Twice would put the cursor back over the panic's message.
+        if !std::thread::panicking() {
+            ratatui::restore();
+        }
+    }
+}
+
+/// Shows `source` until the user quits, the time is over or the source ends.
+pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refusal> {
+    let failed = |error: std::io::Error| {
+        Refusal::new(
+            format!("the terminal: {error}"),
+            "run kband live in a terminal of at least 80 x 24",
+        )
+    };
+    let mut terminal = ratatui::try_init().map_err(failed)?;
+    let _restored = Restored;
+    let mut history = History::default();
+    let begun = Instant::now();
+    let (mut last, mut paused) = (begun, false);
+    while desk.go_on().is_ok() && pace.limit.is_none_or(|limit| begun.elapsed() < limit) {
+        let now = Instant::now();
+        // A desk that was asleep does not catch up.
+        let passed = (now - last).min(4 * FRAME).as_secs_f64();
+        last = now;
+        if !paused {
+            for seen in source.advance(passed * pace.speed)? {
+                history.take(seen);
+            }
+        }
+        terminal
+            .draw(|frame| screen::draw(frame, &history, &source.lot(), &source.name(), paused))
+            .map_err(failed)?;
+        let mut wait = FRAME.saturating_sub(now.elapsed());
+        while event::poll(wait).map_err(failed)? {
+            wait = Duration::ZERO;
+            let Event::Key(key) = event::read().map_err(failed)? else {
+                continue;
+            };
+            if key.kind != KeyEventKind::Press {
+                continue;
+            }
+            let control = key.modifiers.contains(KeyModifiers::CONTROL);
+            match key.code {
+                KeyCode::Char('q') | KeyCode::Esc => return Ok(()),
+                KeyCode::Char('c') if control => return Ok(()),
+                KeyCode::Char('p' | ' ') => paused = !paused,
+                KeyCode::Char(letter) => {
+                    if let Some(wish) = wish(letter, &source.lot(), &history)
+                        && let Err(refusal) = source.obey(wish)
+                    {
+                        history.say(refusal.to_string().replace('\n', ";"));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+
+/// What a key asks for.
+fn wish(letter: char, lot: &Lot, history: &History) -> Option<Wish> {
+    Some(match letter {
+        '1'..='8' => Wish::Target(Target::Locked {
+            order: letter as u8 - b'0',
+        }),
+        'x' => Wish::Target(Target::Chaotic),
+        '+' | '=' | '-' => {
+            let k = match lot.target {
+                Target::K(k) => k,
+                _ => history.now()?.k_setpoint(lot)?,
+            };
+            let k = if letter == '-' { k - STEP } else { k + STEP };
+            // Round numbers, whatever the setpoint was.
+            Wish::Target(Target::K(((k / STEP).round() * STEP).clamp(0.02, 10.0)))
+        }
+        'c' => Wish::Target(lot.target),
+        'e' => Wish::Enable(matches!(
+            history.now()?.state(),
+            State::Off | State::Stopping
+        )),
+        _ => return None,
+    })
+}

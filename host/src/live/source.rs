@@ -1,0 +1,235 @@
+//! Where the dashboard looks: a simulation in real time, or a board.
+
+use kband::control::{Event, Fault, Settings, State, Target};
+use kband::feeder::Restitution;
+use kband::plant::{Change, ClosedLoop};
+use kband::regime::{Band, Lock};
+use kband::wire::Telemetry;
+
+use crate::refusal::Refusal;
+use crate::simulate::SceneFile;
+
+/// One drive cycle as the dashboard sees it.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Time in s since the start.
+    pub time: f64,
+    /// What the controller reports.
+    pub telemetry: Telemetry,
+    /// Phases of the track at the impacts of this cycle, in rad.
+    pub strikes: Vec<f64>,
+    /// Mean way of the parts so far in m, where it is known.
+    pub way: Option<f64>,
+    /// What happened in this cycle.
+    pub events: Vec<Event>,
+}
+
+impl Seen {
+    /// What the controller is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        let number = self.telemetry.state;
+        let known = State::ALL.iter().find(|state| state.number() == number);
+        known.copied().unwrap_or_default()
+    }
+
+    /// What stopped the drive.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        let number = self.telemetry.fault;
+        Fault::ALL
+            .iter()
+            .find(|fault| fault.number() == number)
+            .copied()
+    }
+
+    /// k at the setpoint; `None` without one.
+    #[must_use]
+    pub fn k_setpoint(&self, lot: &Lot) -> Option<f32> {
+        let setpoint = f64::from(self.telemetry.setpoint);
+        (setpoint > 0.0).then(|| (lot.k_unit() / setpoint) as f32)
+    }
+}
+
+/// What the controller was told, and what is wanted of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Lot {
+    /// Its settings.
+    pub settings: Settings,
+    /// Its target.
+    pub target: Target,
+}
+
+impl Lot {
+    fn restitution(&self) -> Option<Restitution> {
+        let (low, high) = (
+            self.settings.restitution_low,
+            self.settings.restitution_high,
+        );
+        Restitution::interval(f64::from(low), f64::from(high)).ok()
+    }
+
+    fn order(&self) -> u32 {
+        match self.target {
+            Target::Locked { order } => u32::from(order),
+            _ => 1,
+        }
+    }
+
+    /// The lot's band of the order that is wanted, of order 1 for another target.
+    #[must_use]
+    pub fn band(&self) -> Option<Band> {
+        Band::common(self.restitution()?, self.order()).ok()
+    }
+
+    /// Phase at which locked parts of middling restitution strike at this k.
+    #[must_use]
+    pub fn lock_phase(&self, k: f64) -> Option<f64> {
+        let lock = Lock::at(k, self.restitution()?.middle(), self.order()).ok()??;
+        Some(lock.state().phase)
+    }
+
+    /// k times the amplitude in m.
+    #[must_use]
+    pub fn k_unit(&self) -> f64 {
+        let settings = &self.settings;
+        let speed = std::f64::consts::TAU * f64::from(settings.frequency);
+        let incline = f64::from(settings.incline).to_radians();
+        f64::from(settings.gravity) * incline.cos() / (speed * speed)
+    }
+}
+
+/// What the user asks for by a key.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wish {
+    /// A target; the one there is already starts the capture anew.
+    Target(Target),
+    /// The drive on or off.
+    Enable(bool),
+}
+
+/// What a dashboard can look at.
+pub trait Source {
+    /// Its name, for the headline.
+    fn name(&self) -> String;
+
+    /// What its controller was told.
+    fn lot(&self) -> Lot;
+
+    /// The cycles of the next `seconds` of its time.
+    fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal>;
+
+    /// Does what the user asks for.
+    fn obey(&mut self, wish: Wish) -> Result<(), Refusal>;
+}
+
+/// A scene in real time.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    name: String,
+    closed: ClosedLoop,
+    /// Time up to which it was asked to run, in s.
+    due: f64,
+    time: f64,
+}
+
+impl Simulation {
+    /// The simulation of a scene at time 0.
+    pub fn build(name: &str, file: &SceneFile) -> Result<Self, Refusal> {
+        Ok(Self {
+            name: format!("simulation of {name}"),
+            closed: ClosedLoop::build(&file.scene)?,
+            due: 0.0,
+            time: 0.0,
+        })
+    }
+}
+
+impl Source for Simulation {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn lot(&self) -> Lot {
+        let controller = self.closed.controller();
+        Lot {
+            settings: *controller.settings(),
+            target: controller.target(),
+        }
+    }
+
+    fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal> {
+        self.due += seconds;
+        let mut cycles = Vec::new();
+        while self.time < self.due {
+            let moment = self.closed.cycle();
+            self.time = f64::from(moment.time);
+            let strikes = self.closed.plant().strikes().iter();
+            cycles.push(Seen {
+                time: self.time,
+                telemetry: Telemetry::from(&moment.report),
+                strikes: strikes.map(|strike| strike.phase).collect(),
+                way: Some(moment.way),
+                events: moment.report.events.iter().collect(),
+            });
+        }
+        Ok(cycles)
+    }
+
+    fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
+        self.closed.apply(match wish {
+            Wish::Target(target) => Change::Target(target),
+            Wish::Enable(enable) => Change::Enable(enable),
+        });
+        Ok(())
+    }
+}
+
+/// A simulation that panics after a few cycles, to prove that the terminal is restored then.
+#[cfg(debug_assertions)]
+#[derive(Clone, Debug)]
+pub struct Panics(pub Simulation);
+
+#[cfg(debug_assertions)]
+impl Source for Panics {
+    fn name(&self) -> String {
+        self.0.name()
+    }
+
+    fn lot(&self) -> Lot {
+        self.0.lot()
+    }
+
+    fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal> {
+        assert!(self.0.time < 0.2, "a panic as asked for");
+        self.0.advance(seconds)
+    }
+
+    fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
+        self.0.obey(wish)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::DEFAULT;
+
+    #[test]
+    fn a_simulation_starts_takes_a_target_and_stops() {
+        let file = SceneFile::parse(DEFAULT).unwrap();
+        let mut source = Simulation::build("the default scene", &file).unwrap();
+        let cycles = source.advance(1.0).unwrap();
+        assert!((49..=51).contains(&cycles.len()), "{}", cycles.len());
+        assert_eq!(cycles[0].state(), State::Starting);
+        let band = source.lot().band().unwrap();
+        let k = source.advance(1.0).unwrap().last().unwrap().telemetry.k;
+        assert!(band.contains(f64::from(k)), "{k}");
+        source.obey(Wish::Target(Target::K(0.4))).unwrap();
+        source.advance(1.0).unwrap();
+        assert_eq!(source.lot().target, Target::K(0.4));
+        source.obey(Wish::Enable(false)).unwrap();
+        let cycles = source.advance(3.0).unwrap();
+        assert_eq!(cycles.last().unwrap().state(), State::Off);
+    }
+}

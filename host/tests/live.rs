@@ -1,0 +1,185 @@
+//! The dashboard in a terminal of 80 x 24.
+#![cfg(all(unix, feature = "live"))]
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, ExitStatus};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{Termios, Winsize, tcgetattr, tcsetwinsize};
+
+/// No wait of a test is longer.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// `kband live` in a pseudo-terminal; killed with its children when dropped.
+struct Dashboard {
+    child: Child,
+    keys: File,
+    terminal: File,
+    before: Termios,
+    output: Receiver<Vec<u8>>,
+    screen: vt100::Parser,
+}
+
+impl Dashboard {
+    fn start(arguments: &[&str]) -> Self {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let size = Winsize {
+            ws_row: 24,
+            ws_col: 80,
+            ws_xpixel: 0,
+            ws_ypixel: 0,
+        };
+        tcsetwinsize(&master, size).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap();
+        let terminal = File::options()
+            .read(true)
+            .write(true)
+            .open(name.to_str().unwrap())
+            .unwrap();
+        let before = tcgetattr(&terminal).unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_kband"))
+            .arg("live")
+            .args(arguments)
+            .env("TERM", "xterm-256color")
+            .env("RUST_BACKTRACE", "0")
+            .stdin(terminal.try_clone().unwrap())
+            .stdout(terminal.try_clone().unwrap())
+            .stderr(terminal.try_clone().unwrap())
+            .process_group(0)
+            .spawn()
+            .unwrap();
+        let keys = File::from(master);
+        let mut reader = keys.try_clone().unwrap();
+        let (sender, output) = channel();
+        // Ends when the last end of the terminal is closed.
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(count @ 1..) = reader.read(&mut bytes) {
+                if sender.send(bytes[..count].to_vec()).is_err() {
+                    break;
+                }
+            }
+        });
+        Self {
+            child,
+            keys,
+            terminal,
+            before,
+            output,
+            screen: vt100::Parser::new(24, 80, 0),
+        }
+    }
+
+    fn look(&mut self) {
+        while let Ok(bytes) = self.output.recv_timeout(Duration::from_millis(20)) {
+            self.screen.process(&bytes);
+        }
+    }
+
+    fn wait_for(&mut self, words: &str) {
+        let begun = Instant::now();
+        while !self.screen.screen().contents().contains(words) {
+            let waited = begun.elapsed() < LIMIT;
+            assert!(waited, "no '{words}':\n{}", self.screen.screen().contents());
+            self.look();
+        }
+    }
+
+    fn press(&mut self, keys: &str) {
+        self.keys.write_all(keys.as_bytes()).unwrap();
+    }
+
+    fn end(&mut self) -> ExitStatus {
+        let begun = Instant::now();
+        loop {
+            self.look();
+            if let Some(status) = self.child.try_wait().unwrap() {
+                self.look();
+                return status;
+            }
+            assert!(begun.elapsed() < LIMIT, "it does not end");
+        }
+    }
+
+    fn is_restored(&self) -> bool {
+        let screen = self.screen.screen();
+        let now = tcgetattr(&self.terminal).unwrap();
+        !screen.alternate_screen()
+            && !screen.hide_cursor()
+            && now.local_modes == self.before.local_modes
+            && now.input_modes == self.before.input_modes
+            && now.output_modes == self.before.output_modes
+    }
+}
+
+impl Drop for Dashboard {
+    fn drop(&mut self) {
+        if let Ok(None) = self.child.try_wait() {
+            let group = Pid::from_child(&self.child);
+            let _ = kill_process_group(group, Signal::KILL);
+            let _ = self.child.wait();
+        }
+    }
+}
+
+#[test]
+fn parts_lock_the_keys_work_and_the_terminal_is_restored() {
+    let mut dashboard = Dashboard::start(&["--speed", "10"]);
+    dashboard.wait_for(" LOCKED ");
+    for words in [
+        "k against the band",
+        "% below the flip",
+        "impact phase",
+        "no fault",
+    ] {
+        dashboard.wait_for(words);
+    }
+    assert!(dashboard.screen.screen().alternate_screen() && !dashboard.is_restored());
+    dashboard.press("x");
+    dashboard.wait_for("target chaotic");
+    dashboard.press("+");
+    // Which k it is depends on the setpoint that the controller chose for chaos.
+    dashboard.wait_for("target k = 0.");
+    dashboard.press("e");
+    dashboard.wait_for(" OFF ");
+    dashboard.press("p");
+    dashboard.wait_for("PAUSED");
+    dashboard.press("q");
+    assert!(dashboard.end().success());
+    assert!(dashboard.is_restored());
+}
+
+#[test]
+fn it_ends_by_itself_and_by_a_signal() {
+    let mut dashboard = Dashboard::start(&["--for", "0.3"]);
+    assert!(dashboard.end().success());
+    assert!(dashboard.is_restored());
+
+    let mut dashboard = Dashboard::start(&[]);
+    dashboard.wait_for("STARTING");
+    kill_process(Pid::from_child(&dashboard.child), Signal::TERM).unwrap();
+    assert!(dashboard.end().success());
+    assert!(dashboard.is_restored());
+}
+
+#[cfg(debug_assertions)]
+#[test]
+fn a_panic_leaves_the_terminal_usable() {
+    let mut dashboard = Dashboard::start(&["--panic"]);
+    assert!(!dashboard.end().success());
+    assert!(dashboard.is_restored());
+    assert!(
+        dashboard
+            .screen
+            .screen()
+            .contents()
+            .contains("a panic as asked for")
+    );
+}
