@@ -35,6 +35,7 @@ macro_rules! verbs {
 verbs! {
     Bands => bands,
     Basins => basins,
+    Bench => bench,
     Capture => capture,
     Cascade => cascade,
     Completions => completions,

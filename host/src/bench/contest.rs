@@ -1,0 +1,376 @@
+//! The kernels side by side: time of each turn, errors once.
+
+use std::f64::consts::TAU;
+use std::hint::black_box;
+use std::time::Instant;
+
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, Single, State};
+
+use super::workload::{Launch, SETTLING, SWEEP_RESTITUTIONS, Workload, sweep_start};
+use super::{Errors, Flight, bracket, textbook};
+
+/// A flight that differs from the exact one by more than this, in rad and relative to 1 + itself, is
+/// another root: the coarsest arithmetic errs by 3e-4.
+const ANOTHER_ROOT: f64 = 1e-3;
+
+/// Something that makes impacts, ready to run.
+pub trait Contestant {
+    /// Its name.
+    fn name(&self) -> &'static str;
+    /// Number of its turns until all its impacts have been made.
+    fn turns(&self) -> usize;
+    /// Makes the impacts of turn `n`, a few hundred of all it has; nanoseconds for one of them.
+    fn turn(&mut self, n: usize) -> f64;
+    /// How far its impacts are from the exact ones.
+    fn errors(&mut self) -> Errors;
+}
+
+/// Everyone who takes part in a workload; the slow baselines make fewer of its impacts.
+#[must_use]
+pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
+    let few: Vec<Launch> = launches.iter().copied().step_by(8).collect();
+    let batch: Box<dyn Contestant> = if workload == Workload::Sweep {
+        Box::new(Orbits::new())
+    } else {
+        Box::new(Blocks::new(launches))
+    };
+    vec![
+        Box::new(Baseline::new(
+            "bracket",
+            bracket::first_impact,
+            few,
+            TURN / 16,
+        )),
+        Box::new(Baseline::new(
+            "textbook",
+            textbook::first_impact,
+            launches.to_vec(),
+            TURN,
+        )),
+        Box::new(Kernels::<Exact>::new(launches)),
+        Box::new(Kernels::<Map>::new(launches)),
+        batch,
+        Box::new(Kernels::<Hybrid>::new(launches)),
+        Box::new(Kernels::<Single>::new(launches)),
+        Box::new(Kernels::<Integer>::new(launches)),
+    ]
+}
+
+/// Launches of a turn: so few that a turn is over before a busy machine interrupts it.
+pub const TURN: usize = LANES;
+
+/// The part of `all` whose turn `n` is.
+fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
+    all.chunks(length)
+        .nth(n % all.len().div_ceil(length).max(1))
+        .unwrap_or(all)
+}
+
+/// Collects errors against the exact mode.
+#[derive(Default)]
+struct Judge {
+    errors: Vec<f64>,
+    wrong_roots: u64,
+}
+
+impl Judge {
+    fn judge(&mut self, k: f64, restitution: f64, state: State, flight: f64, phase: f64) {
+        let Ok(exact) = Exact::build(k, restitution) else {
+            return;
+        };
+        let truth = exact.refine(state);
+        if truth.grazes {
+            // Which root is the first is a matter of rounding.
+            return;
+        }
+        let off = (flight - truth.flight[0]).abs();
+        // NaN is another root, too.
+        if off <= ANOTHER_ROOT * (1.0 + truth.flight[0]) {
+            let turned = (phase - truth.phase[0] - truth.phase[1]).abs();
+            self.errors.push(turned.min((TAU - turned).abs()));
+        } else {
+            self.wrong_roots += 1;
+        }
+    }
+
+    fn verdict(self) -> Errors {
+        Errors::of(self.errors, self.wrong_roots)
+    }
+}
+
+struct Baseline {
+    name: &'static str,
+    first_impact: fn(f64, f64, f64) -> Flight,
+    launches: Vec<Launch>,
+    /// Launches of a turn.
+    turn: usize,
+}
+
+impl Baseline {
+    fn new(
+        name: &'static str,
+        first_impact: fn(f64, f64, f64) -> Flight,
+        launches: Vec<Launch>,
+        turn: usize,
+    ) -> Self {
+        Self {
+            name,
+            first_impact,
+            launches,
+            turn,
+        }
+    }
+}
+
+impl Contestant for Baseline {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn turns(&self) -> usize {
+        self.launches.len().div_ceil(self.turn)
+    }
+
+    fn turn(&mut self, n: usize) -> f64 {
+        let launches = slice(&self.launches, n, self.turn);
+        let begun = Instant::now();
+        for launch in launches {
+            let State { phase, velocity } = launch.state;
+            black_box((self.first_impact)(launch.k, phase, velocity));
+        }
+        per_impact(begun, launches.len())
+    }
+
+    fn errors(&mut self) -> Errors {
+        let mut judge = Judge::default();
+        for launch in &self.launches {
+            let State { phase, velocity } = launch.state;
+            let flight = (self.first_impact)(launch.k, phase, velocity);
+            judge.judge(
+                launch.k,
+                launch.restitution,
+                launch.state,
+                flight.duration,
+                flight.phase,
+            );
+        }
+        judge.verdict()
+    }
+}
+
+/// One kernel, one impact at a time.
+struct Kernels<K: Kernel> {
+    ready: Vec<(K, K::State, Launch)>,
+}
+
+impl<K: Kernel> Kernels<K> {
+    fn new(launches: &[Launch]) -> Self {
+        // What the arithmetic cannot hold, it is not asked.
+        let ready = |launch: &Launch| {
+            let kernel = K::build(launch.k, launch.restitution).ok()?;
+            let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
+            Some((kernel, state, *launch))
+        };
+        Self {
+            ready: launches.iter().filter_map(ready).collect(),
+        }
+    }
+}
+
+impl<K: Kernel> Contestant for Kernels<K> {
+    fn name(&self) -> &'static str {
+        K::NAME
+    }
+
+    fn turns(&self) -> usize {
+        self.ready.len().div_ceil(TURN)
+    }
+
+    fn turn(&mut self, n: usize) -> f64 {
+        let ready = slice(&self.ready, n, TURN);
+        let begun = Instant::now();
+        for (kernel, state, _) in ready {
+            black_box(kernel.impact(*state));
+        }
+        per_impact(begun, ready.len())
+    }
+
+    fn errors(&mut self) -> Errors {
+        let mut judge = Judge::default();
+        for (kernel, state, launch) in &self.ready {
+            let impact = kernel.impact(*state);
+            judge.judge(
+                launch.k,
+                launch.restitution,
+                K::observe(*state),
+                impact.flight,
+                K::observe(impact.next).phase,
+            );
+        }
+        judge.verdict()
+    }
+}
+
+/// The batch kernel, one impact of each launch.
+struct Blocks {
+    block: Box<Block>,
+    launches: Vec<(Map, Launch)>,
+}
+
+impl Blocks {
+    fn new(launches: &[Launch]) -> Self {
+        let ready =
+            |launch: &Launch| Some((Map::build(launch.k, launch.restitution).ok()?, *launch));
+        Self {
+            block: Box::default(),
+            launches: launches.iter().filter_map(ready).collect(),
+        }
+    }
+
+    /// Fills the block with launches.
+    fn fill(block: &mut Block, launches: &[(Map, Launch)]) {
+        for lane in 0..LANES {
+            block.clear(lane);
+        }
+        for (lane, (map, launch)) in launches.iter().enumerate() {
+            // There are as many lanes as launches in a chunk.
+            let _ = block.put(lane, map, launch.state);
+        }
+        // Sorts the lanes.
+        block.advance(0);
+    }
+}
+
+impl Contestant for Blocks {
+    fn name(&self) -> &'static str {
+        "batch"
+    }
+
+    fn turns(&self) -> usize {
+        self.launches.len().div_ceil(LANES)
+    }
+
+    fn turn(&mut self, n: usize) -> f64 {
+        let launches = slice(&self.launches, n, LANES);
+        Self::fill(&mut self.block, launches);
+        let begun = Instant::now();
+        self.block.advance(1);
+        per_impact(begun, launches.len())
+    }
+
+    fn errors(&mut self) -> Errors {
+        let mut judge = Judge::default();
+        for launches in self.launches.chunks(LANES) {
+            Self::fill(&mut self.block, launches);
+            self.block.advance(1);
+            for (lane, (_, launch)) in launches.iter().enumerate() {
+                if let Some(impact) = self.block.impact(lane) {
+                    judge.judge(
+                        launch.k,
+                        launch.restitution,
+                        launch.state,
+                        impact.flight,
+                        impact.next.phase,
+                    );
+                }
+            }
+        }
+        judge.verdict()
+    }
+}
+
+/// The batch kernel on whole orbits: a block for each restitution, parts at rest restarted with the
+/// impact that follows their lift-off.
+struct Orbits {
+    blocks: Vec<(Box<Block>, Lanes)>,
+}
+
+/// The map of each lane, and its state after the flight that follows lift-off.
+type Lanes = Vec<(Map, State)>;
+
+impl Orbits {
+    fn new() -> Self {
+        let block = |restitution: f64| {
+            let mut block = Box::new(Block::new());
+            let lane = |n: usize| {
+                let (k, start) = sweep_start(n);
+                let map = Map::build(k, restitution).ok()?;
+                let thrown = State {
+                    phase: k.asin(),
+                    velocity: 0.0,
+                };
+                block.put(n, &map, start).ok()?;
+                Some((map, map.impact(thrown).next))
+            };
+            let lanes: Lanes = (0..LANES).filter_map(lane).collect();
+            (block, lanes)
+        };
+        let mut blocks: Vec<_> = SWEEP_RESTITUTIONS.map(block).into();
+        for (block, lanes) in &mut blocks {
+            Self::advance(block, lanes, SETTLING);
+        }
+        Self { blocks }
+    }
+
+    /// Takes the orbits of a block further by this many impacts.
+    fn advance(block: &mut Block, lanes: &Lanes, impacts: u32) {
+        let mut resting = [0; LANES];
+        for _ in 0..impacts {
+            block.advance(1);
+            let mut count = 0;
+            for lane in block.resting() {
+                resting[count] = lane;
+                count += 1;
+            }
+            for &lane in &resting[..count] {
+                // The lane holds an orbit, or it would not rest.
+                let _ = block.restart(lane, lanes[lane].1);
+            }
+        }
+    }
+}
+
+impl Contestant for Orbits {
+    fn name(&self) -> &'static str {
+        "batch"
+    }
+
+    fn turns(&self) -> usize {
+        self.blocks.len()
+    }
+
+    fn turn(&mut self, n: usize) -> f64 {
+        const IMPACTS: u32 = 16;
+        let turns = self.blocks.len();
+        let (block, lanes) = &mut self.blocks[n % turns];
+        let begun = Instant::now();
+        Self::advance(block, lanes, IMPACTS);
+        per_impact(begun, LANES * IMPACTS as usize)
+    }
+
+    fn errors(&mut self) -> Errors {
+        let mut judge = Judge::default();
+        for (block, lanes) in &mut self.blocks {
+            let before: Vec<Option<State>> = (0..LANES).map(|lane| block.state(lane)).collect();
+            block.advance(1);
+            for (lane, state) in before.into_iter().enumerate() {
+                if let (Some(state), Some(impact)) = (state, block.impact(lane)) {
+                    let map = &lanes[lane].0;
+                    judge.judge(
+                        map.k(),
+                        map.restitution(),
+                        state,
+                        impact.flight,
+                        impact.next.phase,
+                    );
+                }
+            }
+        }
+        judge.verdict()
+    }
+}
+
+fn per_impact(begun: Instant, impacts: usize) -> f64 {
+    begun.elapsed().as_nanos() as f64 / impacts.max(1) as f64
+}

@@ -1,0 +1,112 @@
+//! Instructions per impact on the emulated microcontrollers, where image and emulator are there.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// One count.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Count {
+    /// Name of the kernel.
+    pub kernel: String,
+    /// Name of the workload.
+    pub workload: String,
+    /// `m4f` or `m0`.
+    pub cpu: String,
+    /// Instructions of one impact.
+    pub instructions: u64,
+}
+
+/// The emulated machines, by QEMU's name and their Rust target.
+const MACHINES: [(&str, &str); 2] = [
+    ("olimex-stm32-h405", "thumbv7em-none-eabihf"),
+    ("microbit", "thumbv6m-none-eabi"),
+];
+
+/// The counts that the images print, or why there are none.
+#[must_use]
+pub fn counts() -> (Vec<Count>, Option<String>) {
+    let mut counts = Vec::new();
+    let mut missing = None;
+    for (machine, target) in MACHINES {
+        match image(target).and_then(|image| run(machine, &image)) {
+            Ok(text) => counts.extend(text.lines().filter_map(parse)),
+            Err(cause) => missing = Some(cause),
+        }
+    }
+    (counts, missing)
+}
+
+/// The image that the emulated tests build.
+fn image(target: &str) -> Result<PathBuf, String> {
+    let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
+    let path = folder
+        .join("emulated")
+        .join(target)
+        .join("firmware/kernel_cost");
+    if path.is_file() {
+        Ok(path)
+    } else {
+        Err(format!(
+            "no image {}: tests/run.sh builds it",
+            path.display()
+        ))
+    }
+}
+
+/// What the image prints, at most a minute.
+fn run(machine: &str, image: &Path) -> Result<String, String> {
+    let output = Command::new("timeout")
+        .args(["--kill-after=2", "60", "qemu-system-arm", "-M", machine])
+        .args(["-display", "none", "-monitor", "none", "-serial", "null"])
+        .args(["-icount", "shift=0"])
+        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+        .arg(image)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|error| format!("no emulator: {error}"))?;
+    if output.status.success() {
+        Ok(String::from_utf8_lossy(&output.stderr).into_owned())
+    } else {
+        Err(format!(
+            "qemu-system-arm on {machine} ended with {}; tests/setup.sh brings it",
+            output.status
+        ))
+    }
+}
+
+/// `instructions KERNEL WORKLOAD CPU COUNT`.
+fn parse(line: &str) -> Option<Count> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let ["instructions", kernel, workload, cpu, count] = words[..] else {
+        return None;
+    };
+    // The images' mean over their orbits stands for the sweep.
+    let workload = if workload == "orbits" {
+        "sweep"
+    } else {
+        workload
+    };
+    Some(Count {
+        kernel: kernel.into(),
+        workload: workload.into(),
+        cpu: cpu.into(),
+        instructions: count.parse().ok()?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_the_image_is_read() {
+        let count = parse("instructions hybrid orbits m4f 412").unwrap();
+        assert_eq!(
+            (count.kernel.as_str(), count.workload.as_str()),
+            ("hybrid", "sweep")
+        );
+        assert_eq!((count.cpu.as_str(), count.instructions), ("m4f", 412));
+        assert_eq!(parse("instructions hybrid orbits m4f"), None);
+        assert_eq!(parse("hash hybrid 0011"), None);
+    }
+}

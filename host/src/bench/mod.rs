@@ -1,0 +1,77 @@
+//! Run time against error of every arithmetic of the impact map.
+//!
+//! All kernels are measured in one run, turn by turn, so that a busy machine slows them alike; the
+//! medians of the turns are compared. Errors are against the exact mode's twofold root of the very
+//! state that a kernel holds.
+
+pub mod bracket;
+pub mod contest;
+pub mod instructions;
+pub mod skips;
+pub mod textbook;
+pub mod workload;
+
+/// A flight as the baselines see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flight {
+    /// Duration in rad.
+    pub duration: f64,
+    /// Phase of the impact, 0..2 pi.
+    pub phase: f64,
+    /// Speed of arrival in units of `b w`.
+    pub arrival: f64,
+}
+
+/// One measured line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// Name of the kernel.
+    pub kernel: &'static str,
+    /// Name of the workload.
+    pub workload: &'static str,
+    /// Run time of one impact, median of the turns.
+    pub nanoseconds: f64,
+    /// Errors of the phase, where they are judged.
+    pub errors: Option<Errors>,
+}
+
+/// Errors of the phase of the next impact in rad, over the impacts that are the right root.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Half of them are below.
+    pub median: f64,
+    /// 99 % of them are below.
+    pub p99: f64,
+    /// The largest.
+    pub largest: f64,
+    /// Impacts that are another root.
+    pub wrong_roots: u64,
+}
+
+impl Errors {
+    /// The errors of so many impacts, and the count of those with another root.
+    #[must_use]
+    pub fn of(mut errors: Vec<f64>, wrong_roots: u64) -> Self {
+        errors.sort_by(f64::total_cmp);
+        let part = |share: f64| {
+            let last = errors.len().saturating_sub(1) as f64;
+            errors
+                .get((share * last).round() as usize)
+                .copied()
+                .unwrap_or(f64::NAN)
+        };
+        Self {
+            median: part(0.5),
+            p99: part(0.99),
+            largest: part(1.0),
+            wrong_roots,
+        }
+    }
+}
+
+/// The middle of some measurements.
+#[must_use]
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}

@@ -1,0 +1,151 @@
+//! What each skip saves: the same work with and without it.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use kband::impact::{
+    Count, Envelope, Impact, Kernel, Map, Observer, Orbit, Skips, State, Tangential,
+    TangentialSettings,
+};
+
+use super::{Line, median, workload::Workload};
+
+/// Impacts of the orbits that are measured.
+const IMPACTS: u64 = 4_000;
+
+/// Follows the velocity along the track.
+struct Along {
+    tangential: Tangential,
+    velocity: f64,
+}
+
+impl Observer for Along {
+    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        self.velocity = self.tangential.after(launch, impact, self.velocity);
+    }
+
+    fn rest(&mut self, _: State, _: f64, _: f64) {
+        self.velocity = 0.0;
+    }
+}
+
+/// Lines for every skip: kernel `f64` leaves the work out, `f64-unskipped` does it all; the results are
+/// the same bits.
+#[must_use]
+pub fn lines(turns: usize) -> Vec<Line> {
+    let mut lines = Vec::new();
+    let launches = Workload::High.launches(2_048);
+    let maps: Vec<(Map, State)> = launches
+        .iter()
+        .filter_map(|launch| Some((Map::build(launch.k, launch.restitution).ok()?, launch.state)))
+        .collect();
+    let search = |envelope| {
+        for (map, state) in &maps {
+            black_box(map.search(*state, envelope));
+        }
+        maps.len() as u64
+    };
+    lines.extend(pair(
+        "envelope",
+        turns,
+        || search(Envelope::Skip),
+        || search(Envelope::Walk),
+    ));
+
+    // Rests in every cycle (k = 0.43, R = 0.1), and hops for ever (R = 0.8).
+    if let (Ok(resting), Ok(hopping)) = (Map::build(0.43, 0.1), Map::build(0.3, 0.8)) {
+        let settings = TangentialSettings {
+            restitution: 0.5,
+            amplitude_ratio: 1.5,
+            phase_lead: 0.0,
+            incline_tangent: 0.05,
+        };
+        let start = State {
+            phase: 1.0,
+            velocity: 2.0,
+        };
+        let orbit = |map: &Map, skips: Skips| {
+            let mut count = Count::default();
+            Orbit::new(map, start)
+                .with(skips)
+                .watch(IMPACTS, &mut count);
+            black_box(count);
+            IMPACTS
+        };
+        let all = Skips {
+            repeat: false,
+            ..Skips::default()
+        };
+        if let Ok(tangential) = Tangential::build(0.3, settings) {
+            let watched = || {
+                let mut along = Along {
+                    tangential,
+                    velocity: 0.0,
+                };
+                Orbit::new(&hopping, start)
+                    .with(all)
+                    .watch(IMPACTS, &mut along);
+                black_box(along.velocity);
+                IMPACTS
+            };
+            lines.extend(pair("tangential", turns, || orbit(&hopping, all), watched));
+        }
+        let without = [
+            (
+                "rest-jump",
+                Skips {
+                    rest_jump: false,
+                    ..all
+                },
+            ),
+            (
+                "release",
+                Skips {
+                    release: false,
+                    ..all
+                },
+            ),
+        ];
+        for (name, skips) in without {
+            lines.extend(pair(
+                name,
+                turns,
+                || orbit(&resting, all),
+                || orbit(&resting, skips),
+            ));
+        }
+        lines.extend(pair(
+            "repeat",
+            turns,
+            || orbit(&resting, Skips::default()),
+            || orbit(&resting, all),
+        ));
+    }
+    lines
+}
+
+/// Two lines, measured turn by turn; each piece of work returns its number of impacts.
+fn pair(
+    name: &'static str,
+    turns: usize,
+    skipped: impl Fn() -> u64,
+    unskipped: impl Fn() -> u64,
+) -> [Line; 2] {
+    let time = |work: &dyn Fn() -> u64| {
+        let begun = Instant::now();
+        let impacts = work();
+        begun.elapsed().as_nanos() as f64 / impacts as f64
+    };
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for _ in 0..turns {
+        with.push(time(&skipped));
+        without.push(time(&unskipped));
+    }
+    let line = |kernel, times| Line {
+        kernel,
+        workload: name,
+        nanoseconds: median(times),
+        errors: None,
+    };
+    [line("f64", with), line("f64-unskipped", without)]
+}

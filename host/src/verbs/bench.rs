@@ -1,0 +1,211 @@
+//! `kband bench`: run time against error of every arithmetic.
+
+use crate::arguments::{self, Drawn, Printed};
+use crate::bench::contest::{Contestant, TURN, contestants};
+use crate::bench::instructions::{self, Count};
+use crate::bench::workload::Workload;
+use crate::bench::{Line, median, skips};
+use crate::desk::Desk;
+use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Report, Table, number};
+
+/// Run time against error of every arithmetic of the impact map, and what each skip saves.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband bench
+  kband bench --format json
+  kband bench --out time-against-error.svg
+
+All kernels take turns of 512 launches in one run on one core; the median of the turns counts. The errors are those of
+the phase of the next impact. Workloads: high (velocities up to 20), low (up to 3), chatter (1e-6 to 1),
+sweep (orbits over k and restitution); then one pair of lines for each skip. Instructions are those of
+the emulated microcontrollers, where tests/run.sh has built their images here.")]
+pub struct Arguments {
+    /// How often each kernel goes through its launches.
+    #[arg(long, value_name = "N", default_value = "11", value_parser = arguments::count(1, 1000))]
+    rounds: usize,
+
+    /// Launches of each workload.
+    #[arg(long, value_name = "N", default_value = "16384", value_parser = arguments::count(512, 1_000_000))]
+    launches: usize,
+
+    #[command(flatten)]
+    printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+/// Measures and prints.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.drawn.output()?;
+    let mut lines = Vec::new();
+    for workload in Workload::ALL {
+        lines.extend(measure(workload, arguments, desk)?);
+    }
+    let skips = skips::lines(arguments.rounds);
+    desk.go_on()?;
+    let (counts, missing) = instructions::counts();
+
+    let mut table = Table::new(&[
+        Column::new("kernel", ""),
+        Column::new("workload", ""),
+        Column::new("ns_per_impact", "").digits(4),
+        Column::new("impacts_per_second", "").digits(3),
+        Column::new("median_error", "rad").digits(2),
+        Column::new("p99_error", "rad").digits(2),
+        Column::new("max_error", "rad").digits(2),
+        Column::new("wrong_roots", ""),
+        Column::new("instructions_m4f", ""),
+        Column::new("instructions_m0", ""),
+    ]);
+    for line in lines.iter().chain(&skips) {
+        let count = |cpu: &str| find(&counts, line, cpu);
+        table.push([
+            line.kernel.into(),
+            line.workload.into(),
+            line.nanoseconds.into(),
+            (1e9 / line.nanoseconds).into(),
+            line.errors.map(|errors| errors.median).into(),
+            line.errors.map(|errors| errors.p99).into(),
+            line.errors.map(|errors| errors.largest).into(),
+            line.errors.map(|errors| errors.wrong_roots).into(),
+            count("m4f").into(),
+            count("m0").into(),
+        ]);
+    }
+    let mut report = Report::new(table).heading("Run time against error, one core, one run");
+    for workload in Workload::ALL {
+        if let (Some(textbook), Some(f64), Some(batch)) = (
+            time(&lines, "textbook", workload),
+            time(&lines, "f64", workload),
+            time(&lines, "batch", workload),
+        ) {
+            report = report.note(format!(
+                "{}: f64 is {} times as fast as the textbook, batch makes {} million impacts a second",
+                workload.name(),
+                number(textbook / f64, 3),
+                number(1e3 / batch, 3),
+            ));
+        }
+    }
+    if let Some(cause) = missing {
+        report = report.note(format!("no instruction counts: {cause}"));
+    }
+    report.print(arguments.printed.format)?;
+    output.write(&report, || picture(&lines))?;
+    Ok(Exit::Done)
+}
+
+fn measure(workload: Workload, arguments: &Arguments, desk: &Desk) -> Result<Vec<Line>, Refusal> {
+    let launches = workload.launches(arguments.launches);
+    let mut contestants = contestants(workload, &launches);
+    // Of each turn the median of the rounds, of a workload the mean of its turns.
+    let mut times: Vec<Vec<Vec<f64>>> = contestants
+        .iter()
+        .map(|contestant| vec![Vec::new(); contestant.turns().max(1)])
+        .collect();
+    for turn in 0..arguments.rounds * launches.len().div_ceil(TURN) {
+        for (contestant, times) in contestants.iter_mut().zip(&mut times) {
+            desk.go_on()?;
+            let turns = times.len();
+            times[turn % turns].push(contestant.turn(turn));
+        }
+    }
+    let line = |(mut contestant, times): (Box<dyn Contestant>, Vec<Vec<f64>>)| {
+        let medians: Vec<f64> = times
+            .into_iter()
+            .filter(|turn| !turn.is_empty())
+            .map(median)
+            .collect();
+        Line {
+            kernel: contestant.name(),
+            workload: workload.name(),
+            nanoseconds: medians.iter().sum::<f64>() / medians.len() as f64,
+            errors: Some(contestant.errors()),
+        }
+    };
+    Ok(contestants.into_iter().zip(times).map(line).collect())
+}
+
+fn time(lines: &[Line], kernel: &str, workload: Workload) -> Option<f64> {
+    lines
+        .iter()
+        .find(|line| line.kernel == kernel && line.workload == workload.name())
+        .map(|line| line.nanoseconds)
+}
+
+fn find(counts: &[Count], line: &Line, cpu: &str) -> Option<u64> {
+    counts
+        .iter()
+        .find(|count| {
+            count.kernel == line.kernel && count.workload == line.workload && count.cpu == cpu
+        })
+        .map(|count| count.instructions)
+}
+
+/// Time across, error up, both in decades; down and to the left is better. Each kernel is one kind of
+/// marker; a line joins those that nothing beats in both.
+fn picture(lines: &[Line]) -> Picture {
+    // An error of 0 is drawn at the foot.
+    const FOOT: f64 = 1e-18;
+    let place = |line: &Line| {
+        let error = line.errors.map_or(f64::NAN, |errors| errors.median);
+        (line.nanoseconds, error.max(FOOT))
+    };
+    let all: Vec<(f64, f64)> = lines.iter().map(place).collect();
+    let (mut fastest, mut slowest) = (f64::INFINITY, 0.0_f64);
+    let mut coarsest = FOOT;
+    for (time, error) in all.iter().filter(|(_, error)| error.is_finite()) {
+        fastest = fastest.min(*time);
+        slowest = slowest.max(*time);
+        coarsest = error.max(coarsest);
+    }
+    let mut picture = Picture::new("Run time against error of the impact map")
+        .caption("Down and to the left is better; the line joins what nothing beats in both");
+    for workload in [Workload::High, Workload::Low] {
+        let name = workload.name();
+        let mut panel = Panel::new(
+            Axis::new("Time of one impact", Unit::new("ns"), 0.5 * fastest, 2.0 * slowest).logarithmic(),
+            Axis::new("Median error of its phase", Unit::RADIANS, 0.1 * FOOT, 10.0 * coarsest).logarithmic(),
+        )
+        .heading(match workload {
+            Workload::High => "Velocities up to 20",
+            _ => "Velocities up to 3",
+        })
+        .height(300.0);
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for line in lines.iter().filter(|line| line.workload == name) {
+            points.push(place(line));
+        }
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut front: Vec<(f64, f64)> = Vec::new();
+        for point in points {
+            if front.last().is_none_or(|best| point.1 < best.1) {
+                if let Some(&(_, error)) = front.last() {
+                    front.push((point.0, error));
+                }
+                front.push(point);
+            }
+        }
+        panel = panel.line("front", 0, front);
+        let groups: [(&str, &[&str]); 3] = [
+            ("baselines", &["bracket", "textbook"]),
+            ("desk", &["f64", "f64-exact", "batch"]),
+            ("microcontrollers' arithmetic, run at the desk", &["hybrid", "f32", "integer"]),
+        ];
+        for (series, (group, kernels)) in groups.into_iter().enumerate() {
+            let members = lines
+                .iter()
+                .filter(|line| line.workload == name && kernels.contains(&line.kernel));
+            panel = panel.markers(group, series + 1, members.clone().map(place).collect());
+            for line in members {
+                let (x, y) = place(line);
+                panel = panel.note(1.1 * x, y, line.kernel);
+            }
+        }
+        picture = picture.panel(panel);
+    }
+    picture
+}
