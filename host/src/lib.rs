@@ -7,7 +7,7 @@
 //! | [`report`] | tables: for reading, as CSV, as JSON |
 //! | [`mod@file`] | files that are written whole or not at all |
 //! | [`board`] | a board on the link, and a scene's controller on it |
-//! | [`bench`] | the kernels of the impact map side by side, and the baselines |
+//! | [`mod@bench`] | the kernels of the impact map side by side, and the baselines |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`ending`] | where an orbit of the exact map ends |
 //! | `live` | the dashboard in the terminal |
