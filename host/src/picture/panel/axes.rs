@@ -1,0 +1,197 @@
+//! Axes, grid, words above the plot and the ribbon.
+
+use super::item::Item;
+use super::style::{frame_of, swatch, text};
+use super::{LEFT, LINE, Panel, RIBBON, RIGHT, SMALL};
+use crate::picture::font;
+use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
+use crate::picture::theme::Theme;
+
+/// A panel at its place on the sheet.
+pub(super) struct Pixels<'a> {
+    pub(super) panel: &'a Panel,
+    pub(super) plot: Rect,
+}
+
+impl Pixels<'_> {
+    pub(super) fn across(&self, x: f64) -> f64 {
+        self.plot.left + self.panel.x.part(x) * self.plot.width
+    }
+
+    pub(super) fn down(&self, y: f64) -> f64 {
+        self.plot.bottom() - self.panel.y.part(y) * self.plot.height
+    }
+
+    pub(super) fn within_x(&self, x: f64) -> bool {
+        (-1e-9..=1.0 + 1e-9).contains(&self.panel.x.part(x))
+    }
+
+    /// Words of the marks, in as many rows as they need side by side; returns where the rows end.
+    pub(super) fn draw_marks(&self, theme: Theme, shapes: &mut Vec<Shape>) -> f64 {
+        let mut marks: Vec<&(f64, String, bool)> = self
+            .panel
+            .marks
+            .iter()
+            .filter(|(x, words, _)| self.within_x(*x) && !words.is_empty())
+            .collect();
+        if marks.is_empty() {
+            return self.plot.top + 4.0;
+        }
+        marks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut ends: Vec<f64> = Vec::new();
+        let mut placed = Vec::new();
+        for (x, words, _) in marks {
+            let width = font::width(words, SMALL, false);
+            let lowest = self.plot.left - 0.5 * LEFT;
+            let highest = (self.plot.right() + 0.5 * RIGHT - width).max(lowest);
+            let start = (self.across(*x) - 0.5 * width).clamp(lowest, highest);
+            let free = ends.iter().position(|end| start > end + 8.0);
+            let row = free.unwrap_or_else(|| {
+                ends.push(f64::NEG_INFINITY);
+                ends.len() - 1
+            });
+            ends[row] = start + width;
+            placed.push((start, row, words));
+        }
+        let rows = ends.len();
+        for (start, row, words) in placed {
+            let y = self.plot.top + 12.0 + LINE * (rows - 1 - row) as f64 * 0.88;
+            shapes.push(Shape::Text(text(
+                start,
+                y,
+                words,
+                Anchor::Start,
+                theme.muted(),
+                SMALL,
+            )));
+        }
+        self.plot.top + 12.0 + LINE * (rows - 1) as f64 * 0.88 + 6.0
+    }
+
+    pub(super) fn draw_ribbon(&self, theme: Theme, shapes: &mut Vec<Shape>) {
+        for (from, to, tone) in &self.panel.ribbon {
+            let (left, right) = (
+                self.across(*from).max(self.plot.left),
+                self.across(*to).min(self.plot.right()),
+            );
+            if right > left {
+                let place = Rect {
+                    left,
+                    top: self.plot.top,
+                    width: right - left,
+                    height: RIBBON,
+                };
+                swatch(theme, *tone, place, false, shapes);
+            }
+        }
+        let frame = Rect {
+            height: RIBBON,
+            ..self.plot
+        };
+        shapes.push(frame_of(frame, theme.axis(), 1.0));
+    }
+
+    pub(super) fn draw_grid(&self, theme: Theme, shapes: &mut Vec<Shape>) {
+        let covered = self
+            .panel
+            .items
+            .iter()
+            .any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)));
+        if covered {
+            return;
+        }
+        let stroke = Stroke {
+            colour: theme.grid(),
+            width: 1.0,
+            dash: &[],
+        };
+        let mut pieces = Vec::new();
+        for (x, _) in self.x_ticks() {
+            pieces.push(vec![
+                (self.across(x), self.plot.top),
+                (self.across(x), self.plot.bottom()),
+            ]);
+        }
+        for (y, _) in self.y_ticks() {
+            pieces.push(vec![
+                (self.plot.left, self.down(y)),
+                (self.plot.right(), self.down(y)),
+            ]);
+        }
+        shapes.push(Shape::Path {
+            pieces,
+            closed: false,
+            fill: None,
+            stroke: Some(stroke),
+            clip: None,
+        });
+    }
+
+    pub(super) fn x_ticks(&self) -> Vec<(f64, String)> {
+        self.panel.x.ticks((self.plot.width / 90.0) as usize)
+    }
+
+    pub(super) fn y_ticks(&self) -> Vec<(f64, String)> {
+        self.panel.y.ticks((self.plot.height / 42.0) as usize)
+    }
+
+    pub(super) fn draw_axes(&self, theme: Theme, shapes: &mut Vec<Shape>) {
+        let plot = self.plot;
+        shapes.push(frame_of(plot, theme.axis(), 1.0));
+        let mut ticks = Vec::new();
+        for (x, label) in self.x_ticks() {
+            let across = self.across(x);
+            ticks.push(vec![(across, plot.bottom()), (across, plot.bottom() + 5.0)]);
+            shapes.push(Shape::Text(text(
+                across,
+                plot.bottom() + 18.0,
+                &label,
+                Anchor::Middle,
+                theme.text(),
+                SMALL,
+            )));
+        }
+        for (y, label) in self.y_ticks() {
+            let down = self.down(y);
+            ticks.push(vec![(plot.left - 5.0, down), (plot.left, down)]);
+            shapes.push(Shape::Text(text(
+                plot.left - 8.0,
+                down + 4.2,
+                &label,
+                Anchor::End,
+                theme.text(),
+                SMALL,
+            )));
+        }
+        shapes.push(Shape::Path {
+            pieces: ticks,
+            closed: false,
+            fill: None,
+            stroke: Some(Stroke {
+                colour: theme.axis(),
+                width: 1.0,
+                dash: &[],
+            }),
+            clip: None,
+        });
+        shapes.push(Shape::Text(text(
+            plot.left + 0.5 * plot.width,
+            plot.bottom() + 37.0,
+            &self.panel.x.title(),
+            Anchor::Middle,
+            theme.text(),
+            13.0,
+        )));
+        shapes.push(Shape::Text(Text {
+            upright: true,
+            ..text(
+                plot.left - LEFT + 16.0,
+                plot.top + 0.5 * plot.height,
+                &self.panel.y.title(),
+                Anchor::Middle,
+                theme.text(),
+                13.0,
+            )
+        }));
+    }
+}

@@ -1,0 +1,286 @@
+//! What is drawn between the axes.
+
+use super::SMALL;
+use super::axes::Pixels;
+use super::map::{Grid, raster};
+use super::style::{marks, text};
+use crate::picture::axis::Axis;
+use crate::picture::font;
+use crate::picture::shape::{Anchor, Rect, Shape, Stroke};
+use crate::picture::theme::{Theme, Tone};
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Item {
+    Line {
+        series: usize,
+        points: Vec<(f64, f64)>,
+    },
+    Markers {
+        series: usize,
+        points: Vec<(f64, f64)>,
+    },
+    Between {
+        series: usize,
+        points: Vec<(f64, f64, f64)>,
+    },
+    Bars {
+        series: usize,
+        bars: Vec<(f64, f64, f64)>,
+    },
+    Density {
+        points: Vec<(f64, f64)>,
+        /// Number of values of x that occur, evenly spaced over the axis; 0 where they are any.
+        columns: usize,
+    },
+    Heat {
+        grid: Grid<f64>,
+        scale: Axis,
+    },
+    Classes(Grid<Tone>),
+    Strip {
+        low: f64,
+        high: f64,
+    },
+    Shelf {
+        low: f64,
+        high: f64,
+    },
+    Note {
+        x: f64,
+        y: f64,
+        words: String,
+    },
+}
+
+impl Pixels<'_> {
+    pub(super) fn draw_item(&self, theme: Theme, item: &Item, shapes: &mut Vec<Shape>) {
+        let plot = self.plot;
+        match item {
+            Item::Line { series, points } => {
+                let (colour, dash, _) = theme.series(*series);
+                let pieces = self.pieces(points);
+                shapes.push(Shape::Path {
+                    pieces,
+                    closed: false,
+                    fill: None,
+                    stroke: Some(Stroke {
+                        colour,
+                        width: 1.8,
+                        dash,
+                    }),
+                    clip: Some(plot),
+                });
+            }
+            Item::Markers { series, points } => {
+                let places: Vec<(f64, f64)> = points
+                    .iter()
+                    .map(|(x, y)| (self.across(*x), self.down(*y)))
+                    .filter(|(x, y)| x.is_finite() && y.is_finite())
+                    .collect();
+                shapes.push(marks(theme, *series, &places, Some(plot)));
+            }
+            Item::Between { series, points } => {
+                let (colour, ..) = theme.series(*series);
+                let side = |pick: fn(&(f64, f64, f64)) -> (f64, f64)| {
+                    self.pieces(&points.iter().map(pick).collect::<Vec<_>>())
+                };
+                let low = side(|(x, low, _)| (*x, *low));
+                let high = side(|(x, _, high)| (*x, *high));
+                let pieces = low
+                    .into_iter()
+                    .zip(high)
+                    .map(|(low, high)| low.into_iter().chain(high.into_iter().rev()).collect())
+                    .collect();
+                shapes.push(Shape::Path {
+                    pieces,
+                    closed: true,
+                    fill: Some(colour.faint(0.3)),
+                    stroke: Some(Stroke {
+                        colour,
+                        width: 0.8,
+                        dash: &[],
+                    }),
+                    clip: Some(plot),
+                });
+            }
+            Item::Bars { series, bars } => {
+                let (colour, ..) = theme.series(*series);
+                let foot = plot.bottom();
+                let pieces = bars
+                    .iter()
+                    .filter(|(low, high, height)| low < high && height.is_finite())
+                    .map(|(low, high, height)| {
+                        let (left, right, top) = (
+                            self.across(*low),
+                            self.across(*high),
+                            self.down(*height).min(foot),
+                        );
+                        vec![(left, foot), (left, top), (right, top), (right, foot)]
+                    })
+                    .filter(|bar| bar.iter().all(|(x, y)| x.is_finite() && y.is_finite()))
+                    .collect();
+                shapes.push(Shape::Path {
+                    pieces,
+                    closed: true,
+                    fill: Some(colour.faint(0.45)),
+                    stroke: Some(Stroke {
+                        colour,
+                        width: 0.8,
+                        dash: &[],
+                    }),
+                    clip: Some(plot),
+                });
+            }
+            Item::Density { points, columns } => shapes.push(Shape::Image {
+                place: plot,
+                raster: self.density(theme, points, *columns),
+            }),
+            Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
+            Item::Classes(grid) => {
+                let tones = [
+                    Tone::Rest,
+                    Tone::HopAndRest,
+                    Tone::Locked,
+                    Tone::Doubled,
+                    Tone::Periodic,
+                    Tone::Chaotic,
+                    Tone::Undecided,
+                    Tone::Fault,
+                ];
+                let palette = tones.iter().map(|tone| tone.colour(theme)).collect();
+                let number =
+                    |tone: &Tone| tones.iter().position(|other| other == tone).unwrap_or(0) as u8;
+                shapes.push(Shape::Image {
+                    place: plot,
+                    raster: raster(grid, palette, number),
+                });
+            }
+            Item::Strip { low, high } => {
+                let left = self.across(*low).clamp(plot.left, plot.right());
+                let right = self.across(*high).clamp(plot.left, plot.right());
+                if right > left {
+                    let width = right - left;
+                    shapes.push(Shape::area(
+                        Rect {
+                            left,
+                            width,
+                            ..plot
+                        },
+                        theme.strip(),
+                    ));
+                }
+            }
+            Item::Shelf { low, high } => {
+                let top = self.down(*high).clamp(plot.top, plot.bottom());
+                let bottom = self.down(*low).clamp(plot.top, plot.bottom());
+                if bottom > top {
+                    let height = bottom - top;
+                    shapes.push(Shape::area(
+                        Rect {
+                            top,
+                            height,
+                            ..plot
+                        },
+                        theme.strip(),
+                    ));
+                }
+            }
+            Item::Note { x, y, words } => {
+                self.halo(
+                    theme,
+                    self.across(*x),
+                    self.down(*y),
+                    words,
+                    Anchor::Start,
+                    shapes,
+                );
+            }
+        }
+    }
+
+    /// Words on a patch of background, legible over anything.
+    pub(super) fn halo(
+        &self,
+        theme: Theme,
+        x: f64,
+        y: f64,
+        words: &str,
+        anchor: Anchor,
+        shapes: &mut Vec<Shape>,
+    ) {
+        if words.is_empty() || !x.is_finite() || !y.is_finite() {
+            return;
+        }
+        let width = font::width(words, SMALL, false);
+        let left = match anchor {
+            Anchor::Start => x,
+            Anchor::Middle => x - 0.5 * width,
+            Anchor::End => x - width,
+        };
+        let patch = Rect {
+            left: left - 2.0,
+            top: y - 11.0,
+            width: width + 4.0,
+            height: 14.5,
+        };
+        shapes.push(Shape::area(patch, theme.background().faint(0.8)));
+        shapes.push(Shape::Text(text(x, y, words, anchor, theme.text(), SMALL)));
+    }
+
+    /// The line as pieces of finite points; where several fall on half a pixel's width, first, lowest,
+    /// highest and last stay, which looks the same.
+    pub(super) fn pieces(&self, points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
+        let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
+        let mut piece: Vec<(f64, f64)> = Vec::new();
+        let mut bucket: Vec<(f64, f64)> = Vec::new();
+        let flush = |bucket: &mut Vec<(f64, f64)>, piece: &mut Vec<(f64, f64)>| {
+            if bucket.len() <= 4 {
+                piece.append(bucket);
+                return;
+            }
+            let by_height = |a: &usize, b: &usize| bucket[*a].1.total_cmp(&bucket[*b].1);
+            let last = bucket.len() - 1;
+            let mut kept = [
+                0,
+                (0..=last).min_by(by_height).unwrap_or(0),
+                (0..=last).max_by(by_height).unwrap_or(0),
+                last,
+            ];
+            kept.sort_unstable();
+            for (n, place) in kept.iter().enumerate() {
+                if n == 0 || kept[n - 1] != *place {
+                    piece.push(bucket[*place]);
+                }
+            }
+            bucket.clear();
+        };
+        for (x, y) in points {
+            let place = (self.across(*x), self.down(*y));
+            if !place.0.is_finite() || !place.1.is_finite() {
+                flush(&mut bucket, &mut piece);
+                if piece.len() > 1 {
+                    pieces.push(std::mem::take(&mut piece));
+                }
+                piece.clear();
+                continue;
+            }
+            // Far outside the panel nothing is seen, and the file stays free of huge numbers.
+            let place = (
+                place.0.clamp(self.plot.left - 2e3, self.plot.right() + 2e3),
+                place.1.clamp(self.plot.top - 2e3, self.plot.bottom() + 2e3),
+            );
+            if bucket
+                .first()
+                .is_some_and(|first| (first.0 - place.0).abs() > 0.5)
+            {
+                flush(&mut bucket, &mut piece);
+            }
+            bucket.push(place);
+        }
+        flush(&mut bucket, &mut piece);
+        if piece.len() > 1 {
+            pieces.push(piece);
+        }
+        pieces
+    }
+}

@@ -1,0 +1,154 @@
+//! Maps of values and densities of points, as rasters.
+
+use super::SMALL;
+use super::axes::Pixels;
+use super::style::{frame_of, text};
+use crate::picture::axis::Axis;
+use crate::picture::shape::{Anchor, Raster, Rect, Shape, Text};
+use crate::picture::theme::{Colour, Theme};
+
+/// A rectangular grid of values, first row at the low end of the vertical axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid<T> {
+    columns: usize,
+    values: Vec<T>,
+}
+
+impl<T> Grid<T> {
+    /// A grid of rows of `columns` values; an incomplete last row is dropped.
+    #[must_use]
+    pub fn new(columns: usize, mut values: Vec<T>) -> Self {
+        let columns = columns.max(1);
+        values.truncate(values.len() / columns * columns);
+        Self { columns, values }
+    }
+
+    fn rows(&self) -> usize {
+        self.values.len() / self.columns
+    }
+}
+
+impl Pixels<'_> {
+    pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)], given: usize) -> Raster {
+        let rows = (1.5 * self.plot.height) as usize;
+        let columns = if given > 1 {
+            given
+        } else {
+            (1.5 * self.plot.width) as usize
+        };
+        let mut counts = vec![0_u32; columns * rows];
+        for (x, y) in points {
+            let (across, up) = (self.panel.x.part(*x), self.panel.y.part(*y));
+            if (-1e-9..=1.0 + 1e-9).contains(&across) && (0.0..=1.0).contains(&up) {
+                let column = if given > 1 {
+                    (across * (columns - 1) as f64).round()
+                } else {
+                    (across * columns as f64).floor()
+                };
+                let column = (column.max(0.0) as usize).min(columns - 1);
+                let row = (((1.0 - up) * rows as f64) as usize).min(rows - 1);
+                counts[row * columns + column] += 1;
+            }
+        }
+        let most = f64::from(counts.iter().copied().max().unwrap_or(0).max(2));
+        let levels = 32;
+        let mut palette = vec![theme.background().faint(0.0)];
+        palette.extend((0..levels).map(|n| theme.ink(f64::from(n) / f64::from(levels - 1))));
+        let pixels = counts
+            .into_iter()
+            .map(|count| match count {
+                0 => 0,
+                _ => {
+                    let part = f64::from(count).ln() / most.ln();
+                    1 + (part * f64::from(levels - 1)).round() as u8
+                }
+            })
+            .collect();
+        Raster {
+            width: columns,
+            height: rows,
+            palette,
+            pixels,
+        }
+    }
+
+    pub(super) fn heat(
+        &self,
+        theme: Theme,
+        grid: &Grid<f64>,
+        scale: &Axis,
+        shapes: &mut Vec<Shape>,
+    ) {
+        let plot = self.plot;
+        let mut palette: Vec<Colour> = (0..255)
+            .map(|n| theme.scale(f64::from(n) / 254.0))
+            .collect();
+        palette.push(theme.grid());
+        let number = |value: &f64| {
+            let part = scale.part(*value);
+            if part.is_finite() {
+                (part.clamp(0.0, 1.0) * 254.0).round() as u8
+            } else {
+                255
+            }
+        };
+        shapes.push(Shape::Image {
+            place: plot,
+            raster: raster(grid, palette.clone(), number),
+        });
+        let bar = Rect {
+            left: plot.right() + 14.0,
+            width: 14.0,
+            ..plot
+        };
+        palette.truncate(255);
+        shapes.push(Shape::Image {
+            place: bar,
+            raster: Raster {
+                width: 1,
+                height: 255,
+                palette,
+                pixels: (0..255).rev().collect(),
+            },
+        });
+        shapes.push(frame_of(bar, theme.axis(), 1.0));
+        for (value, label) in scale.ticks((plot.height / 42.0) as usize) {
+            let down = bar.bottom() - scale.part(value) * bar.height;
+            shapes.push(Shape::Text(text(
+                bar.right() + 5.0,
+                down + 4.2,
+                &label,
+                Anchor::Start,
+                theme.text(),
+                SMALL,
+            )));
+        }
+        shapes.push(Shape::Text(Text {
+            upright: true,
+            ..text(
+                bar.right() + 58.0,
+                plot.top + 0.5 * plot.height,
+                &scale.title(),
+                Anchor::Middle,
+                theme.text(),
+                13.0,
+            )
+        }));
+    }
+}
+
+pub(super) fn raster<T>(grid: &Grid<T>, palette: Vec<Colour>, number: impl Fn(&T) -> u8) -> Raster {
+    let pixels = grid
+        .values
+        .chunks(grid.columns)
+        .rev()
+        .flatten()
+        .map(number)
+        .collect();
+    Raster {
+        width: grid.columns,
+        height: grid.rows(),
+        palette,
+        pixels,
+    }
+}

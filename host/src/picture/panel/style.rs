@@ -1,0 +1,162 @@
+//! Words, frames, swatches and markers as every panel draws them.
+
+use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
+use crate::picture::theme::{Colour, Hatch, Marker, Theme, Tone};
+
+pub(super) fn text(x: f64, y: f64, words: &str, anchor: Anchor, colour: Colour, size: f64) -> Text {
+    Text {
+        at: (x, y),
+        words: words.into(),
+        size,
+        bold: false,
+        colour,
+        anchor,
+        upright: false,
+    }
+}
+
+pub(super) fn dashed(theme: Theme) -> Stroke {
+    Stroke {
+        colour: theme.muted(),
+        width: 1.2,
+        dash: &[5.0, 3.0],
+    }
+}
+
+pub(super) fn frame_of(rect: Rect, colour: Colour, width: f64) -> Shape {
+    Shape::Path {
+        pieces: vec![rect.corners()],
+        closed: true,
+        fill: None,
+        stroke: Some(Stroke {
+            colour,
+            width,
+            dash: &[],
+        }),
+        clip: None,
+    }
+}
+
+pub(super) fn framed(rect: Rect, fill: Colour, line: Colour) -> Shape {
+    Shape::Path {
+        pieces: vec![rect.corners()],
+        closed: true,
+        fill: Some(fill),
+        stroke: Some(Stroke {
+            colour: line,
+            width: 0.8,
+            dash: &[],
+        }),
+        clip: None,
+    }
+}
+
+/// A rectangle in a tone, with its hatch.
+pub(super) fn swatch(theme: Theme, tone: Tone, rect: Rect, frame: bool, shapes: &mut Vec<Shape>) {
+    shapes.push(Shape::area(rect, tone.colour(theme)));
+    let step = 6.0;
+    let mut pieces = Vec::new();
+    let hatch = tone.hatch();
+    let rises: &[f64] = match hatch {
+        Hatch::None => &[],
+        Hatch::Up => &[1.0],
+        Hatch::Down => &[-1.0],
+        Hatch::Cross => &[1.0, -1.0],
+        Hatch::Upright => &[0.0],
+    };
+    // The pattern hangs on the sheet, not on the rectangle, so that neighbours join.
+    for rise in rises {
+        let reach = rise.abs() * rect.height;
+        let first = ((rect.left - reach) / step).ceil() as i64;
+        let last = ((rect.right() + reach) / step).floor() as i64;
+        for n in first..=last {
+            let foot = n as f64 * step;
+            let ends = clipped(
+                rect,
+                (foot, rect.bottom()),
+                (foot + rise * rect.height, rect.top),
+            );
+            pieces.extend(ends.map(|(a, b)| vec![a, b]));
+        }
+    }
+    if !pieces.is_empty() {
+        shapes.push(Shape::Path {
+            pieces,
+            closed: false,
+            fill: None,
+            stroke: Some(Stroke {
+                colour: theme.text().faint(0.55),
+                width: 0.8,
+                dash: &[],
+            }),
+            clip: None,
+        });
+    }
+    if frame {
+        shapes.push(frame_of(rect, theme.muted(), 0.8));
+    }
+}
+
+/// The part of a rising line within the sides of a rectangle.
+pub(super) fn clipped(
+    rect: Rect,
+    a: (f64, f64),
+    b: (f64, f64),
+) -> Option<((f64, f64), (f64, f64))> {
+    let at = |x: f64| (x, a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0));
+    let clip = |end: (f64, f64)| {
+        if end.0 < rect.left {
+            at(rect.left)
+        } else if end.0 > rect.right() {
+            at(rect.right())
+        } else {
+            end
+        }
+    };
+    let outside = a.0.max(b.0) <= rect.left || a.0.min(b.0) >= rect.right();
+    (!outside).then(|| (clip(a), clip(b)))
+}
+
+pub(super) fn marks(
+    theme: Theme,
+    series: usize,
+    places: &[(f64, f64)],
+    clip: Option<Rect>,
+) -> Shape {
+    let (colour, _, marker) = theme.series(series);
+    let shape: Vec<(f64, f64)> = match marker {
+        Marker::Circle => (0..12)
+            .map(|n| (f64::from(n) / 12.0 * std::f64::consts::TAU).sin_cos())
+            .map(|(x, y)| (3.0 * x, 3.0 * y))
+            .collect(),
+        Marker::Square => vec![(-2.7, -2.7), (2.7, -2.7), (2.7, 2.7), (-2.7, 2.7)],
+        Marker::Triangle => vec![(0.0, -3.6), (3.4, 2.6), (-3.4, 2.6)],
+        Marker::Diamond => vec![(0.0, -4.0), (4.0, 0.0), (0.0, 4.0), (-4.0, 0.0)],
+        Marker::Cross => vec![
+            (-1.0, -3.6),
+            (1.0, -3.6),
+            (1.0, -1.0),
+            (3.6, -1.0),
+            (3.6, 1.0),
+            (1.0, 1.0),
+            (1.0, 3.6),
+            (-1.0, 3.6),
+            (-1.0, 1.0),
+            (-3.6, 1.0),
+            (-3.6, -1.0),
+            (-1.0, -1.0),
+        ],
+    };
+    let piece = |(x, y): &(f64, f64)| shape.iter().map(|(a, b)| (x + a, y + b)).collect();
+    Shape::Path {
+        pieces: places.iter().map(piece).collect(),
+        closed: true,
+        fill: Some(colour),
+        stroke: Some(Stroke {
+            colour: theme.background(),
+            width: 0.6,
+            dash: &[],
+        }),
+        clip,
+    }
+}
