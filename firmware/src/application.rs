@@ -1,105 +1,13 @@
 //! The sample interrupt and the control of each drive cycle.
 
-use core::cell::Cell;
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
-
 use embassy_futures::yield_now;
-use embassy_sync::blocking_mutex::Mutex;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
-use kband::control::{Command, Cycle, PLAN_SLICES, Signal};
+use kband::control::{PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
+use crate::exchange::{COMMAND, Exchange, SIGNAL};
 use crate::station::Station;
 use crate::watch::{Roll, Watched};
-
-/// What passes between the sample interrupt and the control task: cycles up, commands down.
-pub struct Exchange {
-    cycle: Mailbox<CriticalSectionRawMutex, Cycle>,
-    command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
-    signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
-    news: AtomicU8,
-    owed: AtomicBool,
-    missed: AtomicU32,
-}
-
-impl Default for Exchange {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Exchange {
-    /// An exchange with nothing in it.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            cycle: Mailbox::new(),
-            command: Mutex::new(Cell::new(Command {
-                amplitude: 0.0,
-                step: 0,
-                immediate: true,
-            })),
-            signal: Mutex::new(Cell::new(None)),
-            news: AtomicU8::new(0),
-            owed: AtomicBool::new(false),
-            missed: AtomicU32::new(0),
-        }
-    }
-
-    /// Whether the control task has not yet done with the last cycle.
-    #[must_use]
-    pub fn owed(&self) -> bool {
-        self.owed.load(Ordering::Acquire)
-    }
-
-    /// Cycles that ended before the control of the one before was done.
-    #[must_use]
-    pub fn missed(&self) -> u32 {
-        self.missed.load(Ordering::Relaxed)
-    }
-
-    fn post(&self, cycle: Cycle) {
-        if self.owed.swap(true, Ordering::AcqRel) {
-            self.missed.fetch_add(1, Ordering::Relaxed);
-        }
-        self.cycle.signal(cycle);
-    }
-
-    async fn next(&self) -> Cycle {
-        if !self.cycle.signaled() {
-            self.owed.store(false, Ordering::Release);
-        }
-        self.cycle.wait().await
-    }
-
-    /// What the drive is to do from the next cycle on.
-    pub fn command(&self, command: Command) {
-        self.command.lock(|cell| cell.set(command));
-        self.news.fetch_or(COMMAND, Ordering::Release);
-    }
-
-    /// The signal path for new settings, drive off, from the next sample on.
-    pub fn replace_signal(&self, signal: Signal) {
-        self.signal.lock(|cell| cell.set(Some(signal)));
-        self.news.fetch_or(SIGNAL, Ordering::Release);
-    }
-
-    /// What is new for the sample interrupt.
-    #[inline]
-    fn news(&self) -> u8 {
-        match self.news.load(Ordering::Acquire) {
-            0 => 0,
-            _ => self.news.swap(0, Ordering::AcqRel),
-        }
-    }
-}
-
-/// News of [`Exchange::news`]: a command.
-const COMMAND: u8 = 1;
-/// News of [`Exchange::news`]: a signal path.
-const SIGNAL: u8 = 2;
 
 /// The sample interrupt.
 ///
@@ -140,12 +48,12 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     pub fn interrupt(&mut self) {
         let news = self.exchange.news();
         if news & SIGNAL != 0
-            && let Some(signal) = self.exchange.signal.lock(Cell::take)
+            && let Some(signal) = self.exchange.signal()
         {
             self.signal = signal;
         }
         if news & COMMAND != 0 {
-            let command = self.exchange.command.lock(Cell::get);
+            let command = self.exchange.commanded();
             self.signal.command(command);
             self.on = !command.immediate || command.amplitude > 0.0;
             if !self.on {
@@ -194,7 +102,7 @@ pub async fn control(
         exchange.command(report.command);
         monitor.report(&report);
         for _ in 0..PLAN_SLICES {
-            if exchange.cycle.signaled() || !station.plan_step() {
+            if exchange.waits() || !station.plan_step() {
                 break;
             }
             roll.check_in(Watched::Cycle);

@@ -17,6 +17,7 @@ pub mod application;
 pub mod board;
 #[cfg(target_os = "none")]
 pub mod cortex;
+pub mod exchange;
 pub mod last_words;
 pub mod link;
 pub mod start;

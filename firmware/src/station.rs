@@ -10,7 +10,7 @@ use kband::control::{
 use kband::feeder::OutOfRange;
 use kband::wire::Record;
 
-use crate::application::Exchange;
+use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::Found;
 

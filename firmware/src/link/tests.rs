@@ -9,7 +9,7 @@ use kband::plant::Noise;
 use kband::wire::{Outgoing, read_answer, write_question, write_request};
 
 use super::*;
-use crate::application::Exchange;
+use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Found, StoreFailed};
 

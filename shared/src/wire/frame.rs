@@ -3,11 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::message::{Request, Response};
-use super::receiver::Unreadable;
+use super::receiver::{FRAME_MOST, Unreadable};
 use super::{SCHEMA, VERSION};
-
-/// Longest frame on the line in bytes, the zero at its end included.
-pub const FRAME_MOST: usize = 320;
 
 /// Most bytes inside a frame: COBS adds one in 254.
 const INSIDE_MOST: usize = FRAME_MOST - 3;

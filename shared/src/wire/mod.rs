@@ -24,14 +24,14 @@ mod message;
 mod receiver;
 
 pub use frame::{
-    FRAME_MOST, Identity, Incoming, Outgoing, Unsendable, read_answer, read_request,
-    write_identity, write_question, write_request, write_response,
+    Identity, Incoming, Outgoing, Unsendable, read_answer, read_request, write_identity,
+    write_question, write_request, write_response,
 };
 pub use message::{
     Counters, Record, Refusal, Request, Response, SelfTest, Setting, SimulatedInputs, Start,
     Target, Telemetry, fold_output, read_reading, write_reading,
 };
-pub use receiver::{Receiver, Unreadable};
+pub use receiver::{FRAME_MOST, Receiver, Unreadable};
 
 /// Version of everything but the question who is there.
 pub const VERSION: u8 = 1;

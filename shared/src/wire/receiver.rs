@@ -1,7 +1,9 @@
 //! Frames taken off the line, byte by byte.
 
-use super::frame::FRAME_MOST;
 use super::message::Counters;
+
+/// Longest frame on the line in bytes, the zero at its end included.
+pub const FRAME_MOST: usize = 320;
 
 /// Why a frame was not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

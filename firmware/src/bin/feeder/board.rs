@@ -10,9 +10,10 @@ use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
 use kband::control::Target;
-use kband_firmware::application::{Exchange, Sampler, control};
+use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
 use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_words};
+use kband_firmware::exchange::Exchange;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{

@@ -8,8 +8,9 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::heprintln;
 use kband::control::{AdcCode, Signal};
 use kband::plant::Bench;
-use kband_firmware::application::{Exchange, Sampler};
+use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
+use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
 

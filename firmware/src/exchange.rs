@@ -1,0 +1,113 @@
+//! What passes between the sample interrupt and the control of the cycles.
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal as Mailbox;
+use kband::control::{Command, Cycle, Signal};
+
+/// Cycles up, commands down.
+pub struct Exchange {
+    cycle: Mailbox<CriticalSectionRawMutex, Cycle>,
+    command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
+    signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
+    news: AtomicU8,
+    owed: AtomicBool,
+    missed: AtomicU32,
+}
+
+impl Default for Exchange {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Exchange {
+    /// An exchange with nothing in it.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            cycle: Mailbox::new(),
+            command: Mutex::new(Cell::new(Command {
+                amplitude: 0.0,
+                step: 0,
+                immediate: true,
+            })),
+            signal: Mutex::new(Cell::new(None)),
+            news: AtomicU8::new(0),
+            owed: AtomicBool::new(false),
+            missed: AtomicU32::new(0),
+        }
+    }
+
+    /// Whether the control task has not yet done with the last cycle.
+    #[must_use]
+    pub fn owed(&self) -> bool {
+        self.owed.load(Ordering::Acquire)
+    }
+
+    /// Cycles that ended before the control of the one before was done.
+    #[must_use]
+    pub fn missed(&self) -> u32 {
+        self.missed.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn post(&self, cycle: Cycle) {
+        if self.owed.swap(true, Ordering::AcqRel) {
+            self.missed.fetch_add(1, Ordering::Relaxed);
+        }
+        self.cycle.signal(cycle);
+    }
+
+    pub(crate) async fn next(&self) -> Cycle {
+        if !self.cycle.signaled() {
+            self.owed.store(false, Ordering::Release);
+        }
+        self.cycle.wait().await
+    }
+
+    /// A command that is new, as [`Self::news`] said.
+    #[inline]
+    pub(crate) fn commanded(&self) -> Command {
+        self.command.lock(Cell::get)
+    }
+
+    /// A signal path that is new, as [`Self::news`] said.
+    #[inline]
+    pub(crate) fn signal(&self) -> Option<Signal> {
+        self.signal.lock(Cell::take)
+    }
+
+    /// Whether a cycle waits for its control.
+    pub(crate) fn waits(&self) -> bool {
+        self.cycle.signaled()
+    }
+
+    /// What the drive is to do from the next cycle on.
+    pub fn command(&self, command: Command) {
+        self.command.lock(|cell| cell.set(command));
+        self.news.fetch_or(COMMAND, Ordering::Release);
+    }
+
+    /// The signal path for new settings, drive off, from the next sample on.
+    pub fn replace_signal(&self, signal: Signal) {
+        self.signal.lock(|cell| cell.set(Some(signal)));
+        self.news.fetch_or(SIGNAL, Ordering::Release);
+    }
+
+    /// What is new for the sample interrupt.
+    #[inline]
+    pub(crate) fn news(&self) -> u8 {
+        match self.news.load(Ordering::Acquire) {
+            0 => 0,
+            _ => self.news.swap(0, Ordering::AcqRel),
+        }
+    }
+}
+
+/// News of [`Exchange::news`]: a command.
+pub(crate) const COMMAND: u8 = 1;
+/// News of [`Exchange::news`]: a signal path.
+pub(crate) const SIGNAL: u8 = 2;
