@@ -149,6 +149,27 @@ fn the_table_of_settings_is_that_of_the_controller() {
 }
 
 #[test]
+fn the_table_of_states_is_that_of_the_controller() {
+    use kband::control::{State, TRANSITIONS};
+    let names: Vec<&str> = State::ALL.iter().map(|state| state.name()).collect();
+    let mut table = format!("| from, to | {} |\n|---|", names.join(" | "));
+    table += &"---|".repeat(names.len());
+    table += "\n";
+    for &from in State::ALL {
+        table += &format!("| {} |", from.name());
+        for &to in State::ALL {
+            let change = TRANSITIONS.iter().find(|t| (t.from, t.to) == (from, to));
+            table += &change.map_or(" |".to_string(), |change| format!(" {} |", change.when));
+        }
+        table += "\n";
+    }
+    assert!(
+        page("faults.md").contains(&table),
+        "faults.md should hold\n{table}"
+    );
+}
+
+#[test]
 fn the_scene_shown_is_the_default_one() {
     let output = Command::new(env!("CARGO_BIN_EXE_kband"))
         .args(["simulate", "--print-scene"])

@@ -6,7 +6,7 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report;
 
-/// Print what the manual says on a word, a fault or a limit.
+/// Print what the manual says on a word, the states, a fault or a limit.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband explain k
@@ -39,6 +39,8 @@ pub enum Topic {
     Basin,
     /// The kick that brings parts into lock.
     Capture,
+    /// What the drive is doing, and what it does next.
+    State,
     /// What stopped the drive.
     Fault,
     /// What holds the drive back.
@@ -65,6 +67,7 @@ fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
         Topic::Chaos => (BANDS, "## Chaos"),
         Topic::Basin => (CAPTURE, "## Two regimes"),
         Topic::Capture => (CAPTURE, "## The kick"),
+        Topic::State => (FAULTS, "## States"),
         Topic::Fault => (FAULTS, "## Fault "),
         Topic::Limit => (FAULTS, "## Limit "),
     };

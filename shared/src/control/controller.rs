@@ -600,8 +600,15 @@ impl Controller {
             match self.state {
                 State::Off | State::Stopping => {}
                 State::Fault => {
-                    // Refused settings stay refused until others are accepted.
-                    if self.fault != Some(Fault::SettingsInvalid) {
+                    // Each fault is reported for a cycle at least, and stays while its cause does: refused
+                    // settings until others are accepted.
+                    let stays = match self.fault {
+                        Some(Fault::SettingsInvalid) => true,
+                        Some(Fault::OverTemperature) => inputs.over_temperature,
+                        Some(Fault::StackLow) => inputs.stack_low,
+                        _ => false,
+                    };
+                    if self.in_state > 0 && !stays {
                         self.fault = None;
                         self.latched = false;
                         self.suspicions = Suspicions::default();
@@ -610,6 +617,10 @@ impl Controller {
                     }
                 }
                 _ => {
+                    if self.resonance.sweeps() {
+                        self.resonance.stop();
+                        self.amplitude.resume(measured, self.output);
+                    }
                     self.enter(State::Stopping);
                     events.push(Event::Stopping);
                 }
@@ -626,7 +637,7 @@ impl Controller {
                     self.retune();
                 }
             }
-            State::Stopping => {
+            State::Stopping if self.in_state > 0 => {
                 let patience = 4.0 * self.settings.soft_stop * self.settings.frequency;
                 let at_rest = self.reference <= 0.0 && measured < 0.02 * self.ceiling;
                 if at_rest || self.in_state as f32 > patience {

@@ -28,6 +28,7 @@ mod setpoint;
 mod settings;
 mod signal;
 mod supervise;
+mod transition;
 
 pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
@@ -38,3 +39,4 @@ pub use setpoint::{NoSetpoint, Target};
 pub use settings::{Key, Settings};
 pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};
 pub use supervise::{Event, Events, Fault, Limits, State};
+pub use transition::{TRANSITIONS, Transition};

@@ -76,6 +76,11 @@ impl Resonance {
         });
     }
 
+    /// Gives the sweep up where it is.
+    pub fn stop(&mut self) {
+        self.sweep = None;
+    }
+
     /// Takes the amplitude of a cycle of the sweep in m; whether that ended it, at its peak.
     pub fn swept(&mut self, amplitude: f32) -> bool {
         let Some(sweep) = &mut self.sweep else {
