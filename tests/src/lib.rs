@@ -1,6 +1,7 @@
 //! What the cross-crate tests share: the emulator and the images that run on it, launches that try
 //! a kernel and the oracle that judges it.
 
+pub mod broken;
 pub mod desk;
 pub mod emulator;
 pub mod footprint;

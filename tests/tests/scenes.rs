@@ -39,12 +39,23 @@ macro_rules! scenes {
 }
 
 scenes! {
+    acceleration_limit
+    amplitude_limit
     chaotic
     empty_band
+    enable_in_stopping
+    fault_at_rest
+    fault_in_capture
+    fault_in_holding
+    fault_in_limiting
+    fault_in_stopping
     from_rest
     gain_drift
     link_lost
+    link_lost_in_capture
+    link_lost_in_holding
     lock_lost
+    lock_comes_back
     locked
     locked_order_2
     many_parts
@@ -56,6 +67,7 @@ scenes! {
     outside_every_band
     over_amplitude
     over_temperature
+    over_temperature_in_start
     resonance_tracking
     sensor_inverted
     sensor_lost
@@ -65,7 +77,17 @@ scenes! {
     speed_of_no_lock
     stack_low
     stop_and_start
+    stop_in_capture
+    stop_in_holding
+    stop_in_limiting
+    stop_in_lost
+    stop_in_start
+    stop_in_sweep
     stopped
+    target_in_capture
+    target_in_holding
+    target_in_limiting
+    target_in_lost
     watchdog_reset
     watchdog_reset_stays_off
 }

@@ -71,6 +71,14 @@ impl Outcome {
         })
     }
 
+    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it.
+    pub fn of(
+        file: &SceneFile,
+        mut cycle: impl FnMut() -> (Moment, Vec<Strike>),
+    ) -> Result<Self, Refusal> {
+        Self::gather(file, &mut |_| Ok(()), || Ok(cycle()))
+    }
+
     /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
     pub fn run_on(line: Line, file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
         let mut closed = BoardLoop::start(line, &file.scene)?;

@@ -671,8 +671,9 @@ impl Controller {
         self.limits.set(Limits::LINK_LOST, running && lost);
         self.limits
             .set(Limits::NO_SETPOINT, running && self.no_setpoint().is_some());
-        self.limits
-            .set(self.ceiling_limit, running && self.setpoint > self.ceiling);
+        // The frequencies of a sweep are not those of the setpoint.
+        let cut = running && !self.resonance.sweeps() && self.setpoint > self.ceiling;
+        self.limits.set(self.ceiling_limit, cut);
         self.limits
             .set(Limits::OUTPUT, running && self.strained > 25);
     }

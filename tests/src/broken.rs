@@ -1,0 +1,154 @@
+//! Scenes run with their controller broken on purpose: in what it is told, shown, or lets itself do.
+//!
+//! Nothing of the product knows of this: the loop of [`kband::plant::ClosedLoop`] is put together anew
+//! from its public parts, with one falsehood between two of them.
+
+use kband::control::{Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, State};
+use kband::plant::{Bench, Change, Moment, Scene};
+use kband_host::simulate::{Outcome, SceneFile};
+
+/// What is broken.
+#[derive(Clone, Copy, Debug)]
+pub enum Break {
+    /// Nothing.
+    Nothing,
+    /// This change of state is never made: the controller stays as it was before the cycle.
+    Never(State, State),
+    /// The board shows and tells the controller nothing of these changes: their feeder is another.
+    Hidden(fn(&Change) -> bool),
+    /// The controller is told something else than the scene says.
+    Told(fn(&mut Scene)),
+    /// What the signal path makes of the samples is falsified.
+    Seen(fn(&mut Cycle)),
+    /// What the controller has the drive do is falsified.
+    Done(fn(&mut Report)),
+}
+
+/// The closed loop of a scene, broken.
+pub struct Broken {
+    signal: Signal,
+    controller: Controller,
+    /// The feeder that the drive drives.
+    bench: Bench,
+    /// The feeder that the controller sees, where it is another.
+    shown: Option<Bench>,
+    how: Break,
+    last: Report,
+}
+
+impl Broken {
+    /// The loop of a scene at time 0.
+    ///
+    /// # Panics
+    /// Where the scene is refused.
+    #[must_use]
+    pub fn build(scene: &Scene, how: Break) -> Self {
+        let mut told = *scene;
+        if let Break::Told(tell) = how {
+            tell(&mut told);
+        }
+        let shown = if let Break::Hidden(hidden) = how {
+            let mut other = *scene;
+            let kept = scene
+                .disturbances
+                .into_iter()
+                .flatten()
+                .filter(|d| !hidden(&d.change));
+            other.disturbances = [None; _];
+            for (slot, disturbance) in other.disturbances.iter_mut().zip(kept) {
+                *slot = Some(disturbance);
+            }
+            Some(Bench::build(&other).expect("a scene"))
+        } else {
+            None
+        };
+        Self {
+            signal: Signal::build(&told.settings).expect("settings"),
+            controller: Controller::build(&told.settings, told.target, told.start)
+                .expect("settings and a target"),
+            bench: Bench::build(scene).expect("a scene"),
+            shown,
+            how,
+            last: Report::default(),
+        }
+    }
+
+    /// Runs to the end of the next drive cycle.
+    pub fn cycle(&mut self) -> Moment {
+        self.bench.forget_strikes();
+        for _ in 0..2 * SAMPLE_RATE {
+            let mut code = self.bench.sample();
+            if let Some(shown) = &mut self.shown {
+                code = shown.sample();
+            }
+            let before = self.signal.phase();
+            let sampled = self.signal.sample(code);
+            let step = (self.signal.phase() - before).bits();
+            self.bench.hold(sampled.output, step);
+            if let Some(shown) = &mut self.shown {
+                shown.forget_strikes();
+                shown.hold(sampled.output, step);
+            }
+            if sampled.wrapped {
+                break;
+            }
+        }
+        let report = self.control();
+        self.signal.command(report.command);
+        for _ in 0..PLAN_SLICES {
+            if !self.controller.plan_step() {
+                break;
+            }
+        }
+        self.last = report;
+        Moment {
+            time: self.bench.time(),
+            report,
+            strikes: self.bench.plant().strikes().len() as u32,
+            way: self.bench.plant().way(),
+        }
+    }
+
+    fn control(&mut self) -> Report {
+        let told = self.shown.as_mut().unwrap_or(&mut self.bench);
+        let (target, inputs) = (told.new_target(), told.inputs());
+        let mut cycle = *self.signal.cycle();
+        if let Break::Seen(falsify) = self.how {
+            falsify(&mut cycle);
+        }
+        let before = self.controller.clone();
+        if let Some(target) = target {
+            // A target out of range is refused; the old one stays.
+            let _ = self.controller.set_target(target);
+        }
+        let mut report = self.controller.cycle(&cycle, &inputs);
+        if let Break::Done(falsify) = self.how {
+            falsify(&mut report);
+        }
+        match self.how {
+            Break::Never(from, to) if (self.last.state, report.state) == (from, to) => {
+                self.controller = before;
+                Report {
+                    events: Default::default(),
+                    cycle: report.cycle,
+                    ..self.last
+                }
+            }
+            _ => report,
+        }
+    }
+}
+
+/// What comes of a scene with its controller broken.
+///
+/// # Panics
+/// Where the scene is refused.
+#[must_use]
+pub fn run(file: &SceneFile, how: Break) -> Outcome {
+    let mut closed = Broken::build(&file.scene, how);
+    Outcome::of(file, || {
+        let moment = closed.cycle();
+        (moment, closed.bench.plant().strikes().to_vec())
+    })
+    .unwrap_or_else(|refusal| panic!("{refusal}"))
+}

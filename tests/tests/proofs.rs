@@ -1,0 +1,354 @@
+//! Each scene fails where the behaviour that it shows is broken, and together they show every change of
+//! state, every fault and every limit.
+
+use std::collections::BTreeSet;
+
+use kband::control::{Cycle, Fault, Limits, Report, Start, State, TRANSITIONS, Target};
+use kband::plant::{Change, Scene};
+use kband_host::simulate::{Outcome, SceneFile};
+use kband_tests::broken::{Break, run};
+
+/// What a scene is there to show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Shows {
+    /// That this fault is seen.
+    Fault(Fault),
+    /// That this limit holds the drive back.
+    Limit(Limits),
+    /// That the controller does as it is told, by settings, target and inputs.
+    Obeying,
+    /// That the controller listens to track and parts.
+    Listening,
+}
+use Break::{Done, Hidden, Never, Nothing, Seen, Told};
+use Shows::{Listening, Obeying};
+
+fn enable(change: &Change) -> bool {
+    matches!(change, Change::Enable(_))
+}
+fn gain(change: &Change) -> bool {
+    matches!(change, Change::Gain(_))
+}
+fn hot(change: &Change) -> bool {
+    matches!(change, Change::OverTemperature(_))
+}
+fn link(change: &Change) -> bool {
+    matches!(change, Change::Link(_))
+}
+fn lost(change: &Change) -> bool {
+    matches!(change, Change::SensorLost(_))
+}
+fn inverted(change: &Change) -> bool {
+    matches!(change, Change::SensorInverted(_))
+}
+fn stack(change: &Change) -> bool {
+    matches!(change, Change::StackLow(_))
+}
+fn target(change: &Change) -> bool {
+    matches!(change, Change::Target(_))
+}
+fn parts(change: &Change) -> bool {
+    matches!(change, Change::Restitution(_))
+}
+
+fn deaf(cycle: &mut Cycle) {
+    cycle.heard_count = 0;
+}
+fn unsaturated(cycle: &mut Cycle) {
+    cycle.saturated = 0;
+}
+
+/// The output that the drive would need if its gain were the one set, 1 mm.
+fn uncontrolled(report: &mut Report) {
+    report.command.amplitude = 1e3 * report.reference;
+}
+
+fn forget_reset(scene: &mut Scene) {
+    scene.start = Start::Ordinary;
+}
+fn narrow_lot(scene: &mut Scene) {
+    scene.settings.restitution_low = 0.199;
+    scene.settings.restitution_high = 0.201;
+}
+fn fixed_frequency(scene: &mut Scene) {
+    scene.settings.tracking = 0.0;
+}
+fn no_kicks(scene: &mut Scene) {
+    scene.settings.capture_attempts = 0.0;
+}
+fn another_target(scene: &mut Scene) {
+    scene.target = Target::K(0.5);
+}
+fn no_limits(scene: &mut Scene) {
+    scene.settings.amplitude_limit = 100.0;
+    scene.settings.acceleration_limit = 1000.0;
+}
+
+/// Each scene, what it is there to show, and how that is broken.
+const PROOFS: [(&str, Shows, Break); 51] = [
+    (
+        "acceleration_limit",
+        Shows::Limit(Limits::ACCELERATION),
+        Told(no_limits),
+    ),
+    (
+        "amplitude_limit",
+        Shows::Limit(Limits::AMPLITUDE),
+        Told(no_limits),
+    ),
+    ("chaotic", Obeying, Told(another_target)),
+    (
+        "empty_band",
+        Shows::Limit(Limits::NO_SETPOINT),
+        Told(narrow_lot),
+    ),
+    ("enable_in_stopping", Obeying, Hidden(enable)),
+    (
+        "fault_at_rest",
+        Shows::Fault(Fault::StackLow),
+        Hidden(stack),
+    ),
+    (
+        "fault_in_capture",
+        Shows::Fault(Fault::NoResponse),
+        Hidden(gain),
+    ),
+    (
+        "fault_in_holding",
+        Shows::Fault(Fault::SensorLost),
+        Hidden(lost),
+    ),
+    (
+        "fault_in_limiting",
+        Shows::Fault(Fault::SensorInverted),
+        Hidden(inverted),
+    ),
+    (
+        "fault_in_stopping",
+        Shows::Fault(Fault::OverTemperature),
+        Hidden(hot),
+    ),
+    ("from_rest", Listening, Seen(deaf)),
+    ("gain_drift", Listening, Done(uncontrolled)),
+    ("link_lost", Shows::Limit(Limits::LINK_LOST), Hidden(link)),
+    (
+        "link_lost_in_capture",
+        Shows::Limit(Limits::LINK_LOST),
+        Hidden(link),
+    ),
+    (
+        "link_lost_in_holding",
+        Shows::Limit(Limits::LINK_LOST),
+        Hidden(link),
+    ),
+    ("lock_comes_back", Listening, Seen(deaf)),
+    ("lock_lost", Listening, Hidden(parts)),
+    ("locked", Listening, Seen(deaf)),
+    ("locked_order_2", Listening, Seen(deaf)),
+    ("many_parts", Listening, Seen(deaf)),
+    ("new_target", Obeying, Hidden(target)),
+    (
+        "no_common_chaos",
+        Shows::Limit(Limits::NO_SETPOINT),
+        Told(narrow_lot),
+    ),
+    ("no_response", Shows::Fault(Fault::NoResponse), Hidden(gain)),
+    ("not_captured", Obeying, Told(no_kicks)),
+    ("output_limit", Shows::Limit(Limits::OUTPUT), Hidden(gain)),
+    ("outside_every_band", Obeying, Told(another_target)),
+    (
+        "over_amplitude",
+        Shows::Fault(Fault::OverAmplitude),
+        Hidden(gain),
+    ),
+    (
+        "over_temperature",
+        Shows::Fault(Fault::OverTemperature),
+        Hidden(hot),
+    ),
+    (
+        "over_temperature_in_start",
+        Shows::Fault(Fault::OverTemperature),
+        Hidden(hot),
+    ),
+    ("resonance_tracking", Obeying, Told(fixed_frequency)),
+    (
+        "sensor_inverted",
+        Shows::Fault(Fault::SensorInverted),
+        Hidden(inverted),
+    ),
+    ("sensor_lost", Shows::Fault(Fault::SensorLost), Hidden(lost)),
+    (
+        "sensor_saturated",
+        Shows::Fault(Fault::SensorSaturated),
+        Seen(unsaturated),
+    ),
+    (
+        "settings_invalid",
+        Shows::Fault(Fault::SettingsInvalid),
+        Told(forget_reset),
+    ),
+    ("speed", Obeying, Told(another_target)),
+    (
+        "speed_of_no_lock",
+        Shows::Limit(Limits::NO_SETPOINT),
+        Told(another_target),
+    ),
+    ("stack_low", Shows::Fault(Fault::StackLow), Hidden(stack)),
+    ("stop_and_start", Obeying, Hidden(enable)),
+    ("stop_in_capture", Obeying, Hidden(enable)),
+    ("stop_in_holding", Obeying, Hidden(enable)),
+    ("stop_in_limiting", Obeying, Hidden(enable)),
+    ("stop_in_lost", Obeying, Hidden(enable)),
+    ("stop_in_start", Obeying, Hidden(enable)),
+    ("stop_in_sweep", Obeying, Hidden(enable)),
+    ("stopped", Obeying, Hidden(enable)),
+    ("target_in_capture", Obeying, Hidden(target)),
+    ("target_in_holding", Obeying, Hidden(target)),
+    ("target_in_limiting", Obeying, Hidden(target)),
+    ("target_in_lost", Obeying, Hidden(target)),
+    (
+        "watchdog_reset",
+        Shows::Fault(Fault::WatchdogReset),
+        Told(forget_reset),
+    ),
+    (
+        "watchdog_reset_stays_off",
+        Shows::Fault(Fault::WatchdogReset),
+        Told(forget_reset),
+    ),
+];
+
+fn read(name: &str) -> SceneFile {
+    let folder = kband_tests::root().join("tests/scenes");
+    let text = std::fs::read_to_string(folder.join(name).with_extension("toml")).unwrap();
+    SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{name}: {refusal}"))
+}
+
+/// Whether the outcome is the one that its scene expects.
+fn expected(outcome: &Outcome) -> bool {
+    let expectation = outcome.file().expectation.as_ref();
+    expectation
+        .expect("every scene expects")
+        .unmet(outcome)
+        .is_empty()
+}
+
+/// Whether what a scene is there to show is to be seen in its outcome.
+fn shown(shows: Shows, outcome: &Outcome) -> bool {
+    let mut reports = outcome.moments().iter().map(|moment| moment.report);
+    match shows {
+        Shows::Fault(fault) => reports.any(|report| report.fault == Some(fault)),
+        Shows::Limit(limit) => reports.any(|report| report.limits.contains(limit)),
+        Obeying | Listening => true,
+    }
+}
+
+/// The changes of state in an outcome.
+fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
+    let states = outcome.moments().iter().map(|moment| moment.report.state);
+    let states: Vec<u8> = states.map(State::number).collect();
+    let pairs = states.windows(2).map(|pair| (pair[0], pair[1]));
+    // Before the first cycle an ordinary start is off.
+    let first = states.first().map(|&first| (State::Off.number(), first));
+    let ordinary = outcome.file().scene.start == Start::Ordinary;
+    pairs
+        .chain(first.filter(|_| ordinary))
+        .filter(|(from, to)| from != to)
+        .collect()
+}
+
+fn words((from, to): (u8, u8)) -> String {
+    let name = |number: u8| State::ALL[usize::from(number)].name();
+    format!("{} to {}", name(from), name(to))
+}
+
+#[test]
+fn each_scene_fails_where_what_it_shows_is_broken() {
+    let mut wrong = Vec::new();
+    for (name, shows, how) in PROOFS {
+        let file = read(name);
+        let sound = run(&file, Nothing);
+        if !expected(&sound) || !shown(shows, &sound) {
+            wrong.push(format!("{name} does not show {shows:?}"));
+        }
+        let broken = run(&file, how);
+        if matches!(shows, Shows::Fault(_) | Shows::Limit(_)) && shown(shows, &broken) {
+            wrong.push(format!("{name} shows {shows:?} in spite of {how:?}"));
+        }
+        if expected(&broken) {
+            wrong.push(format!("{name} does not notice {how:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn each_change_of_state_has_a_scene_that_fails_where_it_is_never_made() {
+    let mut scenes: Vec<Outcome> = PROOFS
+        .iter()
+        .map(|(name, ..)| run(&read(name), Nothing))
+        .collect();
+    // The shortest first: each change is proven by the first that notices its lack.
+    scenes.sort_by_key(|outcome| outcome.moments().len());
+    let mut made = BTreeSet::new();
+    let mut proven = BTreeSet::new();
+    for outcome in &scenes {
+        for (from, to) in changes(outcome) {
+            made.insert((from, to));
+            let state = |number: u8| State::ALL[usize::from(number)];
+            let never = Never(state(from), state(to));
+            if !proven.contains(&(from, to)) && !expected(&run(outcome.file(), never)) {
+                proven.insert((from, to));
+            }
+        }
+    }
+    let drawn = TRANSITIONS.map(|change| (change.from.number(), change.to.number()));
+    for change in drawn {
+        assert!(
+            made.contains(&change),
+            "no scene goes from {}",
+            words(change)
+        );
+        assert!(
+            proven.contains(&change),
+            "no scene misses {}",
+            words(change)
+        );
+    }
+    let undrawn: Vec<String> = made
+        .into_iter()
+        .filter(|change| !drawn.contains(change))
+        .map(words)
+        .collect();
+    assert!(undrawn.is_empty(), "not in the state table: {undrawn:?}");
+}
+
+#[test]
+fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
+    for entry in std::fs::read_dir(kband_tests::root().join("tests/scenes")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|ending| ending == "toml") {
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            assert!(
+                PROOFS.iter().any(|(scene, ..)| *scene == name),
+                "{name} has no proof"
+            );
+        }
+    }
+    let shows = |wanted: Shows| PROOFS.iter().any(|(_, shows, _)| *shows == wanted);
+    for &fault in Fault::ALL {
+        assert!(
+            shows(Shows::Fault(fault)),
+            "no scene shows {}",
+            fault.name()
+        );
+    }
+    for limit in Limits::ALL {
+        assert!(
+            shows(Shows::Limit(limit)),
+            "no scene shows {}",
+            limit.name()
+        );
+    }
+}
