@@ -1,0 +1,92 @@
+//! Capture rates of parts drawn at random.
+
+use kband::impact::Map;
+use kband::regime::capture::{Kick, Plan, Trial};
+
+use super::Task;
+use super::kicks::captures;
+use crate::desk::Desk;
+use crate::refusal::Refusal;
+
+/// Capture rates of parts drawn at random.
+pub(super) struct Rates {
+    /// Without a kick.
+    pub(super) alone: f64,
+    /// After each attempt.
+    pub(super) by_attempt: Vec<f64>,
+}
+
+impl Rates {
+    pub(super) fn measure(task: &Task<'_>, plan: &Plan, desk: &Desk) -> Result<Self, Refusal> {
+        let (runs, attempts) = (task.arguments.runs, task.arguments.attempts);
+        let results = desk.try_map("capture runs", runs, |run| {
+            let mut random = Random::new(task.arguments.seed as u64, run as u64);
+            let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
+            let part = Trial {
+                restitution: low + (high - low) * random.next(),
+                k: task.lot.k / (1.0 + task.lot.amplitude_error * (2.0 * random.next() - 1.0)),
+                order: task.lot.order,
+            };
+            let alone = captures::<Map>(part, task.drive, Kick::NONE)?;
+            for attempt in 0..attempts {
+                let drive = if attempt == 0 { task.drive } else { task.again };
+                let Some(kick) = plan.attempt(attempt as u32) else {
+                    break;
+                };
+                if captures::<Map>(part, drive, kick)? {
+                    return Ok((alone, Some(attempt)));
+                }
+            }
+            Ok((alone, None))
+        })?;
+        let share = |count: usize| count as f64 / runs as f64;
+        Ok(Self {
+            alone: share(results.iter().filter(|(alone, _)| *alone).count()),
+            by_attempt: (0..attempts)
+                .map(|attempt| {
+                    let held = |at: &Option<usize>| at.is_some_and(|at| at <= attempt);
+                    share(results.iter().filter(|(_, at)| held(at)).count())
+                })
+                .collect(),
+        })
+    }
+}
+
+/// Uniform numbers in 0..1 that depend on seed and run alone (SplitMix64).
+pub(super) struct Random(pub(super) u64);
+
+impl Random {
+    pub(super) fn new(seed: u64, run: u64) -> Self {
+        let mut random = Self(seed.wrapping_mul(0xD129_0B26_68E5_4F27).wrapping_add(run));
+        let begun = random.word();
+        Self(begun)
+    }
+
+    pub(super) fn word(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    pub(super) fn next(&mut self) -> f64 {
+        (self.word() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_numbers_are_even_and_differ_between_runs() {
+        let mean = (0..1000)
+            .map(|run| Random::new(1, run).next())
+            .sum::<f64>()
+            / 1000.0;
+        // Standard error 0.29 / sqrt(1000) = 0.009.
+        assert!((mean - 0.5).abs() < 0.04, "{mean}");
+        assert_ne!(Random::new(1, 2).next(), Random::new(2, 1).next());
+    }
+}

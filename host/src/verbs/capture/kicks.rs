@@ -1,0 +1,226 @@
+//! The map of kicks: which share of a lot each of them captures.
+
+use kband::impact::{Kernel, Map};
+use kband::regime::capture::{Drive, Follow, Kick, KickSettings, Outcome, Plan, Trial};
+
+use super::Task;
+use super::page::lot;
+use crate::desk::Desk;
+use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::refusal::Refusal;
+use crate::report::number;
+
+/// Impacts after which a part counts as missed.
+pub(super) const LONGEST: u32 = 20_000;
+
+/// Whether `kick` captures a part.
+pub(super) fn captures<K: Kernel>(part: Trial, drive: Drive, kick: Kick) -> Result<bool, Refusal> {
+    let mut follow = Follow::<K>::new(part, drive, kick)?;
+    while follow.steps() < LONGEST {
+        if let Some(outcome) = follow.step() {
+            return Ok(outcome == Outcome::Locked);
+        }
+    }
+    Ok(false)
+}
+
+/// Share of the lot's parts that each kick captures, over factor and length.
+pub(super) struct Kicks {
+    pub(super) factors: Vec<f64>,
+    /// Cycles of hold, or of descent after `hold`.
+    pub(super) lengths: Vec<u16>,
+    /// Shape of the kicks: where `Some`, lengths are descents after this hold that end at this share of
+    /// the way from the target to the factor.
+    pub(super) slow: Option<(u16, f32)>,
+    pub(super) shares: Vec<f64>,
+    pub(super) best: Option<Widest>,
+}
+
+/// The kick of the map in the middle of the widest patch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Widest {
+    pub(super) kick: KickSettings,
+    pub(super) share: f64,
+    /// The factor may be off by this fraction and the length by so many cycles, both at once.
+    pub(super) factor_margin: f64,
+    pub(super) length_margin: f64,
+}
+
+/// Lengths in a map.
+pub(super) const LENGTHS: usize = 48;
+
+impl Kicks {
+    pub(super) fn draw(task: &Task<'_>, plan: &Plan, desk: &Desk) -> Result<Self, Refusal> {
+        let best = plan.best().map_or(Kick::NONE, |best| best.kick).settings();
+        let slow = (best.descent > 40).then(|| {
+            let way = (best.release - 1.0) / (best.factor - 1.0);
+            (best.hold, way)
+        });
+        let longest = task.arguments.longest.unwrap_or(match slow {
+            Some(_) => (2 * usize::from(best.descent)).max(120),
+            None => (10.0 * task.arguments.time_constant) as usize + LENGTHS / 4,
+        });
+        let factors: Vec<f64> = task.arguments.factor.values().collect();
+        let lengths: Vec<u16> = (0..LENGTHS)
+            .map(|n| (n * longest / (LENGTHS - 1)) as u16)
+            .collect();
+        let mut map = Self {
+            factors,
+            lengths,
+            slow,
+            shares: Vec::new(),
+            best: None,
+        };
+        let columns = map.lengths.len();
+        map.shares = desk.try_map("capture map", map.factors.len() * columns, |cell| {
+            let Ok(kick) = map.kick(cell) else {
+                return Ok(0.0);
+            };
+            let mut locked = 0_u32;
+            for part in 0..task.arguments.parts {
+                locked += u32::from(captures::<Map>(task.lot.part(part as u32), task.drive, kick)?);
+            }
+            Ok(f64::from(locked) / task.arguments.parts as f64)
+        })?;
+        map.best = map.widest();
+        Ok(map)
+    }
+
+    pub(super) fn kick(&self, cell: usize) -> Result<Kick, kband::feeder::OutOfRange> {
+        let factor = self.factors[cell / self.lengths.len()] as f32;
+        let length = self.lengths[cell % self.lengths.len()];
+        Kick::build(match self.slow {
+            None => KickSettings {
+                factor,
+                hold: length,
+                descent: 0,
+                release: 1.0,
+            },
+            Some((hold, way)) => KickSettings {
+                factor,
+                hold,
+                descent: length,
+                release: (1.0 + (factor - 1.0) * way).clamp(1.0, factor),
+            },
+        })
+    }
+
+    /// The cell with most cells around it, as a square in steps of the map, that capture nine tenths of
+    /// what the best does; beyond the edge of the map nothing is known.
+    pub(super) fn widest(&self) -> Option<Widest> {
+        let columns = self.lengths.len();
+        let rows = self.factors.len();
+        let most = self.shares.iter().copied().fold(0.0, f64::max);
+        if most <= 0.0 {
+            return None;
+        }
+        let least = 0.9 * most;
+        let mut best: Option<(usize, usize)> = None;
+        for cell in 0..self.shares.len() {
+            let (row, column) = (cell / columns, cell % columns);
+            let room = row
+                .min(column)
+                .min(rows - 1 - row)
+                .min(columns - 1 - column);
+            let reach = (0..=room)
+                .take_while(|reach| {
+                    (row - reach..=row + reach).all(|row| {
+                        (column - reach..=column + reach)
+                            .all(|column| self.shares[row * columns + column] >= least)
+                    })
+                })
+                .last();
+            if let Some(reach) = reach
+                && best.is_none_or(|(_, widest)| reach > widest)
+            {
+                best = Some((cell, reach));
+            }
+        }
+        let (cell, reach) = best?;
+        let (row, column) = (cell / columns, cell % columns);
+        Some(Widest {
+            kick: self.kick(cell).ok()?.settings(),
+            share: self.shares[cell],
+            factor_margin: (self.factors[row + reach] - self.factors[row]) / self.factors[row],
+            length_margin: f64::from(self.lengths[column + reach] - self.lengths[column]),
+        })
+    }
+
+    pub(super) fn picture(&self, task: &Task<'_>, plan: &Plan) -> Picture {
+        let span = |values: &[f64]| {
+            let (first, last) = (values[0], values[values.len() - 1]);
+            let half = 0.5 * (last - first) / (values.len().max(2) - 1) as f64;
+            (first - half, last + half)
+        };
+        let lengths: Vec<f64> = self.lengths.iter().map(|length| f64::from(*length)).collect();
+        let (left, right) = span(&lengths);
+        let (bottom, top) = span(&self.factors);
+        let words = if self.slow.is_some() { "descent of the amplitude" } else { "hold" };
+        let mut panel = Panel::new(
+            Axis::new(words, Unit::new("drive cycles"), left, right),
+            Axis::new("factor of the amplitude", Unit::NONE, bottom, top),
+        )
+        .height(420.0)
+        .heat(
+            Grid::new(self.lengths.len(), self.shares.clone()),
+            Axis::new("share of the parts captured", Unit::NONE, 0.0, 1.0),
+        );
+        let place = |kick: KickSettings| {
+            let length = if self.slow.is_some() { kick.descent } else { kick.hold };
+            (f64::from(length), f64::from(kick.factor))
+        };
+        let planned = plan.best().map(|best| place(best.kick.settings()));
+        if let Some((x, y)) = planned.filter(|(x, y)| *x <= right && *y <= top) {
+            panel = panel.markers("planned as on the board", 1, vec![(x, y)]);
+        }
+        if let Some(best) = self.best {
+            panel = panel.markers("widest margin", 2, vec![place(best.kick)]);
+        }
+        let shape = match self.slow {
+            None => "rectangular kicks".to_string(),
+            Some((hold, way)) => format!(
+                "kicks held {hold} cycles, then falling to {:.0} % of the way down",
+                100.0 * (1.0 - way)
+            ),
+        };
+        Picture::new(format!("Kicks that capture parts in lock of order {}", task.lot.order))
+            .caption(format!(
+                "R = {}, k = {}, amplitude within {} %, time constant {} cycles; {shape}; {} parts each",
+                lot(task),
+                number(task.lot.k, 4),
+                task.arguments.amplitude_error,
+                task.arguments.time_constant,
+                task.arguments.parts
+            ))
+            .panel(panel)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_widest_patch_is_found_and_its_margin_stays_inside() {
+        let mut map = Kicks {
+            factors: (0..20).map(|n| 1.0 + 0.05 * f64::from(n)).collect(),
+            lengths: (0..20).map(|n| 3 * n).collect(),
+            slow: None,
+            shares: vec![0.5; 400],
+            best: None,
+        };
+        for row in 4..=10 {
+            for column in 8..=14 {
+                map.shares[row * 20 + column] = 1.0;
+            }
+        }
+        map.shares[17 * 20 + 2] = 1.0;
+        let best = map.widest().unwrap();
+        assert_eq!((best.kick.hold, best.share), (33, 1.0));
+        assert!((f64::from(best.kick.factor) - 1.35).abs() < 1e-6);
+        assert_eq!(best.length_margin, 9.0);
+        assert!((best.factor_margin - 0.15 / 1.35).abs() < 1e-9);
+        map.shares.fill(0.0);
+        assert_eq!(map.widest(), None);
+    }
+}

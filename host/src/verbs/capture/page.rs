@@ -1,0 +1,138 @@
+//! What came of a plan, as table and JSON.
+
+use kband::regime::capture::{KickSettings, Plan, Scored};
+
+use super::Task;
+use super::draws::Rates;
+use super::kicks::Kicks;
+use crate::refusal::Refusal;
+use crate::report::{Column, Report, Table, number};
+
+pub(super) fn lot(task: &Task<'_>) -> String {
+    let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
+    if low == high {
+        number(low, 6)
+    } else {
+        format!("{}..{}", number(low, 6), number(high, 6))
+    }
+}
+
+pub(super) fn spelled(kick: KickSettings) -> String {
+    let mut words = format!("factor {} for {} cycles", number(kick.factor.into(), 4), kick.hold);
+    if kick.descent > 0 {
+        words.push_str(&format!(
+            ", falling to {} within {} more",
+            number(kick.release.into(), 4),
+            kick.descent
+        ));
+    }
+    words
+}
+
+pub(super) fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Report, Refusal> {
+    let mut table = Table::new(&[
+        Column::new("attempt", ""),
+        Column::new("factor", "").digits(4),
+        Column::new("hold", "cycles"),
+        Column::new("descent", "cycles"),
+        Column::new("release", "").digits(4),
+        Column::new("captured so far", "%").digits(4),
+    ]);
+    table.push([
+        "band alone".into(),
+        1.0.into(),
+        0_u32.into(),
+        0_u32.into(),
+        1.0.into(),
+        (100.0 * rates.alone).into(),
+    ]);
+    let kicks: Vec<KickSettings> = (0..task.arguments.attempts)
+        .filter_map(|attempt| plan.attempt(attempt as u32))
+        .map(|kick| kick.settings())
+        .collect();
+    for (n, (kick, rate)) in kicks.iter().zip(&rates.by_attempt).enumerate() {
+        table.push([
+            format!("{}", n + 1).into(),
+            f64::from(kick.factor).into(),
+            u32::from(kick.hold).into(),
+            u32::from(kick.descent).into(),
+            f64::from(kick.release).into(),
+            (100.0 * rate).into(),
+        ]);
+    }
+    let mut report = Report::new(table).heading(format!(
+        "R = {}, order {}, k = {:.4} in the band {:.4}..{:.4}; {} runs, seed {}",
+        lot(task),
+        task.lot.order,
+        task.lot.k,
+        task.band.low(),
+        task.band.high(),
+        task.arguments.runs,
+        task.arguments.seed
+    ));
+    report = match plan.best() {
+        Some(best) => report.note(format!(
+            "best planned kick: {}; it captured {} of {} parts",
+            spelled(best.kick.settings()),
+            best.locked,
+            best.tried
+        )),
+        None => report.note(
+            "no kick of the plan captured a part: raise --limit or --effort, or choose another k",
+        ),
+    };
+    report = report.note(format!(
+        "the plan took {} impacts and {} set-ups of the map ({} of {} of effort), {} kicks tried",
+        plan.impacts,
+        plan.set_ups,
+        plan.effort(),
+        task.arguments.effort,
+        plan.kicks
+    ));
+    if let Some(best) = map.best.filter(|best| best.length_margin > 0.0) {
+        report = report.note(format!(
+            "widest patch of the map: {}; {:.0} % of the parts, and hardly fewer with the factor +-{:.1} % and \
+             the length +-{:.0} cycles",
+            spelled(best.kick),
+            100.0 * best.share,
+            100.0 * best.factor_margin,
+            best.length_margin
+        ));
+    }
+    let kick = |kick: KickSettings| {
+        serde_json::json!({
+            "factor": kick.factor,
+            "hold": kick.hold,
+            "descent": kick.descent,
+            "release": kick.release,
+        })
+    };
+    report.json(&serde_json::json!({
+        "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
+        "order": task.lot.order,
+        "k": task.lot.k,
+        "band": [task.band.low(), task.band.high()],
+        "best": plan.best().map(|best: Scored| serde_json::json!({
+            "kick": kick(best.kick.settings()),
+            "tried": best.tried,
+            "locked": best.locked,
+        })),
+        "plan": {
+            "impacts": plan.impacts,
+            "set_ups": plan.set_ups,
+            "effort": plan.effort(),
+            "kicks": plan.kicks,
+            "attempts": kicks.into_iter().map(kick).collect::<Vec<_>>(),
+        },
+        "widest": map.best.map(|best| serde_json::json!({
+            "kick": kick(best.kick),
+            "share": best.share,
+            "factor_margin": best.factor_margin,
+            "length_margin": best.length_margin,
+        })),
+        "runs": task.arguments.runs,
+        "seed": task.arguments.seed,
+        "captured_alone": rates.alone,
+        "captured": rates.by_attempt,
+    }))
+}

@@ -1,0 +1,174 @@
+//! The impacts of every column, and where along the columns period 1 attracts.
+
+use kband::impact::{Event, Map, Orbit, State};
+use kband::regime::Lock;
+use kband::regime::classify::Regime;
+use serde::Serialize;
+
+use super::over::Over;
+use super::{Arguments, Start};
+use crate::desk::Desk;
+use crate::ending::Endings;
+use crate::refusal::Refusal;
+
+impl Branch {
+    /// The stretches of one ending, as first and last column.
+    pub(super) fn regimes(&self) -> Vec<(usize, usize, Regime)> {
+        let mut regimes: Vec<(usize, usize, Regime)> = Vec::new();
+        for (n, column) in self.columns.iter().enumerate() {
+            match regimes.last_mut() {
+                Some((_, last, ending)) if *ending == column.ending => *last = n,
+                _ => regimes.push((n, n, column.ending)),
+            }
+        }
+        regimes
+    }
+}
+
+/// The impacts of one start, column by column.
+pub(super) struct Branch {
+    pub(super) start: Start,
+    pub(super) columns: Vec<Struck>,
+}
+
+/// The impacts of one column, and what they are part of.
+#[derive(Clone)]
+pub(super) struct Struck {
+    pub(super) impacts: Vec<State>,
+    pub(super) ending: Regime,
+}
+
+/// The stretch of columns where the period-1 orbit of an order attracts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(super) struct Stretch {
+    pub(super) order: u32,
+    pub(super) low: f64,
+    pub(super) high: f64,
+}
+
+/// All branches: a followed one is one task, as each column needs the one before it; those from rest
+/// are a task each column.
+pub(super) fn follow(
+    arguments: &Arguments,
+    starts: &[Start],
+    maps: &[Map],
+    desk: &Desk,
+) -> Result<Vec<Branch>, Refusal> {
+    let (settle, impacts) = (arguments.settle, arguments.impacts);
+    let mut tasks: Vec<(Start, usize)> = Vec::new();
+    for start in starts {
+        if *start != Start::Rest {
+            tasks.push((*start, 0));
+        }
+    }
+    if starts.contains(&Start::Rest) {
+        tasks.extend((0..maps.len()).map(|column| (Start::Rest, column)));
+    }
+    let endings: Vec<Endings> = maps
+        .iter()
+        .map(|map| Endings::new(map.k(), map.restitution(), 3000))
+        .collect::<Result<_, _>>()?;
+    let one = |column: usize, state: &mut Option<State>| {
+        let endings = &endings[column];
+        let impacts = column_of(&maps[column], state, settle, impacts);
+        let ending = state.map_or(endings.from_rest(), |state| endings.of(state));
+        Struck { impacts, ending }
+    };
+    let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
+        let (start, column) = tasks[task];
+        let mut order: Vec<usize> = (0..maps.len()).collect();
+        match start {
+            Start::Rest => return Ok(vec![one(column, &mut None)]),
+            Start::Up => {}
+            Start::Down => order.reverse(),
+        }
+        let mut columns = Vec::with_capacity(maps.len());
+        let mut state = None;
+        for column in &order {
+            desk.go_on()?;
+            columns.push(one(*column, &mut state));
+        }
+        if start == Start::Down {
+            columns.reverse();
+        }
+        Ok(columns)
+    };
+    let results = desk.try_map("diagram", tasks.len(), work)?;
+    let mut branches: Vec<Branch> = starts
+        .iter()
+        .map(|start| Branch {
+            start: *start,
+            columns: Vec::new(),
+        })
+        .collect();
+    for ((start, _), columns) in tasks.iter().zip(results) {
+        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
+            branch.columns.extend(columns);
+        }
+    }
+    Ok(branches)
+}
+
+/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
+/// `state` is left where they end, `None` where the part rests for ever.
+pub(super) fn column_of(map: &Map, state: &mut Option<State>, settle: usize, impacts: usize) -> Vec<State> {
+    let orbit = match *state {
+        Some(state) => Orbit::new(map, state),
+        None => Orbit::from_rest(map),
+    };
+    let mut struck = Vec::with_capacity(impacts);
+    let mut count = 0;
+    for event in orbit {
+        if let Event::Impact(impact) = event {
+            count += 1;
+            if count > settle {
+                struck.push(impact.next);
+            }
+            if count >= settle + impacts {
+                *state = Some(impact.next);
+                return struck;
+            }
+        }
+    }
+    *state = None;
+    struck
+}
+
+/// Where along the columns the period-1 orbits of the first orders attract, each edge located by
+/// bisection between two columns.
+pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
+    let mut bands = Vec::new();
+    for order in 1..=5 {
+        let attracts = |x: f64| {
+            let (k, restitution) = over.at(x);
+            Lock::at(k, restitution, order)
+                .ok()
+                .flatten()
+                .is_some_and(|lock| lock.attracts() && lock.is_first_return())
+        };
+        let edge = |inside: f64, outside: f64| {
+            let (mut inside, mut outside) = (inside, outside);
+            for _ in 0..60 {
+                let middle = 0.5 * (inside + outside);
+                if attracts(middle) { inside = middle } else { outside = middle }
+            }
+            inside
+        };
+        let mut begun: Option<f64> = None;
+        for (n, x) in values.iter().enumerate() {
+            match (attracts(*x), begun) {
+                (true, None) => begun = Some(if n == 0 { *x } else { edge(*x, values[n - 1]) }),
+                (false, Some(low)) => {
+                    let high = edge(values[n - 1], *x);
+                    bands.push(Stretch { order, low, high });
+                    begun = None;
+                }
+                _ => {}
+            }
+        }
+        if let (Some(low), Some(high)) = (begun, values.last()) {
+            bands.push(Stretch { order, low, high: *high });
+        }
+    }
+    bands
+}

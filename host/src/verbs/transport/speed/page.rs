@@ -1,0 +1,281 @@
+//! Speeds as table, JSON and picture.
+
+use kband::regime::{Lock, band};
+use kband::regime::classify::Regime;
+use kband::transport::{locked, stationary};
+use serde_json::json;
+
+use super::super::{Arguments, Feeder, ORDERS};
+use super::fit::{Fit, kind};
+use super::{Over, Row, named};
+use crate::ending::{self, TONES};
+use crate::picture::{Axis, Panel, Picture, Tone, Unit};
+use crate::refusal::Refusal;
+use crate::report::{Column, Report, Table, Value, number};
+
+pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
+    match row.regime {
+        Regime::Locked { order } => {
+            let lock = Lock::at(row.k, feeder.restitution, order).ok().flatten()?;
+            Some(locked::velocity(&lock, row.k, &feeder.settings))
+        }
+        Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic => {
+            stationary::impact_mean(row.k, feeder.restitution, &feeder.settings, row.interval.mean()?)
+        }
+        Regime::HopAndRest { .. } | Regime::Rest | Regime::Undecided => None,
+    }
+}
+
+pub(super) fn bound(feeder: &Feeder) -> Option<f64> {
+    (feeder.settings.phase_lead == 0.0)
+        .then(|| locked::bound(feeder.restitution, &feeder.settings))
+}
+
+pub(super) fn report(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    over: &Over,
+    rows: &[Row],
+    fits: &[Fit],
+) -> Result<Report, Refusal> {
+    let mut columns = vec![
+        Column::new("k", ""),
+        Column::new("b", "mm").digits(5),
+        Column::new("regime", ""),
+        Column::new("starts", ""),
+        Column::new("from_rest", ""),
+        Column::new("speed", "mm/s").digits(5),
+        Column::new("speed_error", "mm/s").digits(2),
+        Column::new("impact_mean", "mm/s").digits(5),
+        Column::new("closed_form", "mm/s").digits(5),
+        Column::new("bound", "mm/s").digits(4),
+        Column::new("interval", "cycles").digits(5),
+        Column::new("exponent", "").digits(3),
+        Column::new("sensitivity", "").digits(3),
+        Column::new("sensitivity_error", "").digits(2),
+    ];
+    if arguments.part_length.is_some() {
+        columns.push(Column::new("parts_per_hour", "").digits(4));
+    }
+    let mut table = Table::new(&columns);
+    for row in rows {
+        let unit = feeder.velocity_unit(row.k);
+        let speed = row.mean() * unit;
+        let mut cells: Vec<Value> = vec![
+            row.k.into(),
+            feeder.amplitude(row.k).into(),
+            named(row.regime).into(),
+            row.starts.into(),
+            row.from_rest.into(),
+            speed.into(),
+            row.time_mean.error().map(|error| error * unit).into(),
+            row.impact_mean.mean().map(|mean| mean * unit).into(),
+            closed_form(feeder, row).map(|velocity| velocity * unit).into(),
+            bound(feeder).map(|velocity| velocity * unit).into(),
+            row.interval.mean().map(|mean| mean / std::f64::consts::TAU).into(),
+            row.exponent.mean().into(),
+            row.sensitivity.map(|found| found.value).into(),
+            row.sensitivity.map(|found| found.error).into(),
+        ];
+        if let Some(length) = arguments.part_length {
+            cells.push((speed / length * 3600.0).max(0.0).into());
+        }
+        table.push_row(cells);
+    }
+    let shown: Vec<_> = rows.iter().map(|row| row_json(feeder, arguments, row)).collect();
+    let regimes: Vec<_> = fits
+        .iter()
+        .map(|fit| {
+            json!({
+                "regime": kind(fit.regime), "rows": fit.rows, "k_low": fit.low, "k_high": fit.high,
+                "sensitivity": fit.slope, "sensitivity_error": fit.error,
+            })
+        })
+        .collect();
+    let critical = critical_slope(feeder);
+    let mut report = Report::new(table).heading(format!(
+        "Conveying speed at {}; {}",
+        over.words(),
+        feeder.words()
+    ));
+    for fit in fits {
+        report = report.note(format!(
+            "{}: (dV/V)/(db/b) = {:.3} ± {:.3} over k = {}..{} ({} values)",
+            kind(fit.regime),
+            // No minus sign before a zero.
+            if fit.slope.abs() < 5e-4 { 0.0 } else { fit.slope },
+            fit.error,
+            number(fit.low, 4),
+            number(fit.high, 4),
+            fit.rows
+        ));
+    }
+    if let Some(chaos) = fits.iter().find(|fit| fit.regime == Regime::Chaotic) {
+        report = report.note(if chaos.slope > 0.5 {
+            "chaos does not make the speed insensitive to the amplitude; a lock does"
+        } else {
+            "chaos beside a band keeps the mean interval of its lock, and so its speed; wide chaos (R = 0.9, k \
+             below 0.2) grows with the amplitude"
+        });
+    }
+    if let Some(tangent) = critical {
+        report = report.note(format!(
+            "locked parts stand still on an incline of {:.2}° (equation 22)",
+            tangent.atan().to_degrees()
+        ));
+    }
+    report.json(&json!({
+        "rows": shown,
+        "regimes": regimes,
+        "critical_slope": critical.map(|tangent| tangent.atan().to_degrees()),
+        "bound": bound(feeder),
+    }))
+}
+
+pub(super) fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> serde_json::Value {
+    let unit = feeder.velocity_unit(row.k);
+    let speed = row.mean() * unit;
+    json!({
+        "k": row.k,
+        "b": feeder.amplitude(row.k),
+        "regime": named(row.regime),
+        "starts": row.starts,
+        "from_rest": row.from_rest,
+        "speed": speed,
+        "speed_error": row.time_mean.error().map(|error| error * unit),
+        "impact_mean": row.impact_mean.mean().map(|mean| mean * unit),
+        "time_mean_dimensionless": row.mean(),
+        "impact_mean_dimensionless": row.impact_mean.mean(),
+        "closed_form": closed_form(feeder, row).map(|velocity| velocity * unit),
+        "bound": bound(feeder).map(|velocity| velocity * unit),
+        "interval": row.interval.mean().map(|mean| mean / std::f64::consts::TAU),
+        "exponent": row.exponent.mean(),
+        "sensitivity": row.sensitivity.map(|found| found.value),
+        "sensitivity_error": row.sensitivity.map(|found| found.error),
+        "parts_per_hour": arguments.part_length.map(|length| (speed / length * 3600.0).max(0.0)),
+    })
+}
+
+pub(super) fn critical_slope(feeder: &Feeder) -> Option<f64> {
+    (feeder.settings.phase_lead == 0.0)
+        .then(|| locked::critical_slope_in_phase(feeder.restitution, &feeder.settings))
+}
+
+pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
+    let speed = |row: &Row| row.mean() * feeder.velocity_unit(row.k);
+    let place = |k: f64| over.place(feeder, k);
+    let highest = rows.iter().map(speed).fold(0.0, f64::max);
+    let lowest = rows.iter().map(speed).fold(0.0, f64::min);
+    let room = 0.15 * (highest - lowest).max(1e-9);
+    let slowest = rows.iter().map(speed).filter(|speed| *speed > 0.0).fold(highest, f64::min);
+    let axis = |low: f64, high: f64| Axis::new("conveying speed", Unit::MILLIMETRES_A_SECOND, low, high);
+    // Double logarithmic, a speed that grows like b is a straight line and a locked one is level.
+    let up = if lowest < 0.0 || highest <= 0.0 {
+        axis(lowest - room, highest + room)
+    } else if highest > 3.0 * slowest {
+        axis(0.7 * slowest, 1.4 * highest).logarithmic()
+    } else {
+        axis(0.0, highest + room)
+    };
+    let mut panel = Panel::new(over.axis(), up).height(340.0).heading(
+        "Time mean of the speed, measured (markers) and in closed form (lines)",
+    );
+    let (first, last) = (place(over.k[over.shown.start]), place(over.k[over.shown.end - 1]));
+    let mut covered: Vec<(f64, f64)> = Vec::new();
+    for order in ORDERS {
+        let edges = (
+            band::flip(feeder.restitution, order),
+            band::first_return_edge(feeder.restitution, order),
+        );
+        let (Ok(flip), Ok(birth)) = edges else { continue };
+        let (left, right) = (place(flip).min(place(birth)), place(flip).max(place(birth)));
+        let (left, right) = (left.max(over.low), right.min(over.high));
+        let apart = covered.iter().all(|other| right < other.0 || left > other.1);
+        if order <= 3 && left < right && apart {
+            panel = panel
+                .strip("bands of the locks", left, right)
+                .caption(0.5 * (left + right), format!("r={order}"));
+            covered.push((left, right));
+        }
+    }
+    let smooth = |line: &dyn Fn(f64) -> Option<f64>| -> Vec<(f64, f64)> {
+        (0..=600)
+            .map(|n| {
+                let part = f64::from(n) / 600.0;
+                let at = first * (last / first).powf(part);
+                let k = if over.amplitude { feeder.track.k(1e-3 * at) } else { at };
+                (at, line(k).map_or(f64::NAN, |velocity| velocity * feeder.velocity_unit(k)))
+            })
+            .collect()
+    };
+    let lock = |order: u32| {
+        smooth(&|k| {
+            let lock = Lock::at(k, feeder.restitution, order).ok().flatten()?;
+            lock.attracts().then(|| locked::velocity(&lock, k, &feeder.settings))
+        })
+    };
+    for order in ORDERS {
+        let name = if order == 1 { "locked, equation 20" } else { "" };
+        panel = panel.line(name, 0, lock(order));
+    }
+    if let Some(bound) = bound(feeder) {
+        panel = panel.line("bound of the impact mean, equation 37", 1, smooth(&|_| Some(bound)));
+    }
+    let names = &TONES[..6];
+    let measured = rows.iter().map(|row| (place(row.k), speed(row), row.regime)).collect();
+    panel = marked(panel, measured).ribbon(ribbon(over, rows, &place), names);
+    let answers = rows
+        .iter()
+        .filter_map(|row| Some((place(row.k), row.sensitivity?, row.regime)))
+        .filter(|(_, found, _)| found.error < 0.5 && (-1.0..=3.0).contains(&found.value))
+        .map(|(at, found, regime)| (at, found.value, regime))
+        .collect();
+    let below = Panel::new(
+        over.axis(),
+        Axis::new("(dV/V) / (db/b)", Unit::NONE, -1.0, 3.0),
+    )
+    .height(200.0)
+    .heading("Sensitivity of the speed to the amplitude")
+    .level(0.0, "does not feel b")
+    .level(1.0, "grows like b");
+    let below = marked(below, answers);
+    Picture::new("Conveying speed in every regime")
+        .caption(feeder.words())
+        .panel(panel)
+        .panel(below)
+}
+
+/// The points as markers by the tone of their regime.
+pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
+    for (series, (tone, name)) in TONES[..5].iter().enumerate() {
+        let of: Vec<(f64, f64)> = points
+            .iter()
+            .filter(|point| ending::tone(point.2) == *tone)
+            .map(|point| (point.0, point.1))
+            .collect();
+        if !of.is_empty() {
+            panel = panel.markers(name, series, of);
+        }
+    }
+    panel
+}
+
+/// The regime of a part from rest, from half way to the left neighbour to half way to the right one.
+pub(super) fn ribbon(over: &Over, rows: &[Row], place: &dyn Fn(f64) -> f64) -> Vec<(f64, f64, Tone)> {
+    let found: Vec<(f64, Tone)> = rows
+        .iter()
+        .filter(|row| row.from_rest)
+        .map(|row| (place(row.k), ending::tone(row.regime)))
+        .collect();
+    let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
+    let mut stretches: Vec<(f64, f64, Tone)> = Vec::new();
+    for (n, (_, tone)) in found.iter().enumerate() {
+        let left = if n == 0 { over.low } else { middle(n - 1) };
+        let right = if n + 1 == found.len() { over.high } else { middle(n) };
+        match stretches.last_mut() {
+            Some(last) if last.2 == *tone => last.1 = right,
+            _ => stretches.push((left, right, *tone)),
+        }
+    }
+    stretches
+}
