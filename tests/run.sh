@@ -2,7 +2,7 @@
 # Runs every check of the project, each with a time limit; exit status 0 if all passed.
 #
 #   tests/run.sh          everything that a change must pass
-#   tests/run.sh --soak   instead: the long stress of the impact map (1e8 states, release build)
+#   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map; a day of simulated operation)
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
 # target/run/STEP.log, the end of it is printed where the step fails. No step can wait for ever:
@@ -96,6 +96,7 @@ export CARGO_NET_OFFLINE=true
 
 if [ "${1:-}" = --soak ]; then
     step "soak" 36000 cargo run --release --locked --package kband-tests --bin soak
+    step "day" 7200 cargo run --release --locked --package kband-tests --bin day
     finish
 fi
 

@@ -2,6 +2,7 @@
 //! a kernel and the oracle that judges it.
 
 pub mod broken;
+pub mod day;
 pub mod desk;
 pub mod emulator;
 pub mod footprint;

@@ -1,0 +1,245 @@
+//! Hours of simulated operation, with what a shift brings: other parts, a drive that warms up, pauses,
+//! a link that is pulled, an accelerometer whose plug is loose.
+
+use std::collections::BTreeMap;
+
+use kband::control::{Event, Fault, Limits, State};
+use kband::plant::{Change, ClosedLoop, Moment, Scene};
+use kband::regime::Lock;
+
+use crate::states::Random;
+
+/// Longest time in s that parts of the lot may be out of lock after something happened: a start with
+/// its sweep, soft start and eight kicks of two seconds each.
+const AGAIN: f64 = 20.0;
+
+/// What came of the hours, told apart by what was done to them.
+#[derive(Clone, Debug, Default)]
+pub struct Shift {
+    /// Drive cycles, and those of them in lock.
+    pub cycles: u64,
+    /// Cycles in lock.
+    pub locked: u64,
+    /// Times each thing happened.
+    pub happened: BTreeMap<&'static str, u32>,
+    /// Sum of what the phases heard in lock exceed the parts' own by, in each tenth of the time, in rad,
+    /// and their number.
+    pub error: [(f64, u32); 10],
+    /// What should not have been, a line each.
+    pub wrong: Vec<String>,
+}
+
+impl Shift {
+    /// Mean error of the phase heard in lock in a tenth of the time, in rad.
+    #[must_use]
+    pub fn mean_error(&self, tenth: usize) -> f64 {
+        let (sum, count) = self.error[tenth];
+        sum / f64::from(count.max(1))
+    }
+}
+
+/// What may happen between two stretches of plain running.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Trouble {
+    /// Parts of another restitution of the lot.
+    Parts,
+    /// The accelerometer drops out for two cycles: not a fault.
+    DropOut,
+    /// The accelerometer is lost, and found again a second later.
+    Lost,
+    /// The enable input is withdrawn for some seconds.
+    Pause,
+    /// The link is silent for some seconds.
+    Link,
+}
+
+/// What happens when.
+struct Script {
+    random: Random,
+    seconds: f64,
+    next: f64,
+    /// Changes to come, the next one last.
+    due: Vec<(f64, Change)>,
+}
+
+impl Script {
+    fn new(seed: u64, seconds: f64) -> Self {
+        Self {
+            random: Random::new(seed),
+            seconds,
+            next: 30.0,
+            due: Vec::new(),
+        }
+    }
+
+    /// The next trouble where its time has come, with what it changes put among what is due.
+    fn trouble(&mut self, now: f64) -> Option<Trouble> {
+        if now < self.next || now > self.seconds - 60.0 {
+            return None;
+        }
+        self.next = now + self.random.between(30.0, 120.0);
+        let random = &mut self.random;
+        let (trouble, changes) = match random.bits() % 8 {
+            0..3 => {
+                let part = random.between(0.18, 0.22) as f32;
+                (Trouble::Parts, vec![(now, Change::Restitution(part))])
+            }
+            3..5 => {
+                // Two cycles at most, wherever they begin.
+                let length = random.between(0.01, 0.039);
+                let changes = [(now, true), (now + length, false)];
+                (
+                    Trouble::DropOut,
+                    changes
+                        .map(|(at, lost)| (at, Change::SensorLost(lost)))
+                        .into(),
+                )
+            }
+            5 => {
+                let back = [(now + 2.0, false), (now + 3.0, true)];
+                let back = back.map(|(at, enable)| (at, Change::Enable(enable)));
+                let lost = [(now, true), (now + 1.0, false)];
+                let lost = lost.map(|(at, lost)| (at, Change::SensorLost(lost)));
+                (Trouble::Lost, [lost, back].concat())
+            }
+            6 => {
+                let length = random.between(0.02, 8.0);
+                let changes = [(now, false), (now + length, true)];
+                (
+                    Trouble::Pause,
+                    changes.map(|(at, on)| (at, Change::Enable(on))).into(),
+                )
+            }
+            _ => {
+                let length = random.between(0.5, 8.0);
+                let changes = [(now, false), (now + length, true)];
+                (
+                    Trouble::Link,
+                    changes.map(|(at, on)| (at, Change::Link(on))).into(),
+                )
+            }
+        };
+        self.due.extend(changes);
+        self.due.sort_by(|a, b| b.0.total_cmp(&a.0));
+        Some(trouble)
+    }
+
+    /// What is due now; the drive's gain follows the temperature through the day by 20 % both ways, with
+    /// a ripple of minutes.
+    fn changes(&mut self, now: f64) -> Vec<Change> {
+        let turn = std::f64::consts::TAU * now;
+        let gain =
+            1.0 + 0.17 * (turn / 86_400.0_f64.min(self.seconds)).sin() + 0.03 * (turn / 97.0).sin();
+        let mut changes = vec![Change::Gain(gain as f32)];
+        while self.due.last().is_some_and(|(at, _)| *at <= now) {
+            changes.extend(self.due.pop().map(|(_, change)| change));
+        }
+        changes
+    }
+}
+
+/// Runs `seconds` of operation of the default feeder, whose troubles follow from `seed`.
+///
+/// # Panics
+/// Where the default scene is refused.
+#[must_use]
+pub fn operate(seconds: f64, seed: u64) -> Shift {
+    let mut closed = ClosedLoop::build(&Scene::default()).expect("the default scene");
+    let mut script = Script::new(seed, seconds);
+    let mut shift = Shift::default();
+    let mut now = 0.0;
+    let (mut upset, mut may_fault) = (0.0, None);
+    let mut phase = None;
+    while now < seconds {
+        for change in script.changes(now) {
+            upset = match change {
+                Change::Gain(_) => upset,
+                _ => now,
+            };
+            if let Change::Restitution(restitution) = change {
+                phase = locked_phase(&closed, restitution);
+            }
+            closed.apply(change);
+        }
+        if let Some(trouble) = script.trouble(now) {
+            let name = match trouble {
+                Trouble::Parts => "other parts",
+                Trouble::DropOut => "short drop-out",
+                Trouble::Lost => "lost sensor",
+                Trouble::Pause => "pause",
+                Trouble::Link => "silent link",
+            };
+            *shift.happened.entry(name).or_default() += 1;
+            may_fault = (trouble == Trouble::Lost).then_some(now);
+        }
+        let moment = closed.cycle();
+        now = f64::from(moment.report.cycle) / f64::from(moment.report.frequency);
+        look(
+            &mut shift,
+            &moment,
+            now,
+            now / seconds,
+            upset,
+            may_fault,
+            phase,
+        );
+        if shift.wrong.len() > 20 {
+            break;
+        }
+    }
+    shift
+}
+
+/// The phase at which parts of a restitution strike in the lock of order 1 at the setpoint, in rad.
+fn locked_phase(closed: &ClosedLoop, restitution: f32) -> Option<f64> {
+    let controller = closed.controller();
+    let k = f64::from(controller.k(controller.setpoint()));
+    let lock = Lock::at(k, f64::from(restitution), 1).ok()??;
+    Some(lock.state().phase)
+}
+
+fn look(
+    shift: &mut Shift,
+    moment: &Moment,
+    now: f64,
+    share: f64,
+    upset: f64,
+    may_fault: Option<f64>,
+    phase: Option<f64>,
+) {
+    let report = &moment.report;
+    shift.cycles += 1;
+    for event in report.events.iter() {
+        let name = event.name();
+        *shift.happened.entry(name).or_default() += 1;
+        let injected = may_fault.is_some_and(|at| now < at + 0.2);
+        if event == Event::Faulted && (!injected || report.fault != Some(Fault::SensorLost)) {
+            shift
+                .wrong
+                .push(format!("at {now:.2} s: {:?}", report.fault));
+        }
+        if event == Event::NotCaptured {
+            shift.wrong.push(format!("at {now:.2} s: not captured"));
+        }
+    }
+    if report.limits.contains(Limits::NO_SETPOINT) || report.limits.contains(Limits::OUTPUT) {
+        shift.wrong.push(format!(
+            "at {now:.2} s: limits {:#06x}",
+            report.limits.bits()
+        ));
+    }
+    if report.state == State::Locked {
+        shift.locked += 1;
+        let tenth = ((10.0 * share) as usize).min(9);
+        if let Some(phase) = phase.filter(|_| now > upset + AGAIN) {
+            shift.error[tenth].0 += f64::from(report.phase) - phase;
+            shift.error[tenth].1 += 1;
+        }
+    } else if now > upset + AGAIN {
+        shift.wrong.push(format!(
+            "at {now:.2} s: {} {:.1} s after the last trouble",
+            report.state.name(),
+            now - upset
+        ));
+    }
+}

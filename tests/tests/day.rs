@@ -1,0 +1,31 @@
+//! A shortened day: no fault that was not injected, each trouble overcome, and nothing that drifts.
+//! The whole day is `tests/run.sh --soak`.
+
+use kband_tests::day::operate;
+
+#[test]
+fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
+    let shift = operate(1800.0, 1);
+    assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
+    let times = |name| shift.happened.get(name).copied().unwrap_or(0);
+    println!("{:?}", shift.happened);
+    // All of it happened, and each lost sensor was a fault.
+    for name in [
+        "other parts",
+        "short drop-out",
+        "lost sensor",
+        "pause",
+        "silent link",
+    ] {
+        assert!(times(name) > 0, "{name}");
+    }
+    assert_eq!(times("lost sensor"), times("faulted"));
+    assert_eq!(times("faulted"), times("acknowledged"));
+    // Of a trouble's minute or so it is out of lock for four seconds at most in the mean.
+    assert!(
+        shift.locked * 10 > shift.cycles * 8,
+        "{} of {}",
+        shift.locked,
+        shift.cycles
+    );
+}
