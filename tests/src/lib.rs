@@ -9,6 +9,7 @@ pub mod footprint;
 pub mod images;
 pub mod oracle;
 pub mod states;
+pub mod terminal;
 pub mod verdict;
 
 use std::path::{Path, PathBuf};

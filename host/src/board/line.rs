@@ -13,6 +13,7 @@ use kband::wire::{
     read_answer, write_question, write_request,
 };
 
+use super::tether::tether;
 use crate::refusal::Refusal;
 
 /// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
@@ -58,7 +59,9 @@ impl Line {
                  --bin virtual_feeder, or name it with --image",
             ));
         }
-        let mut child = Command::new("qemu-system-arm")
+        let mut command = Command::new("qemu-system-arm");
+        tether(&mut command);
+        let mut child = command
             .args([
                 "-M",
                 "olimex-stm32-h405",

@@ -2,6 +2,7 @@
 
 mod closed_loop;
 mod line;
+mod tether;
 
 pub use closed_loop::BoardLoop;
 pub use line::Line;

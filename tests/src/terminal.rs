@@ -1,0 +1,75 @@
+//! An image on the emulated CPU whose serial port is a pseudo-terminal, as a board's is on a desk.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::root;
+
+/// Longest wait for the emulator to name its terminal.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The emulated board; it ends with this.
+pub struct Terminal {
+    emulator: Child,
+    port: PathBuf,
+}
+
+impl Terminal {
+    /// Starts the image on its link, for at most `limit`.
+    ///
+    /// # Panics
+    /// Where it does not come up.
+    #[must_use]
+    pub fn start(image: &Path, limit: Duration) -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let said = folder.path().join("said");
+        let emulator = Command::new(root().join("tests/emulator"))
+            .args(["--limit", &limit.as_secs_f64().to_string()])
+            .args(["--clock", "free", "--serial", "pty", "--word", "link"])
+            .arg(image)
+            .stdin(Stdio::null())
+            .stdout(File::create(&said).expect("a file can be made"))
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("tests/emulator starts");
+        let mut terminal = Self {
+            emulator,
+            port: PathBuf::new(),
+        };
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            let mut text = String::new();
+            // Not yet readable is not yet there.
+            let _ = File::open(&said).and_then(|mut file| file.read_to_string(&mut text));
+            if let Some(port) = text
+                .split_whitespace()
+                .find(|word| word.starts_with("/dev/"))
+            {
+                terminal.port = port.into();
+                return terminal;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        panic!("the emulator names no terminal; is there a QEMU? run tests/setup.sh");
+    }
+
+    /// The serial port that a desk opens.
+    #[must_use]
+    pub fn port(&self) -> &Path {
+        &self.port
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        // Asked to, `timeout` ends the emulator with itself; killed, it could not.
+        let _ = Command::new("kill")
+            .args(["-TERM", &self.emulator.id().to_string()])
+            .stderr(Stdio::null())
+            .status();
+        let _ = self.emulator.wait();
+    }
+}

@@ -1,0 +1,90 @@
+//! Processor in the loop: the controller on the emulated CPU behind a serial port, the plant at the desk.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use kband::control::Event;
+use kband_host::board::Line;
+use kband_host::desk::Desk;
+use kband_host::simulate::{DEFAULT, Outcome, SceneFile};
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+use kband_tests::terminal::Terminal;
+
+fn image() -> std::path::PathBuf {
+    images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F)
+}
+
+#[test]
+fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
+    let board = Terminal::start(&image(), Duration::from_secs(150));
+    let mut file = SceneFile::parse(DEFAULT).unwrap();
+    // Soft start, plan, kick, judging, lock.
+    file.duration = 2.5;
+    let desk = Desk::new(Some(1)).unwrap();
+    let line = Line::open(&board.port().display().to_string(), None).unwrap();
+    let emulated = Outcome::run_on(line, &file, &desk).unwrap();
+    let simulated = Outcome::run(&file, &desk).unwrap();
+    assert_eq!(emulated.moments().len(), 125);
+    for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
+        assert_eq!(a, b);
+    }
+    assert!(
+        emulated
+            .events()
+            .any(|happened| happened.event == Event::Locked)
+    );
+}
+
+/// The image that the test below holds on to, in a process of its own.
+const HELD: &str = "KBAND_TESTS_HELD_IMAGE";
+
+#[test]
+#[ignore = "the process that a_killed_desk_takes_its_emulator_along kills"]
+fn hold_an_emulator() {
+    if let Some(image) = std::env::var_os(HELD) {
+        let _line = Line::open("qemu", Some(Path::new(&image))).unwrap();
+        std::thread::sleep(Duration::from_secs(100));
+    }
+}
+
+#[test]
+fn a_killed_desk_takes_its_emulator_along() {
+    let folder = tempfile::tempdir().unwrap();
+    let held = folder.path().join("held");
+    std::fs::copy(image(), &held).unwrap();
+    let running = || {
+        let processes = std::fs::read_dir("/proc").unwrap().flatten();
+        let name = held.display().to_string();
+        processes
+            .filter_map(|process| std::fs::read(process.path().join("cmdline")).ok())
+            .any(|line| {
+                let line = String::from_utf8_lossy(&line).into_owned();
+                line.starts_with("qemu") && line.contains(&name)
+            })
+    };
+    let wait_for = |wanted: bool| {
+        let end = Instant::now() + Duration::from_secs(40);
+        while running() != wanted && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        running() == wanted
+    };
+    // It ends by itself after its sleep.
+    let mut desk = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "hold_an_emulator", "--ignored"])
+        .env(HELD, &held)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let began = wait_for(true);
+    // Killed, not asked to end: it cannot clean up.
+    let killed = desk.kill().and_then(|()| desk.wait());
+    let ended = wait_for(false);
+    assert!(began, "no emulator was started");
+    assert!(killed.is_ok(), "{killed:?}");
+    assert!(ended, "the emulator outlives the desk");
+}
