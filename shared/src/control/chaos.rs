@@ -102,15 +102,18 @@ impl ChaosSearch {
             if self.done {
                 return false;
             }
+            let restitution = self.parts.get(self.part).copied();
             let trial = match &mut self.trial {
                 Some(trial) => trial,
-                empty => match Trial::new(self.k, self.parts[self.part]) {
-                    Some(trial) => empty.insert(trial),
-                    None => {
-                        self.next(false);
-                        continue;
+                empty => {
+                    match restitution.and_then(|restitution| Trial::new(self.k, restitution)) {
+                        Some(trial) => empty.insert(trial),
+                        None => {
+                            self.next(false);
+                            continue;
+                        }
                     }
-                },
+                }
             };
             if let Some(chaotic) = trial.step() {
                 self.trial = None;

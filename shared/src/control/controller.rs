@@ -2,7 +2,7 @@
 
 use core::f32::consts::{PI, TAU};
 
-use super::amplitude::AmplitudeLoop;
+use super::amplitude::{AmplitudeLoop, held};
 use super::angle::{phase_of, radians_of};
 use super::capture::{Capture, Progress, Search};
 use super::chaos::ChaosSearch;
@@ -698,7 +698,7 @@ impl Controller {
         let goal = goal.min(self.ceiling);
         self.reference = match pace {
             Move::At => goal,
-            Move::Ramp(rate) => self.reference + (goal - self.reference).clamp(-rate, rate),
+            Move::Ramp(rate) => self.reference + held(goal - self.reference, -rate, rate),
             Move::Envelope => self.after_a_cycle(goal),
         };
         self.commanded = goal;

@@ -2,6 +2,7 @@
 
 use core::f32::consts::{FRAC_PI_2, PI};
 
+use super::amplitude::held;
 use super::settings::Settings;
 use super::signal::SAMPLE_RATE;
 
@@ -108,12 +109,12 @@ impl Resonance {
     /// Follows the resonance by the lead of the track (rad): a quarter turn late at the peak, and half a
     /// sample more for the output that is held.
     pub fn follow(&mut self, lead: f32) {
-        let held = PI * self.frequency / SAMPLE_RATE as f32;
-        let error = lead + FRAC_PI_2 + held;
+        let hold = PI * self.frequency / SAMPLE_RATE as f32;
+        let error = lead + FRAC_PI_2 + hold;
         // Near the peak the lead falls by 2 Q for a relative change of frequency.
         let towards = self.frequency * error / (2.0 * self.quality);
         let share = PI / (SLOWNESS * self.quality);
-        self.frequency = (self.frequency + share * towards).clamp(self.low, self.high);
+        self.frequency = held(self.frequency + share * towards, self.low, self.high);
     }
 }
 

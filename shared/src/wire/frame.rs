@@ -182,30 +182,36 @@ fn finish<'b>(
     inside: &mut [u8; INSIDE_MOST],
     length: usize,
 ) -> Result<&'b [u8], Unsendable> {
-    let check = crc(&inside[..length.min(INSIDE_MOST)]).to_le_bytes();
+    let check = crc(inside.get(..length).ok_or(Unsendable)?).to_le_bytes();
     inside
         .get_mut(length..length + CHECK)
         .ok_or(Unsendable)?
         .copy_from_slice(&check);
+    let whole = inside.get(..length + CHECK).ok_or(Unsendable)?;
+    let mut put = |at: usize, byte: u8| {
+        let slot = buffer.get_mut(at).ok_or(Unsendable)?;
+        *slot = byte;
+        Ok(())
+    };
     let mut code_at = 0;
     let mut end = 1;
     let mut code = 1_u8;
-    for &byte in &inside[..length + CHECK] {
+    for &byte in whole {
         if byte != 0 {
-            buffer[end] = byte;
+            put(end, byte)?;
             end += 1;
             code += 1;
         }
         if byte == 0 || code == u8::MAX {
-            buffer[code_at] = code;
+            put(code_at, code)?;
             code_at = end;
             end += 1;
             code = 1;
         }
     }
-    buffer[code_at] = code;
-    buffer[end] = 0;
-    Ok(&buffer[..=end])
+    put(code_at, code)?;
+    put(end, 0)?;
+    buffer.get(..=end).ok_or(Unsendable)
 }
 
 /// A frame around arbitrary bytes, with a sound check.

@@ -76,27 +76,29 @@ impl Receiver {
         if length == 0 {
             return None;
         }
-        Some(match decode(&mut self.buffer[..length]) {
-            Some(inside) => Ok(&self.buffer[..inside]),
-            None => Err(Unreadable::Corrupt),
-        })
+        let inside = self.buffer.get_mut(..length).and_then(decode);
+        let inside = inside.and_then(|inside| self.buffer.get(..inside));
+        Some(inside.ok_or(Unreadable::Corrupt))
     }
 }
 
 /// Decodes COBS in place; the length of what is inside.
 fn decode(frame: &mut [u8]) -> Option<usize> {
     let (mut from, mut to) = (0, 0);
-    while from < frame.len() {
-        let code = usize::from(frame[from]);
+    while let Some(&code) = frame.get(from) {
+        let code = usize::from(code);
         let end = from + code;
         if code == 0 || end > frame.len() {
             return None;
         }
-        frame.copy_within(from + 1..end, to);
-        to += code - 1;
+        for at in from + 1..end {
+            let byte = *frame.get(at)?;
+            *frame.get_mut(to)? = byte;
+            to += 1;
+        }
         from = end;
         if from < frame.len() && code != usize::from(u8::MAX) {
-            frame[to] = 0;
+            *frame.get_mut(to)? = 0;
             to += 1;
         }
     }

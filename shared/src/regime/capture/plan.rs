@@ -332,7 +332,8 @@ impl<K: Kernel> Planner<K> {
 
     /// One impact of the recount; `false` when all kept kicks were tried on enough parts.
     fn step_recount(&mut self, rank: usize) -> bool {
-        let Some(scored) = self.plan.ranked[rank].filter(|scored| scored.tried < RECOUNTED) else {
+        let kept = self.plan.ranked.get(rank).copied().flatten();
+        let Some(scored) = kept.filter(|scored| scored.tried < RECOUNTED) else {
             let open =
                 |scored: &Option<Scored>| scored.is_some_and(|scored| scored.tried < RECOUNTED);
             let next = (1..=KEPT)
