@@ -30,11 +30,18 @@ impl Trial {
         },
     ];
 
-    /// The default scene, as long as somebody talks to it.
+    /// The default scene with its drive off, as long as somebody talks to it.
     pub const LINK: Self = Self {
         name: "link",
         cycles: u32::MAX,
         scene: linked,
+    };
+
+    /// The default scene, as long as somebody talks to it.
+    pub const RUN: Self = Self {
+        name: "run",
+        cycles: u32::MAX,
+        scene: running,
     };
 
     /// The trial of this name.
@@ -56,6 +63,18 @@ fn linked() -> Scene {
     let changes = [Change::Link(false), Change::Enable(false)];
     for (slot, change) in scene.disturbances.iter_mut().zip(changes) {
         *slot = Some(Disturbance { at: 0.0, change });
+    }
+    scene
+}
+
+/// The default scene with only the link to be heard.
+fn running() -> Scene {
+    let mut scene = Scene::default();
+    if let Some(slot) = scene.disturbances.first_mut() {
+        *slot = Some(Disturbance {
+            at: 0.0,
+            change: Change::Link(false),
+        });
     }
     scene
 }

@@ -13,6 +13,7 @@
 //! | `live` | the dashboard in the terminal |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
+//! | [`stream`] | rows printed as they come |
 //! | [`verbs`] | one file per verb |
 
 pub mod arguments;
@@ -27,4 +28,5 @@ pub mod picture;
 pub mod refusal;
 pub mod report;
 pub mod simulate;
+pub mod stream;
 pub mod verbs;

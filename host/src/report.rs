@@ -46,7 +46,16 @@ impl Column {
         Self { digits, ..self }
     }
 
-    fn header(&self) -> String {
+    pub(crate) fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// The value as this column shows it in a table to read.
+    pub(crate) fn shown(&self, value: &Value) -> String {
+        value.read(self.digits)
+    }
+
+    pub(crate) fn header(&self) -> String {
         if self.unit.is_empty() {
             self.name.into()
         } else {
@@ -129,7 +138,7 @@ impl Value {
         }
     }
 
-    fn csv(&self) -> String {
+    pub(crate) fn csv(&self) -> String {
         match self {
             Self::Number(value) => number(*value, 17),
             Self::Text(text) if text.contains([',', '"', '\n']) => {
@@ -141,7 +150,7 @@ impl Value {
         }
     }
 
-    fn json(&self) -> Json {
+    pub(crate) fn json(&self) -> Json {
         match self {
             Self::Number(value) => (*value).into(),
             Self::Count(value) => (*value).into(),
@@ -178,6 +187,12 @@ pub fn number(value: f64, digits: usize) -> String {
             (digits as i32 - 1 - exponent) as usize
         ))
     }
+}
+
+/// The double that reads as the single does: 0.18, not 0.18000000715.
+#[must_use]
+pub fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
 }
 
 /// Rows under columns.
@@ -486,5 +501,13 @@ mod tests {
             table().to_text(),
             "   k  b (mm)  regime\n 0.1    1.23  locked, r = 1\n0.25       -  rest\n"
         );
+    }
+
+    #[test]
+    fn singles_are_told_as_they_were_typed() {
+        for value in [0.18_f32, 50.0, 9.806_65, 1e-3, -60.0, 1e-7] {
+            assert_eq!(shortest(value).to_string(), value.to_string());
+            assert_eq!(shortest(value) as f32, value);
+        }
     }
 }

@@ -8,6 +8,8 @@ use std::process::{Child, Command, ExitStatus};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
+use kband_tests::emulator::Machine;
+use kband_tests::images;
 use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Termios, Winsize, tcgetattr, tcsetwinsize};
@@ -147,6 +149,26 @@ fn parts_lock_the_keys_work_and_the_terminal_is_restored() {
     dashboard.press("+");
     // Which k it is depends on the setpoint that the controller chose for chaos.
     dashboard.wait_for("target k = 0.");
+    dashboard.press("e");
+    dashboard.wait_for(" OFF ");
+    dashboard.press("p");
+    dashboard.wait_for("PAUSED");
+    dashboard.press("q");
+    assert!(dashboard.end().success());
+    assert!(dashboard.is_restored());
+}
+
+#[test]
+fn the_emulated_board_is_looked_at_and_obeys_the_keys() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let mut dashboard = Dashboard::start(&["--on", "qemu", "--image", image.to_str().unwrap()]);
+    // The soft start, heard over the link and read from the event log.
+    for words in ["qemu", "target locked = 1", "started", "no fault"] {
+        dashboard.wait_for(words);
+    }
+    dashboard.press("x");
+    dashboard.wait_for("target chaotic");
+    dashboard.wait_for("target set");
     dashboard.press("e");
     dashboard.wait_for(" OFF ");
     dashboard.press("p");

@@ -4,6 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+
 // Wall-clock seconds for one command in the test build on a loaded machine.
 const LIMIT: &str = "120";
 
@@ -50,10 +53,21 @@ fn through_the_binary(command: &str) -> String {
     format!("'{}' {rest}", env!("CARGO_BIN_EXE_kband"))
 }
 
+/// The image of the emulated board where a clone of the project has it.
+fn as_built_here(folder: &Path) {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let place = folder.join("target/thumbv7em-none-eabihf/firmware");
+    fs::create_dir_all(&place).expect("a folder for the image");
+    fs::copy(image, place.join("virtual_feeder")).expect("the image is copied");
+}
+
 /// What is wrong with the page's commands, run in order in one folder of its own.
 fn failures(page: &Path) -> Vec<String> {
     let text = fs::read_to_string(page).expect("the page is read");
     let folder = tempfile::tempdir().expect("a temporary folder");
+    if text.contains("--on qemu") {
+        as_built_here(folder.path());
+    }
     let mut failures = Vec::new();
     for command in commands(&text) {
         let log = fs::File::create(folder.path().join(".log")).expect("a log file");

@@ -5,6 +5,7 @@ use kband::plant::{Bench, Moment, Plant, Scene};
 use kband::wire::{Request, Response, fold_output, write_reading};
 
 use super::line::Line;
+use super::settings::tell;
 use crate::refusal::Refusal;
 
 /// Readings go to the board once so many bytes of them wait.
@@ -26,7 +27,12 @@ impl BoardLoop {
     /// The loop of a scene at time 0, on the board at the end of `line`, whose drive stays off.
     pub fn start(mut line: Line, scene: &Scene) -> Result<Self, Refusal> {
         line.tell(&Request::Defaults)?;
-        tell_settings(&mut line, &scene.settings)?;
+        let changed = Settings::KEYS
+            .iter()
+            .zip(scene.settings.values())
+            .filter(|(key, value)| key.default != *value)
+            .map(|(key, value)| (key.name, value));
+        tell(&mut line, changed.collect())?;
         line.tell(&Request::Simulate {
             target: scene.target.into(),
             start: scene.start.into(),
@@ -101,29 +107,4 @@ impl BoardLoop {
     pub fn plant(&self) -> &Plant {
         self.bench.plant()
     }
-}
-
-/// Sets every setting; those that need another one first get their turn again.
-fn tell_settings(line: &mut Line, settings: &Settings) -> Result<(), Refusal> {
-    let mut left: Vec<(&str, f32)> = Settings::KEYS
-        .iter()
-        .zip(settings.values())
-        .filter(|(key, value)| key.default != *value)
-        .map(|(key, value)| (key.name, value))
-        .collect();
-    while !left.is_empty() {
-        let mut refused = Vec::new();
-        let mut why = None;
-        for (key, value) in &left {
-            if let Err(refusal) = line.tell(&Request::Set { key, value: *value }) {
-                refused.push((*key, *value));
-                why = Some(refusal);
-            }
-        }
-        if refused.len() == left.len() {
-            return why.map_or(Ok(()), Err);
-        }
-        left = refused;
-    }
-    Ok(())
 }

@@ -1,7 +1,6 @@
 //! Requests to a board and its answers, each with a time limit.
 
 use std::collections::VecDeque;
-use std::fs::OpenOptions;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -9,19 +8,33 @@ use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use kband::wire::{
-    FRAME_MOST, Outgoing, Receiver, Refusal as Refused, Request, Response, SCHEMA, VERSION,
-    read_answer, write_question, write_request,
+    FRAME_MOST, Identity, Outgoing, Receiver, Refusal as Refused, Request, Response, SCHEMA,
+    Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
+use super::address::{Address, Emulated};
+use super::serial;
 use super::tether::tether;
 use crate::refusal::Refusal;
 
 /// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Time between two questions who is there.
+/// Time between two questions, where the first was not answered.
 const KNOCK: Duration = Duration::from_millis(500);
 /// Where the emulated image lies in a clone of the project.
 const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/virtual_feeder";
+
+/// Most of what came unasked that is kept until somebody looks: over a minute at 50 Hz.
+const UNASKED: usize = 4096;
+
+/// What a board says without being asked.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unasked {
+    /// A drive cycle.
+    Telemetry(Telemetry),
+    /// It started anew, running this image.
+    Started(String),
+}
 
 /// The line to one board. An emulated board ends with it.
 pub struct Line {
@@ -32,22 +45,33 @@ pub struct Line {
     waiting: VecDeque<u8>,
     receiver: Receiver,
     sequence: u8,
+    patience: Duration,
+    speaks: (u8, u32),
+    image: String,
+    heard: usize,
+    unreadable: u32,
+    unasked: VecDeque<Unasked>,
+    record: Option<Box<dyn Write + Send>>,
 }
 
 impl Line {
     /// Opens the line to `qemu`, the emulated CPU running `image`, or to the board on a serial port;
     /// a board of another version is refused.
     pub fn open(on: &str, image: Option<&Path>) -> Result<Self, Refusal> {
-        let mut line = if on == "qemu" {
-            Self::emulate(image)?
-        } else {
-            Self::serial(Path::new(on))?
+        let address = Address {
+            on: Some(on.into()),
+            image: image.map(Path::to_path_buf),
+            flash_image: None,
         };
-        line.identify()?;
-        Ok(line)
+        address.open(Emulated::AtRest)
     }
 
-    fn emulate(image: Option<&Path>) -> Result<Self, Refusal> {
+    /// The line to the emulated CPU, its settings kept in the file `flash`.
+    pub(super) fn emulate(
+        image: Option<&Path>,
+        emulated: Emulated,
+        flash: Option<&Path>,
+    ) -> Result<Self, Refusal> {
         let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
         if !image.is_file() {
             return Err(Refusal::new(
@@ -59,8 +83,26 @@ impl Line {
                  --bin virtual_feeder, or name it with --image",
             ));
         }
+        let found = |path: &Path| {
+            path.canonicalize()
+                .map_err(|error| Refusal::file(path, &error, "give the path of a readable file"))
+        };
+        let image = found(&image)?;
+        let mut words = String::from(match emulated {
+            Emulated::AtRest => "enable=on,target=native,arg=image,arg=link",
+            Emulated::Running => "enable=on,target=native,arg=image,arg=run",
+        });
         let mut command = Command::new("qemu-system-arm");
         tether(&mut command);
+        if let Some(flash) = flash {
+            let flash = found(flash)?;
+            let (folder, name) = (flash.parent(), flash.file_name());
+            if let (Some(folder), Some(name)) = (folder, name) {
+                // The emulated board's command line is short: it gets the name alone.
+                command.current_dir(folder);
+                words += &format!(",arg={}", name.to_string_lossy().replace(',', ",,"));
+            }
+        }
         let mut child = command
             .args([
                 "-M",
@@ -71,7 +113,7 @@ impl Line {
                 "none",
             ])
             .args(["-serial", "null", "-serial", "stdio", "-semihosting-config"])
-            .arg("enable=on,target=native,arg=image,arg=link")
+            .arg(words)
             .arg("-kernel")
             .arg(&image)
             .stdin(Stdio::piped())
@@ -90,33 +132,16 @@ impl Line {
                 "close other programs and try again",
             ));
         };
-        Ok(Self::over("qemu".to_string(), output, input, Some(child)))
+        Self::over("qemu".to_string(), output, input, Some(child))
     }
 
-    fn serial(path: &Path) -> Result<Self, Refusal> {
-        let name = path.display().to_string();
-        let open = || OpenOptions::new().read(true).write(true).open(path);
-        let refuse = |error: std::io::Error| {
-            Refusal::value(
-                "--on",
-                &name,
-                "qemu, or a serial port such as /dev/ttyACM0",
-                format!("{error}: plug in the board and look at its port's name"),
-            )
-        };
-        let output = open().map_err(refuse)?;
-        let set = Command::new("stty")
-            .arg("-F")
-            .arg(path)
-            .args(["115200", "raw", "-echo", "-ixon"])
-            .stdin(Stdio::null())
-            .stderr(Stdio::null())
-            .status();
-        if !set.is_ok_and(|status| status.success()) {
-            return Err(refuse(std::io::Error::other("it is no serial port")));
-        }
-        let input = open().map_err(refuse)?;
-        Ok(Self::over(name, output, input, None))
+    /// The line to the board on a serial port.
+    pub(super) fn serial(path: &Path) -> Result<Self, Refusal> {
+        let output = serial::open(path)?;
+        let input = output
+            .try_clone()
+            .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
+        Self::over(path.display().to_string(), output, input, None)
     }
 
     fn over(
@@ -124,7 +149,7 @@ impl Line {
         output: impl Write + Send + 'static,
         mut input: impl Read + Send + 'static,
         emulator: Option<Child>,
-    ) -> Self {
+    ) -> Result<Self, Refusal> {
         let (send, bytes) = channel();
         // The thread ends with the line's far end, or with the program.
         std::thread::spawn(move || {
@@ -135,7 +160,7 @@ impl Line {
                 }
             }
         });
-        Self {
+        let mut line = Self {
             name,
             emulator,
             output: Box::new(output),
@@ -143,7 +168,83 @@ impl Line {
             waiting: VecDeque::new(),
             receiver: Receiver::new(),
             sequence: 0,
+            patience: PATIENCE,
+            speaks: (0, 0),
+            image: String::new(),
+            heard: 0,
+            unreadable: 0,
+            unasked: VecDeque::new(),
+            record: None,
+        };
+        line.identify()?;
+        Ok(line)
+    }
+
+    /// Where the board is: qemu or its port.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Name, version and build of the board's image.
+    #[must_use]
+    pub fn image(&self) -> &str {
+        &self.image
+    }
+
+    /// Version and schema of the link that the board speaks.
+    #[must_use]
+    pub fn speaks(&self) -> (u8, u32) {
+        self.speaks
+    }
+
+    /// Frames so far that could not be read.
+    #[must_use]
+    pub fn unreadable(&self) -> u32 {
+        self.unreadable
+    }
+
+    /// Refused where the board speaks another version or schema than this desk.
+    pub fn speaks_the_same(&self) -> Result<(), Refusal> {
+        if self.speaks == (VERSION, SCHEMA) {
+            return Ok(());
         }
+        let ((version, schema), image) = (self.speaks, &self.image);
+        Err(Refusal::new(
+            format!(
+                "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
+                 this desk speaks {VERSION}, {SCHEMA:08x}",
+                self.name
+            ),
+            "flash the firmware that belongs to this desk (kband flash)",
+        ))
+    }
+
+    /// From now on writes every byte of the board to `record`, behind the frame that says who it is.
+    pub fn record(&mut self, mut record: impl Write + Send + 'static) -> Result<(), Refusal> {
+        let (version, schema) = self.speaks;
+        let identity = Identity {
+            version,
+            schema,
+            image: &self.image,
+        };
+        let mut buffer = [0; FRAME_MOST];
+        if let Ok(frame) = write_identity(&mut buffer, 0, &identity) {
+            record.write_all(frame).map_err(unrecorded)?;
+        }
+        self.record = Some(Box::new(record));
+        Ok(())
+    }
+
+    /// Waits no longer than this for an answer from now on.
+    pub fn wait_at_most(&mut self, patience: Duration) {
+        self.patience = patience;
+    }
+
+    /// Waits and keeps what comes unasked; then what came, the oldest first.
+    pub fn listen(&mut self, time: Duration) -> Result<Vec<Unasked>, Refusal> {
+        self.receive(Instant::now() + time, |_| None::<()>)?;
+        Ok(self.unasked.drain(..).collect())
     }
 
     /// Asks, and looks at the answer; what is sent unasked is passed over.
@@ -158,15 +259,25 @@ impl Line {
         let mut buffer = [0; FRAME_MOST];
         let frame = write_request(&mut buffer, wanted, request)
             .map_err(|_| Refusal::new("a request is too long for a frame", "shorten its text"))?;
-        self.send(frame)?;
+        // A board drops what is beyond its allowance for a drive cycle, and a line may lose a frame. What
+        // is the same done twice is asked again.
+        let again = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
+        let end = Instant::now() + self.patience;
         let mut look = Some(look);
-        self.receive(Instant::now() + PATIENCE, |answer| match answer {
-            Outgoing::Response { sequence, response } if sequence == wanted => {
-                look.take().map(|look| look(response))
+        while Instant::now() < end {
+            self.send(frame)?;
+            let until = if again { Instant::now() + KNOCK } else { end };
+            let found = self.receive(until, |answer| match answer {
+                Outgoing::Response { sequence, response } if sequence == wanted => {
+                    look.take().map(|look| look(response))
+                }
+                _ => None,
+            })?;
+            if let Some(found) = found {
+                return Ok(found);
             }
-            _ => None,
-        })?
-        .ok_or_else(|| self.silent())
+        }
+        Err(self.silent())
     }
 
     /// Asks for something to be done.
@@ -184,7 +295,8 @@ impl Line {
 
     fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; FRAME_MOST];
-        let question = write_question(&mut buffer, 0)
+        // Not 0, which is a board that starts.
+        let question = write_question(&mut buffer, 1)
             .map(<[u8]>::to_vec)
             .unwrap_or_default();
         let end = Instant::now() + PATIENCE;
@@ -192,25 +304,15 @@ impl Line {
             self.send(&question)?;
             let identity = self.receive(Instant::now() + KNOCK, |answer| match answer {
                 Outgoing::Identity { identity, .. } => Some((
-                    identity.version,
-                    identity.schema,
+                    (identity.version, identity.schema),
                     identity.image.to_string(),
                 )),
                 Outgoing::Response { .. } => None,
             })?;
-            match identity {
-                Some((VERSION, SCHEMA, _)) => return Ok(()),
-                Some((version, schema, image)) => {
-                    return Err(Refusal::new(
-                        format!(
-                            "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
-                             this desk speaks {VERSION}, {SCHEMA:08x}",
-                            self.name
-                        ),
-                        "flash the firmware that belongs to this desk",
-                    ));
-                }
-                None => {}
+            if let Some((speaks, image)) = identity {
+                (self.speaks, self.image) = (speaks, image);
+                self.unasked.clear();
+                return Ok(());
             }
         }
         Err(self.silent())
@@ -236,10 +338,32 @@ impl Line {
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
-                if let Some(Ok(inside)) = self.receiver.take(byte)
-                    && let Ok(answer) = read_answer(inside)
-                    && let Some(found) = look(answer)
-                {
+                let answer = match self.receiver.take(byte) {
+                    Some(frame) => frame.and_then(read_answer),
+                    None => continue,
+                };
+                let Ok(answer) = answer else {
+                    self.unreadable = self.unreadable.wrapping_add(1);
+                    continue;
+                };
+                match answer {
+                    Outgoing::Response {
+                        sequence: 0,
+                        response: Response::Telemetry(telemetry),
+                    } => self.unasked.push_back(Unasked::Telemetry(telemetry)),
+                    Outgoing::Identity {
+                        sequence: 0,
+                        identity,
+                    } => {
+                        let image = identity.image.to_string();
+                        self.unasked.push_back(Unasked::Started(image));
+                    }
+                    _ => {}
+                }
+                if self.unasked.len() > UNASKED {
+                    self.unasked.pop_front();
+                }
+                if let Some(found) = look(answer) {
                     return Ok(Some(found));
                 }
             }
@@ -247,7 +371,13 @@ impl Line {
                 .input
                 .recv_timeout(end.saturating_duration_since(Instant::now()))
             {
-                Ok(bytes) => self.waiting.extend(bytes),
+                Ok(bytes) => {
+                    self.heard = self.heard.saturating_add(bytes.len());
+                    if let Some(record) = &mut self.record {
+                        record.write_all(&bytes).map_err(unrecorded)?;
+                    }
+                    self.waiting.extend(bytes);
+                }
                 Err(RecvTimeoutError::Timeout) => return Ok(None),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Refusal::new(
@@ -260,11 +390,32 @@ impl Line {
     }
 
     fn silent(&self) -> Refusal {
+        let Self {
+            name,
+            heard,
+            unreadable,
+            ..
+        } = self;
+        if *heard > 0 && self.image.is_empty() {
+            return Refusal::new(
+                format!(
+                    "{name} sent {heard} bytes with {unreadable} frames that cannot be read and none that can"
+                ),
+                "look whether this is the board's port, at 115200 baud, and whether the board runs kband",
+            );
+        }
         Refusal::new(
-            format!("{} does not answer", self.name),
-            "look whether the board runs kband and no other program holds its port",
+            format!("{name} does not answer"),
+            "look whether the board runs kband, and whether its send and receive lines are crossed",
         )
     }
+}
+
+fn unrecorded(error: std::io::Error) -> Refusal {
+    Refusal::new(
+        format!("the record cannot be written: {error}"),
+        "make room, or give another path with --record",
+    )
 }
 
 impl Drop for Line {

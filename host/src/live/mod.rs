@@ -1,5 +1,6 @@
 //! The dashboard in the terminal: k against the band, the regime, the phase of the impacts, faults.
 
+mod board;
 mod history;
 mod screen;
 mod source;
@@ -9,6 +10,7 @@ use std::time::{Duration, Instant};
 use kband::control::{State, Target};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
+pub use board::Board;
 pub use history::History;
 #[cfg(debug_assertions)]
 pub use source::Panics;
@@ -63,8 +65,10 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
         // A desk that was asleep does not catch up.
         let passed = (now - last).min(4 * FRAME).as_secs_f64();
         last = now;
-        if !paused {
-            for seen in source.advance(passed * pace.speed)? {
+        // A board is listened to while the picture stands, or it would take the link for lost.
+        let seconds = if paused { 0.0 } else { passed * pace.speed };
+        for seen in source.advance(seconds)? {
+            if !paused {
                 history.take(seen);
             }
         }

@@ -185,28 +185,41 @@ impl Source for Simulation {
     }
 }
 
-/// A simulation that panics after a few cycles, to prove that the terminal is restored then.
+/// A source that panics after a few cycles, to prove that the terminal is restored then.
 #[cfg(debug_assertions)]
-#[derive(Clone, Debug)]
-pub struct Panics(pub Simulation);
+pub struct Panics {
+    source: Box<dyn Source>,
+    cycles: usize,
+}
+
+#[cfg(debug_assertions)]
+impl Panics {
+    /// The source that will panic.
+    #[must_use]
+    pub fn new(source: Box<dyn Source>) -> Self {
+        Self { source, cycles: 0 }
+    }
+}
 
 #[cfg(debug_assertions)]
 impl Source for Panics {
     fn name(&self) -> String {
-        self.0.name()
+        self.source.name()
     }
 
     fn lot(&self) -> Lot {
-        self.0.lot()
+        self.source.lot()
     }
 
     fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal> {
-        assert!(self.0.time < 0.2, "a panic as asked for");
-        self.0.advance(seconds)
+        assert!(self.cycles < 10, "a panic as asked for");
+        let cycles = self.source.advance(seconds)?;
+        self.cycles += cycles.len();
+        Ok(cycles)
     }
 
     fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
-        self.0.obey(wish)
+        self.source.obey(wish)
     }
 }
 

@@ -11,16 +11,30 @@ use crate::refusal::{Exit, Refusal};
 #[command(after_help = "Examples:
   kband live
   kband live my.toml --speed 4
+  kband live --on /dev/ttyACM0
+  kband live --on qemu
 
 Keys: q quits, e takes the enable away or gives it, 1 to 8 ask for a lock of that order, x for chaos,
 + and - change k, c captures anew, p pauses.")]
 pub struct Arguments {
     /// Scene to simulate in real time; without one, the default scene.
-    #[arg(value_name = "SCENE.toml")]
+    #[arg(value_name = "SCENE.toml", conflicts_with = "on")]
     scene: Option<PathBuf>,
 
+    /// Look at a board instead: qemu (the emulated CPU, running the default scene) or a serial port.
+    #[arg(long, value_name = "qemu or /dev/PORT")]
+    on: Option<String>,
+
+    /// Image for --on qemu, instead of the one that cargo builds here.
+    #[arg(long, value_name = "FILE", requires = "on")]
+    image: Option<PathBuf>,
+
+    /// File that keeps the settings of --on qemu from run to run; made where there is none.
+    #[arg(long, value_name = "FILE", requires = "on")]
+    flash_image: Option<PathBuf>,
+
     /// Seconds of the simulation for one second of the clock.
-    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = arguments::within(0.01, 100.0, ""))]
+    #[arg(long, value_name = "FACTOR", conflicts_with = "on", default_value = "1", value_parser = arguments::within(0.01, 100.0, ""))]
     speed: f64,
 
     /// End by itself after this many seconds of the clock.
@@ -39,8 +53,43 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     use std::io::IsTerminal;
     use std::time::Duration;
 
+    use crate::board::{Address, Emulated};
+    use crate::live::{self, Board, Pace, Source};
+
+    let is_terminal = std::io::stdout().is_terminal();
+    let mut source: Box<dyn Source> = match &arguments.on {
+        // A board is not bothered where nobody will see it.
+        Some(on) if is_terminal => {
+            let address = Address {
+                on: Some(on.clone()),
+                image: arguments.image.clone(),
+                flash_image: arguments.flash_image.clone(),
+            };
+            Box::new(Board::start(address.open(Emulated::Running)?)?)
+        }
+        _ => Box::new(simulation(arguments)?),
+    };
+    if !is_terminal {
+        return Err(Refusal::new(
+            "standard output is not a terminal",
+            "run kband live in a terminal; kband simulate writes a trace and a picture, kband monitor prints a board",
+        ));
+    }
+    let pace = Pace {
+        speed: arguments.speed,
+        limit: arguments.limit.map(Duration::from_secs_f64),
+    };
+    #[cfg(debug_assertions)]
+    if arguments.panic {
+        source = Box::new(live::Panics::new(source));
+    }
+    live::run(&mut *source, pace, desk)?;
+    Ok(Exit::Done)
+}
+
+#[cfg(feature = "live")]
+fn simulation(arguments: &Arguments) -> Result<crate::live::Simulation, Refusal> {
     use crate::file;
-    use crate::live::{self, Pace, Simulation};
     use crate::simulate::{DEFAULT, SceneFile};
 
     let (name, file) = match &arguments.scene {
@@ -51,24 +100,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }
         None => ("the default scene".into(), SceneFile::parse(DEFAULT)?),
     };
-    let mut source = Simulation::build(&name, &file)?;
-    if !std::io::stdout().is_terminal() {
-        return Err(Refusal::new(
-            "standard output is not a terminal",
-            "run kband live in a terminal; kband simulate writes a trace and a picture",
-        ));
-    }
-    let pace = Pace {
-        speed: arguments.speed,
-        limit: arguments.limit.map(Duration::from_secs_f64),
-    };
-    #[cfg(debug_assertions)]
-    if arguments.panic {
-        live::run(&mut live::Panics(source), pace, desk)?;
-        return Ok(Exit::Done);
-    }
-    live::run(&mut source, pace, desk)?;
-    Ok(Exit::Done)
+    crate::live::Simulation::build(&name, &file)
 }
 
 /// Says what is missing.

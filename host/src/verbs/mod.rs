@@ -42,9 +42,12 @@ verbs! {
     Diagram => diagram,
     Explain => explain,
     Exponent => exponent,
+    Identify => identify,
     Impacts => impacts,
     Live => live,
+    Monitor => monitor,
     Paper => paper,
+    Settings => settings,
     Simulate => simulate,
     Transport => transport,
 }

@@ -1,7 +1,7 @@
 //! The emulated board: the bench in place of converter and power stage, semihosting in place of pins.
 
 use core::cell::RefCell;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
@@ -22,19 +22,22 @@ use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::start::Cause;
 use kband_firmware::station::Station;
-use kband_firmware::store::{Found, Store, StoreFailed};
+use kband_firmware::store::{Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{Line, Trial};
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
 use crate::count::count;
+use crate::flash::FlashFile;
 use crate::serial::{self, Serial};
 
 /// QEMU clocks the machine's SysTick at 168 MHz.
 const CORE_CLOCK: u64 = 168_000_000;
 /// QEMU clocks the machine's timers at 1 GHz: 25 us, for the emulated time is not what samples count.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
+/// Samples in a millisecond where the desk talks to the board: as many as the board takes.
+const SAMPLES_A_MILLISECOND: u32 = 20;
 /// Interrupts after which the emulated watchdog bites: half a second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
 /// Semihosting operation that gives the command line.
@@ -126,16 +129,34 @@ impl Monitor for Trace {
     }
 }
 
-/// No memory of the settings: each start is the first.
-struct Forgetful;
+/// The memory of the settings: a file of the desk, or none, where each start is the first.
+struct Memory(Option<Records<FlashFile>>);
 
-impl Store for Forgetful {
+impl Memory {
+    /// The memory in the file of this name, none without a name.
+    fn open(name: &str) -> Result<Self, StoreFailed> {
+        if name.is_empty() {
+            return Ok(Self(None));
+        }
+        let file = FlashFile::open(name).map_err(|_| StoreFailed)?;
+        let pages = file.range();
+        Records::new(file, pages).map(|records| Self(Some(records)))
+    }
+}
+
+impl Store for Memory {
     async fn load(&mut self) -> Found {
-        Found::default()
+        match &mut self.0 {
+            Some(records) => records.load().await,
+            None => Found::default(),
+        }
     }
 
-    async fn save(&mut self, _settings: &Settings) -> Result<(), StoreFailed> {
-        Err(StoreFailed)
+    async fn save(&mut self, settings: &Settings) -> Result<(), StoreFailed> {
+        match &mut self.0 {
+            Some(records) => records.save(settings).await,
+            None => Err(StoreFailed),
+        }
     }
 }
 
@@ -152,6 +173,13 @@ impl Watchdog for SampleWatchdog {
 #[interrupt]
 fn TIM3() {
     pac::TIM3.sr().modify(|status| status.set_uif(false));
+    sample();
+}
+
+/// Whether SysTick is what samples follow: without -icount QEMU's TIM3 stops for seconds now and then.
+static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
+
+fn sample() {
     if HUNGRY.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
         kband_drive_off();
         heprintln!("watchdog bites");
@@ -176,6 +204,11 @@ fn TIM3() {
 #[exception]
 fn SysTick() {
     TIME.systick_interrupt();
+    if BY_MILLISECOND.load(Ordering::Relaxed) {
+        for _ in 0..SAMPLES_A_MILLISECOND {
+            sample();
+        }
+    }
 }
 
 #[embassy_executor::task]
@@ -184,12 +217,12 @@ async fn drive_cycle(station: &'static Station, trace: Trace) {
 }
 
 #[embassy_executor::task]
-async fn desk_link(station: &'static Station) {
+async fn desk_link(station: &'static Station, memory: Memory) {
     let image = Image {
         identity: IDENTITY,
         stack_free,
     };
-    link(Service::new(image, Forgetful), Serial, station, &ROLL).await;
+    link(Service::new(image, memory), Serial, station, &ROLL).await;
 }
 
 #[embassy_executor::task]
@@ -251,7 +284,8 @@ fn reset_cause() -> Cause {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let mut buffer = [0; 256];
-    let word = arguments(&mut buffer);
+    let words = arguments(&mut buffer);
+    let (word, file) = words.split_once(' ').unwrap_or((words, ""));
     let cause = reset_cause();
     heprintln!("kband {} {:?}", IDENTITY, cause);
     let last_words = take_last_words();
@@ -282,6 +316,7 @@ async fn main(spawner: Spawner) {
     let trial = match word {
         "hang" | "count" => Trial::ALL.first().copied(),
         "link" => Some(Trial::LINK),
+        "run" => Some(Trial::RUN),
         name => Trial::named(name),
     };
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
@@ -289,9 +324,16 @@ async fn main(spawner: Spawner) {
         finish(false);
     };
     let scene = trial.scene();
-    let found = Found {
-        settings: scene.settings,
-        ..Found::default()
+    let Ok(mut memory) = Memory::open(file) else {
+        heprintln!("no flash in {}", file);
+        finish(false);
+    };
+    let found = match &memory.0 {
+        Some(_) => memory.load().await,
+        None => Found {
+            settings: scene.settings,
+            ..Found::default()
+        },
     };
     let built = Station::build(
         &found,
@@ -315,17 +357,20 @@ async fn main(spawner: Spawner) {
     BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
-    TIME.start(&mut core.SYST);
-    pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
-    pac::TIM3.dier().modify(|enable| enable.set_uie(true));
-    pac::TIM3.cr1().modify(|control| control.set_cen(true));
-    // SAFETY: no critical section relies on this interrupt's mask.
-    unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
     let station = STATION.init(station);
-    let linked = word == "link";
+    let linked = matches!(word, "link" | "run");
+    BY_MILLISECOND.store(linked, Ordering::Relaxed);
+    TIME.start(&mut core.SYST);
+    if !linked {
+        pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
+        pac::TIM3.dier().modify(|enable| enable.set_uie(true));
+        pac::TIM3.cr1().modify(|control| control.set_cen(true));
+        // SAFETY: no critical section relies on this interrupt's mask.
+        unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
+    }
     if linked {
         serial::start();
-        spawner.spawn(desk_link(station).expect("spawned once"));
+        spawner.spawn(desk_link(station, memory).expect("spawned once"));
     }
     if word != "hang" {
         let trace = Trace {

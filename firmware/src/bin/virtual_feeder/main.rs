@@ -8,17 +8,23 @@
 //! | word | does |
 //! |---|---|
 //! | the name of a trial | runs it and prints its trace |
-//! | `link` | runs the default scene and answers on USART2 until it is ended from outside |
+//! | `link` | runs the default scene, enable withdrawn, and answers on USART2 until it is ended from outside |
+//! | `run` | the same with the enable input given, at the board's speed where the desk is fast enough |
 //! | `count` | counts the instructions of the sample interrupt and of the plan of the capture; needs a clock that counts them |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
 //! | `hang` | a task never returns: the watchdog has to bite |
+//!
+//! After `link` and `run` the name of a file may follow that is the flash of the settings: whole pages of
+//! 4096 bytes, two at least, 0xff where nothing was written yet.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
 mod count;
 #[cfg(target_os = "none")]
 mod emulated;
+#[cfg(target_os = "none")]
+mod flash;
 #[cfg(target_os = "none")]
 mod serial;
 

@@ -1,0 +1,127 @@
+//! Flash in a file of the desk, by semihosting: what is kept there outlives the emulator.
+
+use cortex_m_semihosting::{nr, syscall};
+use embedded_storage_async::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// Bytes that are erased together.
+const PAGE: usize = 4096;
+/// What semihosting answers where a call failed.
+const FAILED: usize = usize::MAX;
+
+/// The file did not take or give all of it.
+#[derive(Clone, Copy, Debug)]
+pub struct FileFailed;
+
+impl NorFlashError for FileFailed {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+/// A file as NOR flash: writing clears bits, erasing sets a page's. Ending the emulator in the middle is
+/// a cut of its power.
+pub struct FlashFile {
+    handle: usize,
+    length: usize,
+}
+
+impl FlashFile {
+    /// The flash in the file of this name, as long as the file.
+    pub fn open(name: &str) -> Result<Self, FileFailed> {
+        let mut room = [0; 257];
+        let bytes = name.as_bytes();
+        // The zero at its end stays.
+        room[..256]
+            .get_mut(..bytes.len())
+            .ok_or(FileFailed)?
+            .copy_from_slice(bytes);
+        // SAFETY: SYS_OPEN takes a name that ends with a zero, a mode and the name's length.
+        let handle = unsafe { syscall!(OPEN, room.as_ptr(), nr::open::RW_BINARY, bytes.len()) };
+        if handle == FAILED {
+            return Err(FileFailed);
+        }
+        // SAFETY: SYS_FLEN takes an open file.
+        let length = unsafe { syscall!(FLEN, handle) };
+        if length == FAILED {
+            return Err(FileFailed);
+        }
+        Ok(Self { handle, length })
+    }
+
+    /// Its pages.
+    pub fn range(&self) -> core::ops::Range<u32> {
+        0..self.length as u32
+    }
+
+    fn seek(&mut self, offset: u32) -> Result<(), FileFailed> {
+        // SAFETY: SYS_SEEK takes an open file and a place in it.
+        match unsafe { syscall!(SEEK, self.handle, offset) } {
+            0 => Ok(()),
+            _ => Err(FileFailed),
+        }
+    }
+
+    fn put(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FileFailed> {
+        self.seek(offset)?;
+        // SAFETY: SYS_WRITE reads so many bytes from there, and returns how many it left.
+        match unsafe { syscall!(WRITE, self.handle, bytes.as_ptr(), bytes.len()) } {
+            0 => Ok(()),
+            _ => Err(FileFailed),
+        }
+    }
+
+    fn get(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FileFailed> {
+        self.seek(offset)?;
+        // SAFETY: SYS_READ writes at most so many bytes there, and returns how many it left.
+        match unsafe { syscall!(READ, self.handle, bytes.as_mut_ptr(), bytes.len()) } {
+            0 => Ok(()),
+            _ => Err(FileFailed),
+        }
+    }
+}
+
+impl ErrorType for FlashFile {
+    type Error = FileFailed;
+}
+
+impl ReadNorFlash for FlashFile {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FileFailed> {
+        self.get(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.length
+    }
+}
+
+impl NorFlash for FlashFile {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FileFailed> {
+        let blank = [0xff; 256];
+        for offset in (from..to).step_by(blank.len()) {
+            self.put(offset, &blank)?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FileFailed> {
+        let mut word = [0; Self::WRITE_SIZE];
+        for (offset, bytes) in (offset..)
+            .step_by(Self::WRITE_SIZE)
+            .zip(bytes.chunks_exact(Self::WRITE_SIZE))
+        {
+            self.get(offset, &mut word)?;
+            for (old, new) in word.iter_mut().zip(bytes) {
+                *old &= new;
+            }
+            self.put(offset, &word)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,154 @@
+//! Which board: the emulated CPU or a serial port, as the user names it.
+
+use std::path::{Path, PathBuf};
+
+use super::line::Line;
+use super::serial;
+use crate::file::Target;
+use crate::refusal::Refusal;
+
+/// A flash of the settings: two pages of 4 KiB, as the emulated board has them.
+const FLASH: usize = 8192;
+const PAGE: u64 = 4096;
+
+/// The board that a verb talks to.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct Address {
+    /// The board: qemu (the emulated CPU) or its serial port; without it, the only serial port there is.
+    #[arg(long, value_name = "qemu or /dev/PORT", global = true)]
+    pub on: Option<String>,
+
+    /// Image for --on qemu, instead of the one that cargo builds here.
+    #[arg(long, value_name = "FILE", global = true)]
+    pub image: Option<PathBuf>,
+
+    /// File that keeps the settings of --on qemu from run to run; made where there is none.
+    #[arg(long, value_name = "FILE", global = true)]
+    pub flash_image: Option<PathBuf>,
+}
+
+/// What the drive of an emulated board does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Emulated {
+    /// It stays off: settings may be changed and saved.
+    AtRest,
+    /// It runs the default scene at the board's own speed.
+    Running,
+}
+
+impl Address {
+    /// Whether it is the emulated CPU.
+    #[must_use]
+    pub fn is_emulated(&self) -> bool {
+        self.on.as_deref() == Some("qemu")
+    }
+
+    /// The same board as options of a command.
+    #[must_use]
+    pub fn options(&self) -> String {
+        let mut words = String::new();
+        if let Some(on) = &self.on {
+            words += &format!(" --on {on}");
+        }
+        for (option, file) in [
+            ("--image", &self.image),
+            ("--flash-image", &self.flash_image),
+        ] {
+            if let Some(file) = file {
+                words += &format!(" {option} {}", file.display());
+            }
+        }
+        words
+    }
+
+    /// Opens the line to the board, which has to speak what this desk speaks.
+    pub fn open(&self, emulated: Emulated) -> Result<Line, Refusal> {
+        let line = self.open_any(emulated)?;
+        line.speaks_the_same()?;
+        Ok(line)
+    }
+
+    /// Opens the line to a board of any version, which may only be looked at.
+    pub fn open_any(&self, emulated: Emulated) -> Result<Line, Refusal> {
+        if self.is_emulated() {
+            if let Some(flash) = &self.flash_image {
+                prepare(flash)?;
+            }
+            return Line::emulate(self.image.as_deref(), emulated, self.flash_image.as_deref());
+        }
+        for (option, file) in [
+            ("--image", &self.image),
+            ("--flash-image", &self.flash_image),
+        ] {
+            if let Some(file) = file {
+                return Err(Refusal::value(
+                    option,
+                    file.display(),
+                    "with --on qemu only: a board has its own image and flash",
+                    "leave it out, or give --on qemu",
+                ));
+            }
+        }
+        match &self.on {
+            Some(port) => Line::serial(Path::new(port)),
+            None => {
+                let port = serial::only_port()?;
+                eprintln!("the board on {}", port.display());
+                Line::serial(&port)
+            }
+        }
+    }
+}
+
+/// An erased flash where there is no file yet; a file that is no flash is refused.
+fn prepare(flash: &Path) -> Result<(), Refusal> {
+    let target = Target::check(flash)?;
+    match flash.metadata() {
+        Err(_) => target.write_bytes(&[0xff; FLASH]),
+        Ok(data) if data.len() >= FLASH as u64 && data.len().is_multiple_of(PAGE) => Ok(()),
+        Ok(data) => Err(Refusal::value(
+            "--flash-image",
+            format!("{} ({} bytes)", flash.display(), data.len()),
+            "a file that --flash-image made: whole pages of 4096 bytes, two at least",
+            "name a file that is not there yet; it will be made",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flash_is_made_once_and_another_file_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let flash = folder.path().join("flash.bin");
+        prepare(&flash).unwrap();
+        std::fs::write(&flash, [0x5a; FLASH]).unwrap();
+        prepare(&flash).unwrap();
+        assert_eq!(std::fs::read(&flash).unwrap(), [0x5a; FLASH]);
+        let other = folder.path().join("notes.txt");
+        std::fs::write(&other, "not a flash").unwrap();
+        let message = prepare(&other).unwrap_err().to_string();
+        assert!(
+            message.contains("11 bytes") && message.contains("two at least"),
+            "{message}"
+        );
+        assert_eq!(std::fs::read_to_string(&other).unwrap(), "not a flash");
+    }
+
+    #[test]
+    fn what_belongs_to_the_emulated_board_is_refused_for_another() {
+        let address = Address {
+            on: Some("/dev/null".into()),
+            flash_image: Some("flash.bin".into()),
+            ..Address::default()
+        };
+        let message = address.open(Emulated::AtRest).err().unwrap().to_string();
+        assert!(
+            message.contains("--flash-image") && message.contains("--on qemu"),
+            "{message}"
+        );
+        assert_eq!(address.options(), " --on /dev/null --flash-image flash.bin");
+    }
+}

@@ -1,0 +1,192 @@
+//! Serial ports: which there are, and one of them opened for this program alone.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use crate::refusal::Refusal;
+
+/// How names of ports begin that a board may be on: USB on Linux, USB on macOS.
+const NAMES: [&str; 4] = ["ttyACM", "ttyUSB", "cu.usbmodem", "cu.usbserial"];
+
+/// The only serial port there is.
+pub fn only_port() -> Result<PathBuf, Refusal> {
+    only(ports(Path::new("/dev")))
+}
+
+fn only(mut ports: Vec<PathBuf>) -> Result<PathBuf, Refusal> {
+    if ports.len() > 1 {
+        let names: Vec<String> = ports
+            .iter()
+            .map(|port| port.display().to_string())
+            .collect();
+        return Err(Refusal::new(
+            format!("there are several serial ports: {}", names.join(", ")),
+            format!("name the board's, such as --on {}", names[0]),
+        ));
+    }
+    ports.pop().ok_or_else(|| {
+        Refusal::new(
+            "no board: there is no serial port (/dev/ttyACM*, /dev/ttyUSB*)",
+            "plug in the board's link, name its port with --on /dev/PORT, or try --on qemu",
+        )
+    })
+}
+
+/// The ports in a folder of devices, by name.
+fn ports(folder: &Path) -> Vec<PathBuf> {
+    let mut ports: Vec<PathBuf> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|entry| {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            NAMES.iter().any(|beginning| name.starts_with(beginning))
+        })
+        .map(|entry| entry.path())
+        .collect();
+    ports.sort();
+    ports
+}
+
+/// Opens a port at 115200 baud, 8 bits, no parity, for this program alone.
+#[cfg(unix)]
+pub fn open(path: &Path) -> Result<File, Refusal> {
+    use std::os::unix::fs::OpenOptionsExt;
+
+    use rustix::fs::{OFlags, fcntl_setfl};
+    use rustix::io::Errno;
+    use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
+
+    let name = &path.display();
+    let busy = || {
+        Refusal::new(
+            format!("{name}: another program holds the port"),
+            "close the other kband or terminal program, and try again",
+        )
+    };
+    // Not to wait for a carrier, and not to become the program's own terminal.
+    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
+    let port = File::options()
+        .read(true)
+        .write(true)
+        .custom_flags(flags.bits() as i32)
+        .open(path)
+        .map_err(|error| match error.raw_os_error().map(Errno::from_raw_os_error) {
+            Some(Errno::BUSY) => busy(),
+            Some(Errno::ACCESS) => Refusal::new(
+                format!("{name}: you may not open this port"),
+                "join the group that owns it (sudo usermod -aG dialout $USER), and log in again",
+            ),
+            _ => Refusal::value(
+                "--on",
+                name,
+                "qemu, or a serial port such as /dev/ttyACM0",
+                format!("{error}: {}", present(&ports(Path::new("/dev")))),
+            ),
+        })?;
+    let is_none = |_: Errno| {
+        Refusal::value(
+            "--on",
+            name,
+            "qemu, or a serial port such as /dev/ttyACM0",
+            format!(
+                "this is no serial port: {}",
+                present(&ports(Path::new("/dev")))
+            ),
+        )
+    };
+    let mut modes = tcgetattr(&port).map_err(&is_none)?;
+    // The lock stops another kband, exclusive use every program but one of root's.
+    port.try_lock().map_err(|_| busy())?;
+    ioctl_tiocexcl(&port).map_err(&is_none)?;
+    modes.make_raw();
+    modes.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
+    modes.control_modes -= ControlModes::CSTOPB | ControlModes::CRTSCTS;
+    modes
+        .set_speed(115_200)
+        .and_then(|()| tcsetattr(&port, OptionalActions::Flush, &modes))
+        .and_then(|()| fcntl_setfl(&port, OFlags::empty()))
+        .map_err(|error| {
+            Refusal::new(
+                format!("{name}: the port does not take 115200 baud: {error}"),
+                "use another adapter",
+            )
+        })?;
+    Ok(port)
+}
+
+/// Says that ports cannot be opened here.
+#[cfg(not(unix))]
+pub fn open(path: &Path) -> Result<File, Refusal> {
+    Err(Refusal::new(
+        format!(
+            "{}: this kband opens serial ports on Linux and macOS only",
+            path.display()
+        ),
+        "use kband there, or --on qemu",
+    ))
+}
+
+fn present(ports: &[PathBuf]) -> String {
+    if ports.is_empty() {
+        "plug in the board, no serial port is there".into()
+    } else {
+        let names: Vec<String> = ports
+            .iter()
+            .map(|port| port.display().to_string())
+            .collect();
+        format!("there is {}", names.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_only_port_is_taken_and_several_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for other in ["tty0", "null", "ttyS0"] {
+            std::fs::write(folder.path().join(other), "").unwrap();
+        }
+        let message = only(ports(folder.path())).unwrap_err().to_string();
+        assert!(
+            message.contains("no serial port") && message.contains("--on qemu"),
+            "{message}"
+        );
+        let one = folder.path().join("ttyUSB3");
+        std::fs::write(&one, "").unwrap();
+        assert_eq!(only(ports(folder.path())).unwrap(), one);
+        std::fs::write(folder.path().join("ttyACM0"), "").unwrap();
+        let message = only(ports(folder.path())).unwrap_err().to_string();
+        assert!(
+            message.contains("ttyACM0") && message.contains("ttyUSB3"),
+            "{message}"
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_port_is_opened_once_and_what_is_no_port_is_refused() {
+        use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap();
+        let path = Path::new(name.to_str().unwrap());
+        let port = open(path).unwrap();
+        let message = open(path).unwrap_err().to_string();
+        assert!(message.contains("another program holds"), "{message}");
+        drop(port);
+        open(path).unwrap();
+        for none in ["/dev/null", "/dev/nothing"] {
+            let message = open(Path::new(none)).unwrap_err().to_string();
+            assert!(
+                message.contains(none) && message.contains("/dev/ttyACM0"),
+                "{message}"
+            );
+        }
+    }
+}

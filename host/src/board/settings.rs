@@ -1,0 +1,223 @@
+//! The settings of a board: read, checked and changed together or not at all.
+
+use kband::control::Settings;
+use kband::wire::{Request, Response};
+
+use super::line::Line;
+use crate::refusal::Refusal;
+
+/// A setting as the board has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSetting {
+    /// Its key.
+    pub key: String,
+    /// Its unit; empty for a pure number.
+    pub unit: String,
+    /// Its value.
+    pub value: f32,
+    /// Smallest accepted value.
+    pub low: f32,
+    /// Largest accepted value.
+    pub high: f32,
+    /// Value on first start.
+    pub default: f32,
+}
+
+impl BoardSetting {
+    /// What is accepted, with the unit.
+    #[must_use]
+    pub fn accepted(&self) -> String {
+        format!("{}..{} {}", self.low, self.high, self.unit)
+            .trim_end()
+            .to_string()
+    }
+
+    /// What it is; empty for a key that this desk does not know.
+    #[must_use]
+    pub fn meaning(&self) -> &'static str {
+        let known = Settings::KEYS.iter().find(|known| known.name == self.key);
+        known.map_or("", |known| known.meaning.trim())
+    }
+
+    /// A value for it, refused outside its range.
+    pub fn accept(&self, value: f64) -> Result<f32, Refusal> {
+        // What rounds to a bound is the bound.
+        let single = value as f32;
+        if (self.low..=self.high).contains(&single) {
+            return Ok(single);
+        }
+        Err(Refusal::value(
+            &self.key,
+            value,
+            self.accepted(),
+            format!("give {} a value in this range", self.key),
+        ))
+    }
+}
+
+/// Every setting of a board, in the board's order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSettings(Vec<BoardSetting>);
+
+impl BoardSettings {
+    /// Reads them all.
+    pub fn read(line: &mut Line) -> Result<Self, Refusal> {
+        let mut all = Vec::new();
+        for number in 0..=u8::MAX {
+            let setting = line.ask(&Request::Setting(number), |response| match response {
+                Response::Setting(setting) => Some(BoardSetting {
+                    key: setting.key.into(),
+                    unit: setting.unit.into(),
+                    value: setting.value,
+                    low: setting.low,
+                    high: setting.high,
+                    default: setting.default,
+                }),
+                _ => None,
+            })?;
+            match setting {
+                Some(setting) => all.push(setting),
+                None => break,
+            }
+        }
+        Ok(Self(all))
+    }
+
+    /// One after the other.
+    pub fn iter(&self) -> std::slice::Iter<'_, BoardSetting> {
+        self.0.iter()
+    }
+
+    /// The setting of a key; an unknown one is refused with the key that comes closest.
+    pub fn get(&self, key: &str) -> Result<&BoardSetting, Refusal> {
+        if let Some(setting) = self.iter().find(|setting| setting.key == key) {
+            return Ok(setting);
+        }
+        let nearest = self.iter().max_by(|a, b| {
+            let near = |setting: &BoardSetting| strsim::jaro_winkler(&setting.key, key);
+            near(a).total_cmp(&near(b))
+        });
+        let next = match nearest {
+            Some(setting) => format!(
+                "did you mean {}? kband settings list shows all",
+                setting.key
+            ),
+            None => "look whether the board runs kband".into(),
+        };
+        let keys: Vec<&str> = self.iter().map(|setting| &setting.key[..]).collect();
+        Err(Refusal::value("key", key, keys.join(", "), next))
+    }
+
+    /// The controller's settings with these values, as far as this desk knows them.
+    #[must_use]
+    pub fn known(&self) -> Settings {
+        let mut settings = Settings::default();
+        for setting in self.iter() {
+            // A key that this desk does not know has no part in what is checked here.
+            let _ = settings.set(&setting.key, setting.value);
+        }
+        settings
+    }
+
+    /// Changes the board's settings to these values, all of them or, where one is refused, none.
+    pub fn change(&mut self, line: &mut Line, wanted: &[(String, f32)]) -> Result<(), Refusal> {
+        let mut after = self.clone();
+        let mut changes = Vec::new();
+        let mut back = Vec::new();
+        for (key, value) in wanted {
+            self.get(key)?.accept(f64::from(*value))?;
+            for setting in after.0.iter_mut().filter(|setting| setting.key == *key) {
+                if setting.value.to_bits() != value.to_bits() {
+                    changes.push((&key[..], *value));
+                    back.push((&key[..], setting.value));
+                }
+                setting.value = *value;
+            }
+        }
+        after.known().check().map_err(|refused| {
+            Refusal::value(
+                refused.parameter,
+                refused.value as f32,
+                refused.accepted,
+                "change what it goes together with first, or both by kband settings import",
+            )
+        })?;
+        if let Err(refusal) = tell(line, changes) {
+            // What was taken already is given back; a refusal of that would say the same again.
+            let _ = tell(line, back);
+            return Err(refusal);
+        }
+        *self = after;
+        Ok(())
+    }
+}
+
+/// Sets each of them; those that need another one first get their turn again.
+pub(super) fn tell(line: &mut Line, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> {
+    while !left.is_empty() {
+        let mut refused = Vec::new();
+        let mut why = None;
+        for (key, value) in &left {
+            if let Err(refusal) = line.tell(&Request::Set { key, value: *value }) {
+                refused.push((*key, *value));
+                why = Some(refusal);
+            }
+        }
+        if refused.len() == left.len() {
+            return why.map_or(Ok(()), Err);
+        }
+        left = refused;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn defaults() -> BoardSettings {
+        let setting = |key: &kband::control::Key| BoardSetting {
+            key: key.name.into(),
+            unit: key.unit.into(),
+            value: key.default,
+            low: key.low,
+            high: key.high,
+            default: key.default,
+        };
+        BoardSettings(Settings::KEYS.iter().map(setting).collect())
+    }
+
+    #[test]
+    fn an_unknown_key_names_the_one_that_comes_closest() {
+        let settings = defaults();
+        for (typed, meant) in [
+            ("restitution", "restitution_low"),
+            ("restitutoin_high", "restitution_high"),
+            ("freqency", "frequency"),
+            ("softstart", "soft_start"),
+        ] {
+            let message = settings.get(typed).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!("did you mean {meant}?")),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_refused_with_the_range() {
+        let settings = defaults();
+        let frequency = settings.get("frequency").unwrap();
+        assert_eq!(frequency.accept(60.0), Ok(60.0));
+        for bad in [4.9, 501.0, f64::NAN, 1e300] {
+            let message = frequency.accept(bad).unwrap_err().to_string();
+            assert!(message.contains("accepted: 5..500 Hz"), "{message}");
+        }
+        // 0.99 is a bound in single precision and larger than it in double precision.
+        assert_eq!(
+            settings.get("tangential_restitution").unwrap().accept(0.99),
+            Ok(0.99)
+        );
+        assert_eq!(settings.known(), Settings::default());
+    }
+}

@@ -1,0 +1,134 @@
+//! The dashboard's look at a board, or at the emulated CPU.
+
+use std::time::{Duration, Instant};
+
+use kband::control::{Event, Target};
+use kband::wire::{Record, Request, Response, Telemetry};
+
+use super::source::{Lot, Seen, Source, Wish};
+use crate::board::{BoardSettings, Line, Unasked};
+use crate::refusal::Refusal;
+
+/// Time between two looks into the event log; the board takes them for a sign of life too.
+const LOOK: Duration = Duration::from_millis(200);
+/// Longest wait for an answer: the keys have to go on working.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Rows of telemetry in a second at most, for the line's rate.
+const RATE: f32 = 60.0;
+
+/// A board on the link.
+pub struct Board {
+    line: Line,
+    lot: Lot,
+    /// Drive cycles between two rows of telemetry.
+    every: u16,
+    next: u32,
+    looked: Option<Instant>,
+}
+
+impl Board {
+    /// The board at the end of `line`, its telemetry on.
+    pub fn start(mut line: Line) -> Result<Self, Refusal> {
+        let settings = BoardSettings::read(&mut line)?.known();
+        line.wait_at_most(PATIENCE);
+        let mut board = Self {
+            line,
+            lot: Lot {
+                settings,
+                // What every board starts with.
+                target: Target::Locked { order: 1 },
+            },
+            every: (settings.frequency / RATE).ceil().max(1.0) as u16,
+            next: 0,
+            looked: None,
+        };
+        board.listen_to_cycles()?;
+        Ok(board)
+    }
+
+    fn listen_to_cycles(&mut self) -> Result<(), Refusal> {
+        self.line.tell(&Request::Telemetry(self.every))
+    }
+
+    fn seen(&self, telemetry: Telemetry) -> Seen {
+        Seen {
+            time: f64::from(telemetry.cycle) / f64::from(self.lot.settings.frequency),
+            telemetry,
+            strikes: Vec::new(),
+            way: None,
+            events: Vec::new(),
+        }
+    }
+
+    /// What is new in the event log, 64 records at most: what the board keeps.
+    fn log(&mut self) -> Result<Vec<Record>, Refusal> {
+        let mut records = Vec::new();
+        for _ in 0..64 {
+            let record = self
+                .line
+                .ask(&Request::Event(self.next), |response| match response {
+                    Response::Event(record) => record,
+                    _ => None,
+                })?;
+            let Some(record) = record else { break };
+            self.next = record.number.wrapping_add(1);
+            records.push(record);
+        }
+        Ok(records)
+    }
+}
+
+impl Source for Board {
+    fn name(&self) -> String {
+        self.line.name().into()
+    }
+
+    fn lot(&self) -> Lot {
+        self.lot
+    }
+
+    /// The cycles that came; a board keeps its own time.
+    fn advance(&mut self, _seconds: f64) -> Result<Vec<Seen>, Refusal> {
+        let mut cycles = Vec::new();
+        for said in self.line.listen(Duration::ZERO)? {
+            match said {
+                Unasked::Telemetry(telemetry) => cycles.push(self.seen(telemetry)),
+                Unasked::Started(_) => {
+                    self.next = 0;
+                    self.lot.target = Target::Locked { order: 1 };
+                    self.listen_to_cycles()?;
+                }
+            }
+        }
+        if self.looked.is_none_or(|looked| looked.elapsed() > LOOK)
+            && let Some(last) = cycles.last_mut()
+        {
+            self.looked = Some(Instant::now());
+            for record in self.log()? {
+                let event = Event::ALL
+                    .iter()
+                    .find(|event| event.number() == record.event);
+                last.events.extend(event);
+            }
+        }
+        Ok(cycles)
+    }
+
+    fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
+        match wish {
+            Wish::Target(target) => {
+                self.line.tell(&Request::Target(target.into()))?;
+                self.lot.target = target;
+                Ok(())
+            }
+            Wish::Enable(enable) => self.line.tell(&Request::Enable(enable)),
+        }
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        // The board goes on without telemetry, or was gone before.
+        let _ = self.line.tell(&Request::Telemetry(0));
+    }
+}

@@ -1,0 +1,118 @@
+//! Rows printed as they come: aligned, as CSV, or a JSON object a line.
+
+use std::io::{ErrorKind, Write};
+
+use serde_json::{Map, Value as Json};
+
+use crate::refusal::Refusal;
+use crate::report::{Column, Format, Value};
+
+/// Rows to a writer, each as soon as it is there.
+pub struct Stream<W> {
+    format: Format,
+    columns: Vec<(Column, usize)>,
+    begun: bool,
+    out: W,
+}
+
+impl<W: Write> Stream<W> {
+    /// A stream of rows with these columns, each so many characters wide in the table to read.
+    pub fn new(format: Format, columns: &[(Column, usize)], out: W) -> Self {
+        Self {
+            format,
+            columns: columns.to_vec(),
+            begun: false,
+            out,
+        }
+    }
+
+    /// Prints a row; whether there is still somebody who reads.
+    pub fn row(&mut self, row: &[Value]) -> Result<bool, Refusal> {
+        let mut text = String::new();
+        if !self.begun {
+            self.begun = true;
+            text += &self.header();
+        }
+        match self.format {
+            Format::Table => {
+                let shown = self.columns.iter().zip(row);
+                text += &self.aligned(shown.map(|((column, _), value)| column.shown(value)));
+            }
+            Format::Csv => {
+                let cells: Vec<String> = row.iter().map(Value::csv).collect();
+                text += &cells.join(",");
+            }
+            Format::Json => {
+                let known = self.columns.iter().zip(row);
+                let object: Map<String, Json> = known
+                    .filter(|(_, value)| **value != Value::Missing)
+                    .map(|((column, _), value)| (column.name().to_string(), value.json()))
+                    .collect();
+                text += &Json::Object(object).to_string();
+            }
+        }
+        text.push('\n');
+        match self
+            .out
+            .write_all(text.as_bytes())
+            .and_then(|()| self.out.flush())
+        {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+            Err(error) => Err(Refusal::new(
+                format!("standard output: {error}"),
+                "check where the output goes",
+            )),
+        }
+    }
+
+    fn header(&self) -> String {
+        let names = self.columns.iter().map(|(column, _)| column.header());
+        match self.format {
+            Format::Table => self.aligned(names) + "\n",
+            Format::Csv => names.collect::<Vec<_>>().join(",") + "\n",
+            Format::Json => String::new(),
+        }
+    }
+
+    fn aligned(&self, cells: impl Iterator<Item = String>) -> String {
+        let mut line = String::new();
+        for ((_, width), cell) in self.columns.iter().zip(cells) {
+            if !line.is_empty() {
+                line.push(' ');
+            }
+            line += &format!("{cell:>width$}");
+        }
+        line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(format: Format) -> String {
+        let columns = [(Column::new("time", "s"), 8), (Column::new("state", ""), 9)];
+        let mut out = Vec::new();
+        let mut stream = Stream::new(format, &columns, &mut out);
+        assert!(stream.row(&[0.02.into(), "off".into()]).unwrap());
+        assert!(stream.row(&[0.04.into(), Value::Missing]).unwrap());
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn a_row_is_printed_in_three_forms() {
+        assert_eq!(
+            printed(Format::Table),
+            "time (s)     state\n    0.02       off\n    0.04         -\n"
+        );
+        assert_eq!(
+            printed(Format::Csv),
+            "time (s),state\n0.02,off\n0.040000000000000001,\n"
+        );
+        assert_eq!(
+            printed(Format::Json),
+            "{\"time\":0.02,\"state\":\"off\"}\n{\"time\":0.04}\n"
+        );
+    }
+}

@@ -1,0 +1,320 @@
+//! `kband settings`: the settings of a board.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use kband::wire::Request;
+
+use crate::arguments;
+use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Line};
+use crate::desk::Desk;
+use crate::file::{self, Target};
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Format, Report, Table, Value, shortest};
+
+/// List, change, keep, export and import the settings of a board.
+///
+/// The board checks every value; what it does not accept is refused and nothing is changed. A changed setting counts at once
+/// and until the board's next reset, a saved one for good. Both need the drive at rest.
+///
+/// --on qemu is a board that starts anew with each command. Its settings outlast the command where --flash-image names the
+/// file of its flash and they are saved.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband settings list
+  kband settings set restitution_low 0.25 --on /dev/ttyACM0
+  kband settings save --on /dev/ttyACM0
+  kband settings set restitution_high 0.3 --save --on qemu --flash-image board.flash
+  kband settings export mine.toml --on qemu --flash-image board.flash
+  kband settings import mine.toml --save")]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+
+    #[command(flatten)]
+    address: Address,
+
+    /// Form of the result on standard output.
+    #[arg(long, value_enum, default_value_t = Format::Table, global = true)]
+    format: Format,
+}
+
+/// What is done with the settings.
+#[derive(Clone, Debug, clap::Subcommand)]
+enum Action {
+    /// Print all settings with unit, accepted range and default.
+    #[command(after_help = "Example:\n  kband settings list --format csv")]
+    List,
+    /// Print one setting.
+    #[command(after_help = "Example:\n  kband settings get frequency")]
+    Get {
+        /// Its key.
+        key: String,
+    },
+    /// Change one setting until the board's next reset.
+    #[command(after_help = "Example:\n  kband settings set incline -2.5")]
+    Set {
+        /// Its key.
+        key: String,
+        /// Its new value, in its unit.
+        #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
+        value: f64,
+        /// Keep it, and all other settings as they are now, beyond a loss of power.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Keep the settings as they are now beyond a loss of power.
+    #[command(after_help = "Example:\n  kband settings save")]
+    Save,
+    /// Write all settings to a file that can be read, changed and imported.
+    #[command(after_help = "Example:\n  kband settings export mine.toml")]
+    Export {
+        /// The file.
+        #[arg(value_name = "FILE.toml")]
+        file: PathBuf,
+    },
+    /// Take the settings of a file: all of them, or none where one is refused.
+    ///
+    /// Settings that the file does not name keep their values.
+    #[command(after_help = "Example:\n  kband settings import mine.toml --save")]
+    Import {
+        /// The file, as export writes it.
+        #[arg(value_name = "FILE.toml")]
+        file: PathBuf,
+        /// Keep them beyond a loss of power.
+        #[arg(long)]
+        save: bool,
+    },
+}
+
+/// Does it.
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+    let address = &arguments.address;
+    // What can be refused without a board is refused first.
+    let text = match &arguments.action {
+        Action::Import { file, .. } => Some(Imported::read(file)?),
+        _ => None,
+    };
+    let target = match &arguments.action {
+        Action::Export { file } => Some(Target::check(file)?),
+        _ => None,
+    };
+    let keeps = matches!(
+        arguments.action,
+        Action::Save | Action::Set { save: true, .. } | Action::Import { save: true, .. }
+    );
+    if keeps && address.is_emulated() && address.flash_image.is_none() {
+        return Err(Refusal::new(
+            "the emulated board has no flash to keep settings in",
+            "name a file for it: --flash-image board.flash",
+        ));
+    }
+    let mut line = address.open(Emulated::AtRest)?;
+    let mut settings = BoardSettings::read(&mut line)?;
+    match &arguments.action {
+        Action::List => list(settings.iter(), &[])?.print(arguments.format)?,
+        Action::Get { key } => {
+            let setting = settings.get(key)?;
+            let notes = [setting.meaning().to_string()];
+            list([setting], &notes)?.print(arguments.format)?;
+        }
+        Action::Set { key, value, save } => {
+            let setting = settings.get(key)?.clone();
+            let value = setting.accept(*value)?;
+            settings.change(&mut line, &[(key.clone(), value)])?;
+            let notes = [
+                format!("{key} was {}", setting.value),
+                kept(&mut line, *save, address)?,
+            ];
+            list([settings.get(key)?], &notes)?.print(arguments.format)?;
+        }
+        Action::Save => {
+            let notes = [kept(&mut line, true, address)?];
+            list(settings.iter(), &notes)?.print(arguments.format)?;
+        }
+        Action::Export { .. } => {
+            let text = export(&settings, &line);
+            if let Some(target) = &target {
+                target.write_bytes(text.as_bytes())?;
+                let note = format!("wrote {}", target.path().display());
+                list(settings.iter(), &[note])?.print(arguments.format)?;
+            }
+        }
+        Action::Import { file, save } => {
+            let wanted = text.unwrap_or_default().wanted(&settings, file)?;
+            let before = settings.clone();
+            settings
+                .change(&mut line, &wanted)
+                .map_err(|refusal| refusal.at(file.display()))?;
+            let changed: Vec<&BoardSetting> = settings
+                .iter()
+                .zip(before.iter())
+                .filter(|(now, then)| now.value.to_bits() != then.value.to_bits())
+                .map(|(now, _)| now)
+                .collect();
+            let notes = [
+                format!("{} settings in the file, {} changed", wanted.len(), changed.len()),
+                kept(&mut line, *save, address)?,
+            ];
+            list(changed, &notes)?.print(arguments.format)?;
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// Saves, if that is wanted; what becomes of the settings, in words.
+fn kept(line: &mut Line, save: bool, address: &Address) -> Result<String, Refusal> {
+    if save {
+        line.tell(&Request::Save)?;
+        return Ok("kept: the board starts with these settings from now on".into());
+    }
+    Ok(if address.is_emulated() {
+        "gone with this emulated board: add --save and --flash-image FILE to keep settings".into()
+    } else {
+        format!(
+            "in use until the board's next reset; keep it with: kband settings save{}",
+            address.options()
+        )
+    })
+}
+
+fn list<'a>(
+    settings: impl IntoIterator<Item = &'a BoardSetting>,
+    notes: &[String],
+) -> Result<Report, Refusal> {
+    let mut table = Table::new(&[
+        Column::new("key", ""),
+        Column::new("value", ""),
+        Column::new("unit", ""),
+        Column::new("low", ""),
+        Column::new("high", ""),
+        Column::new("default", ""),
+    ]);
+    let mut rows = Vec::new();
+    for setting in settings {
+        let number = |value: f32| Value::from(shortest(value));
+        table.push([
+            setting.key.as_str().into(),
+            number(setting.value),
+            setting.unit.as_str().into(),
+            number(setting.low),
+            number(setting.high),
+            number(setting.default),
+        ]);
+        rows.push(json!({
+            "key": setting.key,
+            "value": shortest(setting.value),
+            "unit": setting.unit,
+            "low": shortest(setting.low),
+            "high": shortest(setting.high),
+            "default": shortest(setting.default),
+            "meaning": setting.meaning(),
+        }));
+    }
+    let report = notes
+        .iter()
+        .filter(|note| !note.is_empty())
+        .fold(Report::new(table), |report, note| report.note(note.as_str()));
+    report.json(&rows)
+}
+
+/// The settings as a file to read, change and import.
+fn export(settings: &BoardSettings, line: &Line) -> String {
+    let mut text = format!(
+        "# Settings of a board with kband {}.\n\
+         # kband settings import FILE.toml brings them onto a board; a key left out keeps its value.\n\n",
+        line.image()
+    );
+    for setting in settings.iter() {
+        let assigned = format!("{} = {:?}", setting.key, setting.value);
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "{assigned:<32} # {}; {}",
+            setting.accepted(),
+            setting.meaning()
+        );
+    }
+    text
+}
+
+/// A file of settings, read and found to be numbers.
+#[derive(Debug, Default)]
+struct Imported(Vec<(String, f64)>);
+
+impl Imported {
+    fn read(file: &Path) -> Result<Self, Refusal> {
+        Self::parse(&file::read_text(file)?).map_err(|refusal| refusal.at(file.display()))
+    }
+
+    fn parse(text: &str) -> Result<Self, Refusal> {
+        let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
+            let line = error.span().map_or(1, |span| {
+                text[..span.start.min(text.len())].matches('\n').count() + 1
+            });
+            Refusal::new(
+                format!("line {line} is not TOML: {}", error.message().replace('\n', " ")),
+                "correct this line; kband settings export shows a whole file",
+            )
+        })?;
+        let mut all = Vec::new();
+        for (key, value) in table {
+            let number = match value {
+                toml::Value::Float(number) => number,
+                toml::Value::Integer(number) => number as f64,
+                other => {
+                    return Err(Refusal::value(
+                        key,
+                        other.to_string().replace('\n', " "),
+                        "a number",
+                        "write the setting as key = number; kband settings export shows a whole file",
+                    ));
+                }
+            };
+            all.push((key, number));
+        }
+        if all.is_empty() {
+            return Err(Refusal::new(
+                "there is no setting in it",
+                "kband settings export shows a whole file",
+            ));
+        }
+        Ok(Self(all))
+    }
+
+    /// What the board is to be given: every key known to it, every value within its range.
+    fn wanted(&self, settings: &BoardSettings, file: &Path) -> Result<Vec<(String, f32)>, Refusal> {
+        let accept = |(key, value): &(String, f64)| {
+            let setting = settings.get(key)?;
+            Ok((key.clone(), setting.accept(*value)?))
+        };
+        self.0
+            .iter()
+            .map(|pair| accept(pair).map_err(|refusal: Refusal| refusal.at(file.display())))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_numbers_or_refused_with_what_is_wrong() {
+        let read = Imported::parse("frequency = 60\nincline = -2.5 # degrees\n").unwrap();
+        let pairs = [("frequency".to_string(), 60.0), ("incline".to_string(), -2.5)];
+        assert_eq!(read.0, pairs);
+        for (text, words) in [
+            ("frequency = 60\nincline", "line 2"),
+            ("frequency = 60\nfrequency = 50\n", "line 2"),
+            ("frequency = \"50\"", "frequency"),
+            ("[settings]\nfrequency = 50", "settings"),
+            ("# nothing", "no setting"),
+        ] {
+            let message = Imported::parse(text).unwrap_err().to_string();
+            assert!(message.contains(words), "{text}: {message}");
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! The verbs of the board against the firmware on the emulated CPU.
+
+use std::fs::File;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+use serde_json::Value;
+
+/// Wall-clock seconds for one command, a loaded machine allowed for.
+const LIMIT: &str = "60";
+
+/// What a command came to.
+struct Came {
+    status: Option<i32>,
+    out: String,
+    said: String,
+}
+
+/// Runs `kband` in `folder` on the emulated board; killed at the limit.
+fn kband(folder: &Path, words: &str) -> Came {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    run(
+        folder,
+        words,
+        &["--on", "qemu", "--image", image.to_str().unwrap()],
+    )
+}
+
+/// Runs `kband` in `folder`; killed at the limit.
+fn run(folder: &Path, words: &str, more: &[&str]) -> Came {
+    let file = |name: &str| File::create(folder.join(name)).unwrap();
+    let status = Command::new("timeout")
+        .args(["--kill-after=5", LIMIT])
+        .arg(env!("CARGO_BIN_EXE_kband"))
+        .args(words.split(' '))
+        .args(more)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(file(".out"))
+        .stderr(file(".said"))
+        .status()
+        .unwrap();
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    Came {
+        status: status.code(),
+        out: read(".out"),
+        said: read(".said"),
+    }
+}
+
+impl Came {
+    fn done(self, words: &str) -> String {
+        assert_eq!(self.status, Some(0), "kband {words}: {}", self.said);
+        self.out
+    }
+
+    fn refused(self, words: &str, expected: &[&str]) {
+        assert_eq!(
+            self.status,
+            Some(2),
+            "kband {words}: {}{}",
+            self.out,
+            self.said
+        );
+        assert_eq!(
+            self.said.matches("error:").count(),
+            1,
+            "kband {words}: {}",
+            self.said
+        );
+        assert!(self.out.is_empty(), "kband {words}: {}", self.out);
+        for part in expected {
+            assert!(
+                self.said.contains(part),
+                "kband {words}: no '{part}' in {}",
+                self.said
+            );
+        }
+    }
+}
+
+fn json(came: Came, words: &str) -> Value {
+    serde_json::from_str(&came.done(words)).unwrap()
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+#[test]
+fn the_board_says_who_and_how_it_is() {
+    let folder = folder();
+    let words = "identify --format json";
+    let board = json(kband(folder.path(), words), words);
+    assert_eq!(board["schema"], format!("{:08x}", kband::wire::SCHEMA));
+    assert_eq!(board["fits_this_desk"], true);
+    assert_eq!(board["self_test"]["sensor"], true);
+    assert_eq!(board["self_test"]["settings"], true);
+    assert!(
+        board["self_test"]["stack_free"].as_u64().unwrap() > 1000,
+        "{board}"
+    );
+    assert_eq!(board["last_words"], Value::Null);
+}
+
+#[test]
+fn settings_are_those_of_the_controller_and_a_change_outlasts_the_board_once_it_is_saved() {
+    let folder = folder();
+    let words = "settings list --format json";
+    let list = json(kband(folder.path(), words), words);
+    let list = list.as_array().unwrap();
+    assert_eq!(list.len(), kband::control::Settings::KEYS.len());
+    for (row, key) in list.iter().zip(kband::control::Settings::KEYS) {
+        assert_eq!(
+            (row["key"].as_str(), row["unit"].as_str()),
+            (Some(key.name), Some(key.unit))
+        );
+        for (name, value) in [("value", key.default), ("low", key.low), ("high", key.high)] {
+            assert_eq!(
+                row[name].as_f64().map(|value| value as f32),
+                Some(value),
+                "{row}"
+            );
+        }
+    }
+    let words = "settings set restitution_high 0.31 --flash-image board.flash";
+    assert!(kband(folder.path(), words).done(words).contains("--save"));
+    let value = |key: &str| {
+        let words = format!("settings get {key} --format json --flash-image board.flash");
+        json(kband(folder.path(), &words), &words)[0]["value"].as_f64()
+    };
+    assert_eq!(value("restitution_high"), Some(0.22));
+    let words = "settings set restitution_high 0.31 --save --flash-image board.flash";
+    assert!(kband(folder.path(), words).done(words).contains("kept"));
+    let words = "settings set incline -2.5 --save --flash-image board.flash";
+    kband(folder.path(), words).done(words);
+    assert_eq!(value("restitution_high"), Some(0.31));
+    assert_eq!(value("incline"), Some(-2.5));
+}
+
+#[test]
+fn a_file_of_settings_is_taken_whole_or_not_at_all() {
+    let folder = folder();
+    let flash = "--flash-image board.flash";
+    let words = format!("settings export all.toml {flash}");
+    kband(folder.path(), &words).done(&words);
+    let all = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
+    assert_eq!(
+        all.matches(" = ").count(),
+        kband::control::Settings::KEYS.len()
+    );
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    // Neither bound of the interval may move alone.
+    write(
+        "good.toml",
+        "frequency = 55\nrestitution_low = 0.4\nrestitution_high = 0.5\n",
+    );
+    let words = format!("settings import good.toml --save {flash}");
+    assert!(
+        kband(folder.path(), &words)
+            .done(&words)
+            .contains("3 settings in the file, 3 changed")
+    );
+    let changed = std::fs::read(folder.path().join("board.flash")).unwrap();
+    for (text, expected) in [
+        (
+            "frequency = 60\nincline = 61\n",
+            ["bad.toml", "incline", "-60..60 degrees"],
+        ),
+        (
+            "frequency = 60\nrestitution_high = 0.1\n",
+            ["bad.toml", "restitution_high", "reversed"],
+        ),
+        (
+            "frequency = 60\nresonanse = 60\n",
+            ["bad.toml", "resonanse", "did you mean resonance?"],
+        ),
+        ("frequency = 60\ngain", ["bad.toml", "line 2", "next:"]),
+        ("frequency = nan\n", ["frequency", "NaN", "5..500 Hz"]),
+    ] {
+        write("bad.toml", text);
+        let words = format!("settings import bad.toml --save {flash}");
+        kband(folder.path(), &words).refused(&words, &expected);
+        assert_eq!(
+            std::fs::read(folder.path().join("board.flash")).unwrap(),
+            changed,
+            "{text}"
+        );
+    }
+    // What was exported brings all of it back.
+    let words = format!("settings import all.toml --save {flash}");
+    assert!(
+        kband(folder.path(), &words)
+            .done(&words)
+            .contains("3 changed")
+    );
+    let words = format!("settings export again.toml {flash}");
+    kband(folder.path(), &words).done(&words);
+    assert_eq!(
+        std::fs::read_to_string(folder.path().join("again.toml")).unwrap(),
+        all
+    );
+}
+
+#[test]
+fn what_a_board_does_not_take_is_refused_with_cause_range_and_next_step() {
+    let folder = folder();
+    for (words, expected) in [
+        (
+            "settings get freqency",
+            ["freqency", "did you mean frequency?"],
+        ),
+        ("settings set frequency 4", ["frequency = 4", "5..500 Hz"]),
+        ("settings set frequency fast", ["fast", "accepted"]),
+        (
+            "settings set restitution_low 0.5",
+            ["restitution_high", "import"],
+        ),
+        ("settings save", ["no flash", "--flash-image"]),
+        ("settings import none.toml", ["none.toml", "next:"]),
+        ("settings export none/all.toml", ["none", "mkdir"]),
+        ("settings list --flash-image .out", [".out", "whole pages"]),
+    ] {
+        kband(folder.path(), words).refused(words, &expected);
+    }
+    let mut names: Vec<_> = std::fs::read_dir(&folder)
+        .unwrap()
+        .flatten()
+        .map(|entry| entry.file_name())
+        .collect();
+    names.sort();
+    assert_eq!(names, [".out", ".said"]);
+}
+
+#[test]
+fn a_board_is_monitored_recorded_and_replayed() {
+    let folder = folder();
+    let words = "monitor --every 5 --format json --record run.kband --rows 6";
+    let now = kband(folder.path(), words).done(words);
+    let rows: Vec<Value> = now
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let cycles: Vec<u64> = rows
+        .iter()
+        .filter(|row| row["k"].is_number() || row["state"].is_string())
+        .map(|row| row["cycle"].as_u64().unwrap())
+        .collect();
+    assert_eq!(cycles.len(), 6, "{now}");
+    assert!(
+        cycles.windows(2).all(|pair| pair[1] == pair[0] + 5),
+        "{cycles:?}"
+    );
+    assert!(rows.iter().any(|row| row["event"] == "started"), "{now}");
+    // The record has what was printed, and the cycles that came while it ended.
+    let words = "monitor --replay run.kband --format json";
+    let replayed = run(folder.path(), words, &[]).done(words);
+    let replayed: Vec<&str> = replayed.lines().collect();
+    assert!(
+        now.lines().all(|row| replayed.contains(&row)),
+        "{now}{replayed:#?}"
+    );
+    let words = "monitor --replay run.kband --format csv";
+    let csv = run(folder.path(), words, &[]).done(words);
+    assert!(csv.starts_with("time (s),cycle,state,k,b (mm),"), "{csv}");
+    let words = "monitor --replay run.kband";
+    assert!(
+        run(folder.path(), words, &[])
+            .done(words)
+            .contains("starting")
+    );
+
+    let words = "monitor --record run.kband --duration 1";
+    kband(folder.path(), words).refused(words, &["run.kband", "is there already", "next:"]);
+    std::fs::write(folder.path().join("other.kband"), "no record\0\0\0").unwrap();
+    let words = "monitor --replay other.kband";
+    run(folder.path(), words, &[]).refused(words, &["other.kband", "no record", "--record"]);
+    let words = "monitor --replay none.kband";
+    run(folder.path(), words, &[]).refused(words, &["none.kband", "--record"]);
+}
