@@ -51,7 +51,7 @@ trap stop INT TERM HUP
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
-        /^setup: ready|KiB of flash|instructions a sample|^capture plan|^instructions .* orbits / { print "   " $0 }' "$1"
+        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^capture plan|^instructions .* orbits / { print "   " $0 }' "$1"
 }
 
 # step NAME LIMIT COMMAND...: LIMIT in seconds.

@@ -5,20 +5,20 @@
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
 use embassy_stm32::dac::{DacChannel, Value};
-use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, typelevel::Binding};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::pac::timer::vals::Mms;
+use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Mms};
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, IWDG, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB13, TIM1, USART2,
+    ADC1, DAC1, IWDG, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
-use embassy_stm32::timer::Channel;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::PwmPin;
+use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embedded_io_async::{Read, Write};
@@ -38,16 +38,21 @@ const WATCHDOG_PERIOD: u32 = 800_000;
 /// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
 ///
 /// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %. The voltage is 0..3.3 V
-/// with the middle for 0, for an external amplifier.
+/// with the middle for 0, for an external amplifier. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,
+    /// Kept: given back, the pin would leave the timer.
+    _over_current: Flex<'static>,
     full: f32,
     on: bool,
 }
 
 impl HalfBridge {
     /// The bridge, off; the core's clock in Hz is what TIM1 counts.
+    ///
+    /// The over-current input opens both switches by itself, within a few cycles of the core and whatever
+    /// the program does; they stay open until the drive was switched off and on again.
     #[must_use]
     pub fn new(
         timer: Peri<'static, TIM1>,
@@ -55,6 +60,7 @@ impl HalfBridge {
         low: Peri<'static, PB13>,
         converter: Peri<'static, DAC1>,
         voltage: Peri<'static, PA4>,
+        over_current: Peri<'static, PB12>,
         core_clock: u32,
     ) -> Self {
         let mut pwm = ComplementaryPwm::new(
@@ -72,6 +78,14 @@ impl HalfBridge {
         );
         pwm.set_master_output_enable(false);
         pwm.set_dead_time((core_clock / DEAD_TIME) as u16);
+        let function = BreakInputPin::<TIM1, BkIn1>::af_num(&*over_current);
+        let mut over_current = Flex::new(over_current);
+        // Active where nothing is wired.
+        over_current.set_as_af_unchecked(function, AfType::input(Pull::Up));
+        pwm.set_break_polarity(Bkp::ACTIVE_HIGH);
+        // 47 ns at 170 MHz; the timer of the STM32F405 has no filter.
+        pwm.set_break_filter(FilterValue::FCK_INT_N8);
+        pwm.set_break_enable(true);
         // One update a period, where the counter turns at its bottom: the repetition counter is
         // written while the counter stands, or the update would come at its top.
         let timer = pac::TIM1;
@@ -89,6 +103,7 @@ impl HalfBridge {
         Self {
             pwm,
             voltage,
+            _over_current: over_current,
             full,
             on: false,
         }

@@ -105,7 +105,15 @@ async fn main(spawner: Spawner) {
         defmt::error!("before this reset: {}", words);
     }
     let p = peripherals;
-    let bridge = HalfBridge::new(p.TIM1, p.PA8, p.PB13, p.DAC1, p.PA4, chip::CORE_CLOCK);
+    let bridge = HalfBridge::new(
+        p.TIM1,
+        p.PA8,
+        p.PB13,
+        p.DAC1,
+        p.PA4,
+        p.PB12,
+        chip::CORE_CLOCK,
+    );
     let (adc, sample_time) = chip::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, sample_time);
     let Ok(mut memory) = chip::memory(p.FLASH) else {

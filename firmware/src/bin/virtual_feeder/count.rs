@@ -1,4 +1,4 @@
-//! How many instructions the sample interrupt and the plan of the capture take.
+//! How many instructions the sample interrupt, the control of a cycle and the plan of the capture take.
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
@@ -52,8 +52,8 @@ fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
 }
 
-/// Counts the plan of the capture, then the sample interrupt over whole cycles of the drive; prints
-/// mean and most.
+/// Counts the plan of the capture, then the control of each cycle on the way to a lively state, then the
+/// sample interrupt over whole cycles of the drive; prints mean and most.
 ///
 /// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
 /// counter's step of six instructions, the mean to a sixtieth of one.
@@ -87,17 +87,31 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     );
     // Closed loop to a lively state: drive up, parts in flight.
     let mut cycles = 0;
+    let (mut control, mut dearest) = (0_u64, 0);
     while cycles < 60 {
         let before = signal.phase();
         let sampled = signal.sample(bench.sample());
         bench.hold(sampled.output, (signal.phase() - before).bits());
         if sampled.wrapped {
-            let report = station.simulated_cycle(signal.cycle(), bench.inputs());
-            signal.command(report.command);
-            EXCHANGE.command(report.command);
+            let mut command = None;
+            let ticks = lap(&mut || {
+                let report = station.simulated_cycle(signal.cycle(), bench.inputs());
+                command = Some(black_box(report.command));
+            });
+            control += instructions(ticks) / 100;
+            dearest = dearest.max(ticks);
+            if let Some(command) = command {
+                signal.command(command);
+                EXCHANGE.command(command);
+            }
             cycles += 1;
         }
     }
+    heprintln!(
+        "control: mean {} most {}",
+        control / u64::from(cycles),
+        instructions(dearest) / 100
+    );
     let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
     let mut path = signal;
     let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
