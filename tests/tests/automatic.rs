@@ -74,3 +74,49 @@ fn an_output_that_nobody_reads_does_not_block() {
         output.len()
     );
 }
+
+#[test]
+fn a_stopped_check_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let logs = tempfile::tempdir().expect("a temporary folder");
+    for name in [".ci", "tests"] {
+        fs::create_dir(folder.path().join(name)).expect("a folder");
+    }
+    fs::copy(root().join(".ci/run"), folder.path().join(".ci/run")).expect(".ci/run is copied");
+    fs::write(folder.path().join("tests/run.sh"), "touch begun; sleep 300").expect("written");
+    let mut child = Command::new("bash")
+        .arg(".ci/run")
+        .current_dir(&folder)
+        .env("KBAND_CI_LIMIT", "60")
+        .env("TMPDIR", logs.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("bash starts");
+    let files = || {
+        fs::read_dir(logs.path())
+            .expect("the folder is read")
+            .count()
+    };
+    let begun = folder.path().join("begun");
+    let last = Instant::now() + Duration::from_secs(40);
+    let wait_for = |wanted: &mut dyn FnMut() -> bool| {
+        while !wanted() && Instant::now() < last {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    wait_for(&mut || begun.exists());
+    assert_eq!(files(), 1, "one log");
+    let asked = Command::new("kill")
+        .args(["-TERM", &child.id().to_string()])
+        .status();
+    assert!(asked.is_ok_and(|status| status.success()));
+    let mut status = None;
+    wait_for(&mut || {
+        status = child.try_wait().expect("it can be waited for");
+        status.is_some()
+    });
+    let _ = child.kill();
+    assert_eq!(status.and_then(|status| status.code()), Some(143));
+    assert_eq!(files(), 0, "the log is left");
+}

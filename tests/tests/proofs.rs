@@ -352,3 +352,28 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
         );
     }
 }
+
+#[test]
+fn a_withdrawn_enable_is_obeyed_within_one_cycle() {
+    let mut times = 0;
+    for (name, ..) in PROOFS {
+        let outcome = run(&read(name), Nothing);
+        let scene = &outcome.file().scene;
+        for disturbance in scene.disturbances.iter().flatten() {
+            if disturbance.change != Change::Enable(false) {
+                continue;
+            }
+            // The cycle in which it is withdrawn ends with the first moment from then on.
+            let at = disturbance.at;
+            let mut after = outcome.moments().iter().filter(|moment| moment.time > at);
+            let state = after.next().map(|moment| moment.report.state);
+            let obeyed = [State::Off, State::Stopping, State::Fault];
+            assert!(
+                state.is_some_and(|state| obeyed.contains(&state)),
+                "{name} at {at} s: {state:?}"
+            );
+            times += 1;
+        }
+    }
+    assert!(times >= 12, "{times}");
+}

@@ -406,6 +406,10 @@ impl Controller {
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         let mut events = core::mem::take(&mut self.news);
         self.count = self.count.wrapping_add(1);
+        // After 99 days at 500 Hz the count begins anew, and with it the classifier's time.
+        if let (0, Ok(fresh)) = (self.count, Classifier::build(HearingSettings::EAR)) {
+            self.classifier = fresh;
+        }
         self.in_state = self.in_state.saturating_add(1);
         let sine = -cycle.quadrature / self.square;
         let cosine = -cycle.in_phase / self.square;
@@ -897,5 +901,47 @@ impl Signal {
     /// Hands the command of a report to the signal path.
     pub fn obey(&mut self, report: &Report) {
         self.command(report.command);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::Heard;
+
+    #[test]
+    fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
+        let target = Target::Locked { order: 1 };
+        let mut controller =
+            Controller::build(&Settings::default(), target, Start::Ordinary).unwrap();
+        controller.count = u32::MAX - 150;
+        let inputs = Inputs {
+            enable: true,
+            ..Inputs::default()
+        };
+        let mut cycle = Cycle {
+            samples: 400,
+            low: 1500,
+            high: 2500,
+            heard_count: 1,
+            ..Cycle::default()
+        };
+        cycle.heard[0] = Heard {
+            phase: Phase::from_radians(0.445),
+            strength: 5.0,
+        };
+        let mut heard = |silent: bool| {
+            cycle.heard_count = u8::from(!silent);
+            let mut report = Report::default();
+            for _ in 0..120 {
+                report = controller.cycle(&cycle, &inputs);
+                cycle.quadrature = -report.reference * controller.square;
+            }
+            (report.cycle, report.regime.map(|verdict| verdict.regime))
+        };
+        let locked = Some(Regime::Locked { order: 1 });
+        assert_eq!(heard(false), (u32::MAX - 30, locked));
+        assert_eq!(heard(false), (89, locked));
+        assert_eq!(heard(true), (209, Some(Regime::Rest)));
     }
 }
