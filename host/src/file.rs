@@ -74,27 +74,42 @@ impl Target {
         &self,
         content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
     ) -> Result<(), Refusal> {
+        self.write_by(|file| content(file).map_err(|error| self.unwritten(&error)))
+    }
+
+    /// Writes the file by work that may itself refuse, and gives back what came of the work.
+    pub fn write_by<T>(
+        &self,
+        work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
+    ) -> Result<T, Refusal> {
         let name = self.path.file_name().unwrap_or_default().to_string_lossy();
         let temporary =
             folder(&self.path).join(format!(".{name}.{}.unfinished", std::process::id()));
         unfinished().push(temporary.clone());
+        let refuse = |error: std::io::Error| self.unwritten(&error);
         let written = (|| {
-            let mut file = BufWriter::new(File::create(&temporary)?);
-            content(&mut file)?;
-            file.into_inner()?.sync_data()?;
-            fs::rename(&temporary, &self.path)
+            let mut file = BufWriter::new(File::create(&temporary).map_err(refuse)?);
+            let result = work(&mut file)?;
+            let file = file
+                .into_inner()
+                .map_err(|error| refuse(error.into_error()))?;
+            file.sync_data().map_err(refuse)?;
+            fs::rename(&temporary, &self.path).map_err(refuse)?;
+            Ok(result)
         })();
         if written.is_err() {
             let _ = fs::remove_file(&temporary);
         }
         unfinished().retain(|other| *other != temporary);
-        written.map_err(|error| {
-            Refusal::file(
-                &self.path,
-                &error,
-                "check space and permissions of the folder",
-            )
-        })
+        written
+    }
+
+    fn unwritten(&self, error: &std::io::Error) -> Refusal {
+        Refusal::file(
+            &self.path,
+            error,
+            "check space and permissions of the folder",
+        )
     }
 
     /// Writes `bytes` as the whole file.

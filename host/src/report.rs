@@ -1,5 +1,9 @@
 //! Results as a table to read, as CSV and as JSON.
 
+#[cfg(feature = "parquet")]
+mod parquet;
+pub mod rows_file;
+
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Write};
 
@@ -27,6 +31,7 @@ pub struct Column {
     name: &'static str,
     unit: &'static str,
     digits: usize,
+    words: bool,
 }
 
 impl Column {
@@ -37,6 +42,7 @@ impl Column {
             name,
             unit,
             digits: 6,
+            words: false,
         }
     }
 
@@ -46,8 +52,31 @@ impl Column {
         Self { digits, ..self }
     }
 
-    pub(crate) fn name(&self) -> &'static str {
+    /// The column for words, for forms whose columns have a kind.
+    #[must_use]
+    pub const fn words(self) -> Self {
+        Self {
+            words: true,
+            ..self
+        }
+    }
+
+    /// Whether it holds words.
+    #[must_use]
+    pub fn is_words(&self) -> bool {
+        self.words
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
         self.name
+    }
+
+    /// Its unit; empty for a pure number or words.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        self.unit
     }
 
     /// The value as this column shows it in a table to read.
@@ -69,6 +98,8 @@ impl Column {
 pub enum Value {
     /// A measured or computed number.
     Number(f64),
+    /// A number that its shortest digits say in full, such as one that came in single precision.
+    Short(f64),
     /// A count.
     Count(u64),
     /// Words.
@@ -130,7 +161,7 @@ impl<T: Into<Value>> From<Option<T>> for Value {
 impl Value {
     fn read(&self, digits: usize) -> String {
         match self {
-            Self::Number(value) => number(*value, digits),
+            Self::Number(value) | Self::Short(value) => number(*value, digits),
             Self::Count(value) => value.to_string(),
             Self::Text(text) => text.to_string(),
             Self::Flag(yes) => if *yes { "yes" } else { "no" }.into(),
@@ -141,6 +172,7 @@ impl Value {
     pub(crate) fn csv(&self) -> String {
         match self {
             Self::Number(value) => number(*value, 17),
+            Self::Short(value) => value.to_string(),
             Self::Text(text) if text.contains([',', '"', '\n']) => {
                 format!("\"{}\"", text.replace('"', "\"\""))
             }
@@ -152,7 +184,7 @@ impl Value {
 
     pub(crate) fn json(&self) -> Json {
         match self {
-            Self::Number(value) => (*value).into(),
+            Self::Number(value) | Self::Short(value) => (*value).into(),
             Self::Count(value) => (*value).into(),
             Self::Text(text) => text.as_ref().into(),
             Self::Flag(yes) => (*yes).into(),
@@ -297,13 +329,20 @@ impl Table {
             self.columns.iter().map(name).collect::<Vec<_>>().join(",")
         )?;
         for row in &self.rows {
-            for (n, value) in row.iter().enumerate() {
-                let comma = if n == 0 { "" } else { "," };
-                write!(out, "{comma}{}", value.csv())?;
-            }
-            writeln!(out)?;
+            write_row(out, row)?;
         }
         Ok(())
+    }
+
+    /// Its columns.
+    #[must_use]
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
+    }
+
+    /// Hands its rows to `rows`, one by one.
+    pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
+        self.rows.iter().try_for_each(|row| rows.row(row))
     }
 
     /// As a JSON array of objects whose keys are the column names.
@@ -321,6 +360,48 @@ impl Table {
         };
         Json::Array(self.rows.iter().map(object).collect())
     }
+}
+
+fn write_row(out: &mut dyn Write, row: &[Value]) -> std::io::Result<()> {
+    for (n, value) in row.iter().enumerate() {
+        let comma = if n == 0 { "" } else { "," };
+        write!(out, "{comma}{}", value.csv())?;
+    }
+    writeln!(out)
+}
+
+/// Where rows go as they come, for more of them than a table should hold.
+pub trait Rows {
+    /// Takes a row of as many values as there are columns.
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
+}
+
+/// Rows that go out as CSV: units in the header, numbers in full.
+pub struct CsvRows<'a> {
+    out: &'a mut dyn Write,
+}
+
+impl<'a> CsvRows<'a> {
+    /// Writes the header of these columns.
+    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+        let names: Vec<String> = columns.iter().map(Column::header).collect();
+        writeln!(out, "{}", names.join(",")).map_err(|error| unwritten(&error))?;
+        Ok(Self { out })
+    }
+}
+
+impl Rows for CsvRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        write_row(self.out, row).map_err(|error| unwritten(&error))
+    }
+}
+
+/// The refusal of a row that could not be written.
+pub(crate) fn unwritten(error: &std::io::Error) -> Refusal {
+    Refusal::new(
+        format!("the rows cannot be written: {error}"),
+        "check space and permissions of the folder",
+    )
 }
 
 /// A result: a table, words above and below it, its JSON form, and rows too many for a table.

@@ -8,7 +8,7 @@ use kband::plant::ClosedLoop;
 use kband::wire::{FRAME_MOST, Outgoing, Request, Response, SCHEMA, VERSION, write_question};
 use kband_firmware::trial::{Line, Trial};
 use kband_host::board;
-use kband_host::simulate::{DEFAULT, Outcome, SceneFile};
+use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
 use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
@@ -199,8 +199,8 @@ fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
     file.duration = 1.4;
     let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
     let line = board::Line::open("qemu", Some(&image)).unwrap();
-    let emulated = Outcome::run_on(line, &file, &desk).unwrap();
-    let simulated = Outcome::run(&file, &desk).unwrap();
+    let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
+    let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);
     }

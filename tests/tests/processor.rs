@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use kband::control::Event;
 use kband_host::board::Line;
 use kband_host::desk::Desk;
-use kband_host::simulate::{DEFAULT, Outcome, SceneFile};
+use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::terminal::Terminal;
@@ -24,8 +24,8 @@ fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
     file.duration = 2.5;
     let desk = Desk::new(Some(1)).unwrap();
     let line = Line::open(&board.port().display().to_string(), None).unwrap();
-    let emulated = Outcome::run_on(line, &file, &desk).unwrap();
-    let simulated = Outcome::run(&file, &desk).unwrap();
+    let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
+    let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     assert_eq!(emulated.moments().len(), 125);
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);

@@ -1,7 +1,8 @@
 //! One test for each scene: what the file expects is what comes, and nothing else.
 
+use kband::plant::Moment;
 use kband_host::desk::Desk;
-use kband_host::simulate::{Outcome, SceneFile};
+use kband_host::simulate::{Fidelity, Outcome, SceneFile, Watch};
 
 fn run(name: &str) {
     let path = kband_tests::root()
@@ -11,12 +12,60 @@ fn run(name: &str) {
     let text = std::fs::read_to_string(path).unwrap();
     let file = SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{refusal}"));
     let desk = Desk::new(Some(1)).unwrap();
-    let outcome = Outcome::run(&file, &desk).unwrap_or_else(|refusal| panic!("{refusal}"));
-    let expected = file
-        .expectation
-        .expect("a scene states what must come of it");
-    let unmet = expected.unmet(&outcome);
-    assert!(unmet.is_empty(), "{}", unmet.join("\n"));
+    let [envelope, waveform] = Fidelity::ALL.map(|fidelity| {
+        let outcome = Outcome::watched(&file, fidelity, Watch::KEPT, &desk)
+            .unwrap_or_else(|refusal| panic!("{refusal}"));
+        let expected = file
+            .expectation
+            .as_ref()
+            .expect("a scene states what must come of it");
+        let unmet = expected.unmet(&outcome);
+        assert!(
+            unmet.is_empty(),
+            "{}: {}",
+            fidelity.name(),
+            unmet.join("\n")
+        );
+        outcome
+    });
+    agree(&envelope, &waveform);
+}
+
+/// Cycles by which noise may shift what the controller decides in one fidelity against the other.
+const SHIFT: usize = 3;
+
+/// Both fidelities come to the same, with b within 1 % of its largest at every time.
+fn agree(envelope: &Outcome, waveform: &Outcome) {
+    let (fast, slow) = (envelope.moments(), waveform.moments());
+    assert_eq!(fast.len(), slow.len());
+    let b = |moment: &Moment| f64::from(moment.report.amplitude);
+    // Where the drive never runs, b is noise: a share of nothing says nothing.
+    let safe = f64::from(waveform.file().scene.settings.safe_amplitude) * 1e-3;
+    let largest = slow.iter().map(b).fold(safe, f64::max);
+    let off = |n: usize| {
+        // A kick that begins a few cycles apart is the same kick.
+        let near = n.saturating_sub(SHIFT)..(n + SHIFT + 1).min(slow.len());
+        let (low, high) = near
+            .map(|n| b(&slow[n]))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), b| {
+                (low.min(b), high.max(b))
+            });
+        (b(&fast[n]) - high).max(low - b(&fast[n])).max(0.0) / largest
+    };
+    let (worst, when) = (0..fast.len())
+        .map(|n| (off(n), fast[n].time))
+        .fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a });
+    assert!(worst < 0.01, "b is {worst} off at {when} s");
+    assert_eq!(envelope.last().state, waveform.last().state);
+    assert_eq!(envelope.last().fault, waveform.last().fault);
+    assert_eq!(envelope.limits(), waveform.limits());
+    // What parts do that never lock hangs on the last bit; a scene that is about it expects it of both.
+    if waveform.regime().starts_with("locked") {
+        assert_eq!(envelope.regime(), waveform.regime());
+    }
+    let events =
+        |outcome: &Outcome| -> Vec<_> { outcome.events().map(|happened| happened.event).collect() };
+    assert_eq!(events(envelope), events(waveform));
 }
 
 macro_rules! scenes {

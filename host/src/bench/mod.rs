@@ -7,6 +7,7 @@
 pub mod bracket;
 pub mod contest;
 pub mod instructions;
+pub mod scene;
 pub mod skips;
 pub mod textbook;
 pub mod workload;

@@ -163,7 +163,7 @@ impl Source for Simulation {
         let mut cycles = Vec::new();
         while self.time < self.due {
             let moment = self.closed.cycle();
-            self.time = f64::from(moment.time);
+            self.time = moment.time;
             let strikes = self.closed.plant().strikes().iter();
             cycles.push(Seen {
                 time: self.time,

@@ -140,7 +140,7 @@ impl Expectation {
         }
         if let (Some(within), Some(state)) = (self.within, self.state) {
             match outcome.reached(state) {
-                Some(time) if f64::from(time) <= within => {}
+                Some(time) if time <= within => {}
                 Some(time) => unmet.push(format!(
                     "{} within {within} s: came at {time:.2} s",
                     state.name()

@@ -1,57 +1,117 @@
 //! Running a scene, and what came of it.
 
+use std::time::Instant;
+
 use kband::arithmetic::Phase;
 use kband::control::{Controller, Event, Limits, NoSetpoint, Report, Start, State, Target};
 use kband::feeder::Restitution;
-use kband::plant::{Change, ClosedLoop, Moment, Strike};
+use kband::plant::{Change, Moment, Sample, Strike};
 use kband::regime::band::BandError;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::{Band, Lock};
 
+use super::engine::{Engine, Fidelity};
+use super::record::{END, HEARD, Happened, Record};
 use super::scene::SceneFile;
 use crate::board::{BoardLoop, Line};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Table, Value};
 
-/// Time over which the end of a scene is judged, in s.
-const END: f32 = 1.0;
-/// Time over which the parts' impacts are listened to, in s: the last three tell rest from silence at
-/// the slowest hopping, and hold enough impacts to tell chaos.
-const HEARD: f32 = 6.0;
 /// How exactly an impact repeats on a drive whose amplitude is controlled through a noisy sensor.
 const JITTER: HearingSettings = HearingSettings {
     noise: 0.02,
     resolution: 1e-3,
 };
 
-/// An event with its time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Happened {
-    /// Time in s.
-    pub time: f32,
-    /// What happened.
-    pub event: Event,
-    /// The cycle in which it did.
-    pub report: Report,
+/// Takes what it is shown, or refuses to go on.
+pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
+
+/// What of a run is wanted besides what it comes to; nothing else is computed.
+#[derive(Default)]
+pub struct Watch<'a> {
+    /// Whether it is to be drawn.
+    pub drawn: bool,
+    /// Whether every cycle is kept ([`Outcome::moments`]).
+    pub kept: bool,
+    /// Takes every cycle.
+    pub cycle: Option<Take<'a, Moment>>,
+    /// Takes every sample of the last cycles, in the waveform.
+    pub sample: Option<Take<'a, Sample>>,
 }
+
+impl Watch<'_> {
+    /// Every cycle is kept.
+    pub const KEPT: Self = Self {
+        drawn: false,
+        kept: true,
+        cycle: None,
+        sample: None,
+    };
+}
+
+/// Drive cycles at the end that a scope shows.
+const SCOPED: usize = 10;
 
 /// What came of a scene.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     file: SceneFile,
-    moments: Vec<Moment>,
-    /// Impacts with their time in s.
-    strikes: Vec<(f32, Strike)>,
+    record: Record,
+    /// Seconds that the simulation took.
+    took: f64,
     /// A controller with the target of the end, for what it would choose.
     controller: Controller,
 }
 
 impl Outcome {
-    /// Runs a scene to its end, with progress.
+    /// Runs a scene to its end in its own fidelity, with progress.
     pub fn run(file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
+        let watch = Watch {
+            drawn: true,
+            ..Watch::default()
+        };
+        Self::watched(file, file.fidelity.unwrap_or_default(), watch, desk)
+    }
+
+    /// Runs a scene to its end in a fidelity, watched, with progress.
+    pub fn watched(
+        file: &SceneFile,
+        fidelity: Fidelity,
+        watch: Watch<'_>,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
+        Self::shown(file, Engine::build(&file.scene, fidelity)?, watch, desk)
+    }
+
+    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it; every cycle is
+    /// kept.
+    pub fn of(
+        file: &SceneFile,
+        mut cycle: impl FnMut() -> (Moment, Vec<Strike>),
+    ) -> Result<Self, Refusal> {
+        let engine = Engine::Given(&mut cycle, Vec::new());
+        Self::gather(file, engine, Watch::KEPT, &mut |_| Ok(()))
+    }
+
+    /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
+    pub fn run_on(
+        line: Line,
+        file: &SceneFile,
+        watch: Watch<'_>,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
+        let board = BoardLoop::start(line, &file.scene)?;
+        Self::shown(file, Engine::Board(Box::new(board)), watch, desk)
+    }
+
+    fn shown(
+        file: &SceneFile,
+        engine: Engine<'_>,
+        watch: Watch<'_>,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
         let progress = Progress::new("simulating", cycles(file) as u64);
-        let outcome = Self::simulate(file, &mut |done| {
+        let outcome = Self::gather(file, engine, watch, &mut |done| {
             progress.advance(done);
             desk.go_on()
         });
@@ -59,71 +119,82 @@ impl Outcome {
         outcome
     }
 
-    /// Runs a scene to its end; `go_on` is told of cycles done and may refuse to go on.
-    pub(super) fn simulate(
-        file: &SceneFile,
-        go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
-    ) -> Result<Self, Refusal> {
-        let mut closed = ClosedLoop::build(&file.scene)?;
-        Self::gather(file, go_on, || {
-            let moment = closed.cycle();
-            Ok((moment, closed.plant().strikes().to_vec()))
-        })
-    }
-
-    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it.
-    pub fn of(
-        file: &SceneFile,
-        mut cycle: impl FnMut() -> (Moment, Vec<Strike>),
-    ) -> Result<Self, Refusal> {
-        Self::gather(file, &mut |_| Ok(()), || Ok(cycle()))
-    }
-
-    /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
-    pub fn run_on(line: Line, file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
-        let mut closed = BoardLoop::start(line, &file.scene)?;
-        let progress = Progress::new("simulating", cycles(file) as u64);
-        let outcome = Self::gather(
-            file,
-            &mut |done| {
-                progress.advance(done);
-                desk.go_on()
-            },
-            || {
-                let moment = closed.cycle()?;
-                Ok((moment, closed.plant().strikes().to_vec()))
-            },
-        );
-        progress.finish();
-        outcome
+    /// Runs a scene to its end without a word, for one of many.
+    pub(super) fn simulate(file: &SceneFile, fidelity: Fidelity) -> Result<Self, Refusal> {
+        let engine = Engine::build(&file.scene, fidelity)?;
+        Self::gather(file, engine, Watch::default(), &mut |_| Ok(()))
     }
 
     fn gather(
         file: &SceneFile,
+        mut engine: Engine<'_>,
+        mut watch: Watch<'_>,
         go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
-        mut cycle: impl FnMut() -> Result<(Moment, Vec<Strike>), Refusal>,
     ) -> Result<Self, Refusal> {
-        let turns_per_second = f64::from(file.scene.settings.frequency) * 4_294_967_296.0;
         let cycles = cycles(file);
-        let mut moments = Vec::with_capacity(cycles);
-        let mut strikes = Vec::new();
+        let mut record = Record::new(file.duration, cycles, &watch);
+        // Who takes every cycle takes the way along the track; else only its speed at the end is told.
+        let mut watched = watch.cycle.is_some() || watch.kept;
+        engine.watch_way(watched);
+        let began = Instant::now();
+        let mut time = 0.0;
         for n in 0..cycles {
-            if n % 256 == 255 {
-                go_on(256)?;
+            if n % 1024 == 1023 {
+                go_on(1024)?;
             }
-            let (moment, struck) = cycle()?;
-            for strike in struck {
-                strikes.push(((strike.time as f64 / turns_per_second) as f32, strike));
+            if !watched && record.ends(time) {
+                watched = true;
+                engine.watch_way(true);
             }
-            moments.push(moment);
+            let moment = match &mut watch.sample {
+                Some(take) if n + SCOPED >= cycles => {
+                    let mut taken = Ok(());
+                    let moment = engine.cycle_shown(&mut |sample| {
+                        if taken.is_ok() {
+                            taken = take(&sample);
+                        }
+                    })?;
+                    taken?;
+                    moment
+                }
+                _ => engine.cycle()?,
+            };
+            time = moment.time;
+            record.take(&moment, engine.strikes());
+            if let Some(take) = &mut watch.cycle {
+                take(&moment)?;
+            }
+            if moment.report.events.iter().any(is_planned) {
+                engine.keep_plan();
+            }
         }
+        let took = began.elapsed().as_secs_f64();
+        engine.keep_plan();
         let settings = &file.scene.settings;
         Ok(Self {
             controller: Controller::build(settings, last_target(file), Start::Ordinary)?,
             file: file.clone(),
-            moments,
-            strikes,
+            record,
+            took,
         })
+    }
+
+    /// What was kept of the run.
+    #[must_use]
+    pub fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Every cycle, where they were to be kept.
+    #[must_use]
+    pub fn moments(&self) -> &[Moment] {
+        self.record.moments()
+    }
+
+    /// Simulated time over the time that the simulation took, with all that was watched.
+    #[must_use]
+    pub fn times_real_time(&self) -> f64 {
+        self.record.last().map_or(0.0, |moment| moment.time) / self.took.max(1e-9)
     }
 
     /// The scene.
@@ -132,52 +203,27 @@ impl Outcome {
         &self.file
     }
 
-    /// Every cycle.
-    #[must_use]
-    pub fn moments(&self) -> &[Moment] {
-        &self.moments
-    }
-
-    /// Every impact with its time in s.
-    #[must_use]
-    pub fn strikes(&self) -> &[(f32, Strike)] {
-        &self.strikes
-    }
-
     /// The report of the last cycle.
     #[must_use]
     pub fn last(&self) -> Report {
-        self.moments
-            .last()
-            .map_or_else(Report::default, |moment| moment.report)
+        let last = self.record.last();
+        last.map_or_else(Report::default, |moment| moment.report)
     }
 
     /// Every event in the order of time.
     pub fn events(&self) -> impl Iterator<Item = Happened> + '_ {
-        self.moments.iter().flat_map(|moment| {
-            let events: Vec<Event> = moment.report.events.iter().collect();
-            events.into_iter().map(|event| Happened {
-                time: moment.time,
-                event,
-                report: moment.report,
-            })
-        })
+        self.record.happened().iter().copied()
     }
 
     /// When a state was first reached for good, i.e. held to the end, in s.
     #[must_use]
-    pub fn reached(&self, state: State) -> Option<f32> {
-        let held = self
-            .moments
-            .iter()
-            .rev()
-            .take_while(|moment| moment.report.state == state);
-        held.last().map(|moment| moment.time)
+    pub fn reached(&self, state: State) -> Option<f64> {
+        let (held, since) = self.record.held()?;
+        (held == state).then_some(since)
     }
 
     fn end(&self) -> impl Iterator<Item = &Moment> {
-        let from = self.file.duration - END;
-        self.moments.iter().filter(move |moment| moment.time > from)
+        self.record.end().iter()
     }
 
     /// Mean amplitude b at the end in m.
@@ -203,10 +249,10 @@ impl Outcome {
     #[must_use]
     pub fn speed(&self) -> f64 {
         let mut end = self.end();
-        let (Some(first), Some(last)) = (end.next(), self.moments.last()) else {
+        let (Some(first), Some(last)) = (end.next(), self.record.last()) else {
             return 0.0;
         };
-        let time = f64::from(last.time - first.time);
+        let time = last.time - first.time;
         if time > 0.0 {
             (last.way - first.way) / time
         } else {
@@ -236,13 +282,11 @@ impl Outcome {
     }
 
     /// The impacts of one part in the last `time` s.
-    fn late(&self, part: u8, time: f32) -> Vec<Strike> {
+    fn late(&self, part: u8, time: f64) -> impl Iterator<Item = &Strike> {
         let from = self.file.duration - time;
-        self.strikes
-            .iter()
-            .filter(|(time, strike)| *time > from && strike.part == part)
-            .map(|(_, strike)| *strike)
-            .collect()
+        let late = self.record.late().iter();
+        late.filter(move |(time, strike)| *time > from && strike.part == part)
+            .map(|(_, strike)| strike)
     }
 
     /// What the parts really do at the end, in words.
@@ -267,7 +311,7 @@ impl Outcome {
             let cycle = (strike.time >> 32) as u32;
             classifier.impact(cycle, Phase::from_bits(strike.time as u32));
         }
-        classifier.cycle(self.moments.len() as u32);
+        classifier.cycle(self.record.cycles());
         classifier.verdict().regime
     }
 
@@ -277,8 +321,7 @@ impl Outcome {
         if !self.regime().starts_with("locked") {
             return None;
         }
-        let strikes = self.late(0, END);
-        let (sine, cosine) = strikes.iter().fold((0.0, 0.0), |(s, c), strike| {
+        let (sine, cosine) = self.late(0, END).fold((0.0, 0.0), |(s, c), strike| {
             (s + strike.phase.sin(), c + strike.phase.cos())
         });
         Some(f64::atan2(sine, cosine))
@@ -292,56 +335,6 @@ impl Outcome {
             0.5 * (f64::from(settings.restitution_low) + f64::from(settings.restitution_high));
         let lock = Lock::at(self.k(), middle, self.order()).ok()??;
         Some(lock.state().phase)
-    }
-
-    /// The trace: one row a cycle.
-    #[must_use]
-    pub fn trace(&self) -> Table {
-        let mut table = Table::new(&[
-            Column::new("time", "s"),
-            Column::new("amplitude", "mm"),
-            Column::new("k", ""),
-            Column::new("reference", "mm"),
-            Column::new("output", "of full"),
-            Column::new("lead", "rad"),
-            Column::new("state", ""),
-            Column::new("fault", ""),
-            Column::new("limits", ""),
-            Column::new("impacts_heard", "per cycle"),
-            Column::new("phase_heard", "rad"),
-            Column::new("confidence", ""),
-            Column::new("impacts", ""),
-            Column::new("way", "mm"),
-            Column::new("events", ""),
-        ]);
-        for moment in &self.moments {
-            let report = &moment.report;
-            let events: Vec<&str> = report.events.iter().map(Event::name).collect();
-            table.push([
-                single(moment.time),
-                single(report.amplitude * 1e3),
-                if report.k.is_finite() {
-                    single(report.k)
-                } else {
-                    Value::Missing
-                },
-                single(report.reference * 1e3),
-                single(report.command.amplitude),
-                single(report.lead),
-                report.state.name().into(),
-                report
-                    .fault
-                    .map_or(Value::Missing, |fault| fault.name().into()),
-                u32::from(report.limits.bits()).into(),
-                single(report.rate),
-                single(report.phase),
-                single(report.confidence),
-                moment.strikes.into(),
-                (moment.way * 1e3).into(),
-                events.join("; ").into(),
-            ]);
-        }
-        table
     }
 
     /// Kicks that the controller may try.
@@ -397,14 +390,13 @@ fn last_target(file: &SceneFile) -> Target {
         .unwrap_or(file.scene.target)
 }
 
-/// Drive cycles of a scene.
-fn cycles(file: &SceneFile) -> usize {
-    f64::from(file.duration * file.scene.settings.frequency).ceil() as usize
+fn is_planned(event: Event) -> bool {
+    matches!(event, Event::KickPlanned | Event::KickUncertain)
 }
 
-/// A number of single precision with the digits it has, not those of its nearest double.
-fn single(value: f32) -> Value {
-    Value::Number(value.to_string().parse().unwrap_or(f64::from(value)))
+/// Drive cycles of a scene.
+fn cycles(file: &SceneFile) -> usize {
+    (file.duration * f64::from(file.scene.settings.frequency)).ceil() as usize
 }
 
 /// A regime in words.

@@ -3,7 +3,9 @@
 use kband::control::{State, Target};
 use kband::plant::Noise;
 
+use super::engine::Fidelity;
 use super::outcome::Outcome;
+use super::parts::Distribution;
 use super::scene::SceneFile;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
@@ -24,7 +26,46 @@ pub struct Run {
     /// State at the end.
     pub state: State,
     /// When the wanted state was reached for good, in s, where the parts really were in it.
-    pub reached: Option<f32>,
+    pub reached: Option<f64>,
+    /// Amplitude b at the end in m.
+    pub amplitude: f64,
+    /// k at the end.
+    pub k: f64,
+    /// Conveying speed at the end in m/s.
+    pub speed: f64,
+}
+
+/// Columns of a run.
+pub const COLUMNS: [Column; 10] = [
+    Column::new("run", ""),
+    Column::new("restitution", ""),
+    Column::new("sensitivity", "of the one told"),
+    Column::new("reached", "s"),
+    Column::new("kicks", ""),
+    Column::new("b", "mm"),
+    Column::new("k", ""),
+    Column::new("speed", "mm/s"),
+    Column::new("state", "").words(),
+    Column::new("regime", "").words(),
+];
+
+impl Run {
+    /// Its row, number `n`.
+    #[must_use]
+    pub fn row(&self, n: usize) -> [Value; COLUMNS.len()] {
+        [
+            n.into(),
+            f64::from(self.restitution).into(),
+            f64::from(self.sensitivity).into(),
+            self.reached.into(),
+            u32::from(self.attempts).into(),
+            (self.amplitude * 1e3).into(),
+            Some(self.k).filter(|k| k.is_finite()).into(),
+            (self.speed * 1e3).into(),
+            self.state.name().into(),
+            self.regime.as_str().into(),
+        ]
+    }
 }
 
 /// The runs of one way to control.
@@ -43,10 +84,17 @@ impl Runs {
         file: &SceneFile,
         count: usize,
         seed: u64,
+        fidelity: Fidelity,
         desk: &Desk,
     ) -> Result<Self, Refusal> {
-        let runs = desk.try_map(name, count, |n| one(&drawn(file, seed, n as u64)))?;
+        let runs = desk.try_map(name, count, |n| one(&drawn(file, seed, n as u64), fidelity))?;
         Ok(Self { name, runs })
+    }
+
+    /// Runs that have been run.
+    #[must_use]
+    pub fn new(name: &'static str, runs: Vec<Run>) -> Self {
+        Self { name, runs }
     }
 
     /// Runs in which the wanted state was reached and real.
@@ -57,9 +105,9 @@ impl Runs {
 
     /// Times at which it was, in the order of time.
     #[must_use]
-    pub fn times(&self) -> Vec<f32> {
-        let mut times: Vec<f32> = self.runs.iter().filter_map(|run| run.reached).collect();
-        times.sort_by(f32::total_cmp);
+    pub fn times(&self) -> Vec<f64> {
+        let mut times: Vec<f64> = self.runs.iter().filter_map(|run| run.reached).collect();
+        times.sort_by(f64::total_cmp);
         times
     }
 
@@ -75,26 +123,31 @@ impl Runs {
     }
 }
 
-/// The scene of one run: parts, amplitude error and noise drawn.
-fn drawn(file: &SceneFile, seed: u64, n: u64) -> SceneFile {
+/// The scene of run `n`: parts, amplitude error and noise drawn.
+pub(super) fn drawn(file: &SceneFile, seed: u64, n: u64) -> SceneFile {
     let mut drawn = file.clone();
     let scene = &mut drawn.scene;
     let settings = &scene.settings;
     // Neighbouring numbers give unrelated streams; 2^32 runs of a seed have their own.
     let mut noise = Noise::new((seed << 32) + n);
-    let (low, high) = (settings.restitution_low, settings.restitution_high);
-    for part in &mut scene.parts[..usize::from(scene.part_count)] {
-        *part = low + (high - low) * noise.uniform();
-    }
+    let lot = Distribution::Uniform {
+        low: settings.restitution_low,
+        high: settings.restitution_high,
+    };
     let error = settings.amplitude_error;
+    drawn
+        .distribution
+        .unwrap_or(lot)
+        .draw_parts(scene, &mut noise);
     scene.sensor.sensitivity *= 1.0 + error * (2.0 * noise.uniform() - 1.0);
     scene.seed = u64::from(noise.bits());
     drawn
 }
 
-fn one(file: &SceneFile) -> Result<Run, Refusal> {
+/// Runs a scene and keeps what it came to.
+pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> {
     // Nothing of a single run may print or stop by itself: the desk stops between runs.
-    let outcome = Outcome::simulate(file, &mut |_| Ok(()))?;
+    let outcome = Outcome::simulate(file, fidelity)?;
     let last = outcome.last();
     let wanted = wanted(file.scene.target);
     let regime = outcome.regime();
@@ -108,6 +161,9 @@ fn one(file: &SceneFile) -> Result<Run, Refusal> {
         attempts: last.attempts,
         state: last.state,
         reached: outcome.reached(wanted).filter(|_| real),
+        amplitude: outcome.amplitude(),
+        k: outcome.k(),
+        speed: outcome.speed(),
         regime,
     })
 }
@@ -122,29 +178,14 @@ fn wanted(target: Target) -> State {
 /// The runs as a table, one row each.
 #[must_use]
 pub fn table(all: &[Runs]) -> Table {
-    let mut table = Table::new(&[
-        Column::new("control", ""),
-        Column::new("run", ""),
-        Column::new("restitution", ""),
-        Column::new("sensitivity", "of the one told"),
-        Column::new("reached", "s"),
-        Column::new("kicks", ""),
-        Column::new("state", ""),
-        Column::new("regime", ""),
-    ]);
+    let mut columns = vec![Column::new("control", "").words()];
+    columns.extend(COLUMNS);
+    let mut table = Table::new(&columns);
     for runs in all {
         for (n, run) in runs.runs.iter().enumerate() {
-            table.push([
-                runs.name.into(),
-                n.into(),
-                f64::from(run.restitution).into(),
-                f64::from(run.sensitivity).into(),
-                run.reached
-                    .map_or(Value::Missing, |time| f64::from(time).into()),
-                u32::from(run.attempts).into(),
-                run.state.name().into(),
-                run.regime.as_str().into(),
-            ]);
+            let mut row = vec![runs.name.into()];
+            row.extend(run.row(n));
+            table.push_row(row);
         }
     }
     table
@@ -154,7 +195,7 @@ pub fn table(all: &[Runs]) -> Table {
 #[must_use]
 pub fn summary(all: &[Runs]) -> Table {
     let mut table = Table::new(&[
-        Column::new("control", ""),
+        Column::new("control", "").words(),
         Column::new("runs", ""),
         Column::new("reached", ""),
         Column::new("share", "%").digits(4),
@@ -168,7 +209,7 @@ pub fn summary(all: &[Runs]) -> Table {
         let times = runs.times();
         let at = |part: usize| {
             let time = times.get(times.len() * part / 100);
-            time.map_or(Value::Missing, |time| f64::from(*time).into())
+            time.map_or(Value::Missing, |time| (*time).into())
         };
         table.push([
             runs.name.into(),
@@ -187,7 +228,7 @@ pub fn summary(all: &[Runs]) -> Table {
 /// Draws the share of runs that have reached the wanted state over time.
 #[must_use]
 pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
-    let end = f64::from(file.duration);
+    let end = file.duration;
     let mut panel = Panel::new(
         Axis::new("time", Unit::new("s"), 0.0, end),
         Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 105.0),
@@ -199,7 +240,7 @@ pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
         let stride = times.len().div_ceil(400).max(1);
         for (n, time) in times.iter().enumerate() {
             if n % stride == 0 || n + 1 == times.len() {
-                let (x, y) = (f64::from(*time), (n + 1) as f64 * step);
+                let (x, y) = (*time, (n + 1) as f64 * step);
                 points.push((x, points[points.len() - 1].1));
                 points.push((x, y));
             }
@@ -228,10 +269,15 @@ mod tests {
     fn a_run_depends_on_its_number_and_the_seed_alone() {
         let mut file = SceneFile::parse(super::super::DEFAULT).unwrap();
         file.duration = 4.0;
-        let one = Runs::run("", &file, 6, 3, &Desk::new(Some(1)).unwrap()).unwrap();
-        let two = Runs::run("", &file, 6, 3, &Desk::new(Some(2)).unwrap()).unwrap();
-        assert_eq!(one, two);
-        let other = Runs::run("", &file, 1, 4, &Desk::new(Some(1)).unwrap()).unwrap();
+        let runs = |count, seed, fidelity, threads| {
+            let desk = Desk::new(Some(threads)).unwrap();
+            Runs::run("", &file, count, seed, fidelity, &desk).unwrap()
+        };
+        for fidelity in Fidelity::ALL {
+            assert_eq!(runs(6, 3, fidelity, 1), runs(6, 3, fidelity, 3));
+        }
+        let one = runs(1, 3, Fidelity::Envelope, 1);
+        let other = runs(1, 4, Fidelity::Envelope, 1);
         assert_ne!(one.runs[0], other.runs[0]);
     }
 
@@ -244,6 +290,9 @@ mod tests {
             regime: String::new(),
             state: State::Locked,
             reached,
+            amplitude: 0.0,
+            k: 0.0,
+            speed: 0.0,
         };
         let runs = Runs {
             name: "",

@@ -4,10 +4,13 @@ use std::ops::RangeInclusive;
 
 use kband::control::{Controller, Settings, Start, Target};
 use kband::feeder::OutOfRange;
-use kband::plant::{Change, DISTURBANCES, Disturbance, DriveModel, PARTS, Scene, SensorModel};
+use kband::plant::{Change, DISTURBANCES, Disturbance, DriveModel, Scene};
 use toml::{Table, Value};
 
+use super::engine::Fidelity;
 use super::expect::Expectation;
+use super::fields::{CHANGES, FLAGS, Field, PLANT, SENSOR};
+use super::parts::{self, Distribution};
 use crate::refusal::Refusal;
 
 /// The default scene, commented.
@@ -19,13 +22,17 @@ pub struct SceneFile {
     /// The scene itself.
     pub scene: Scene,
     /// Duration in s.
-    pub duration: f32,
+    pub duration: f64,
+    /// Fidelity, if the file says.
+    pub fidelity: Option<Fidelity>,
+    /// What its parts are drawn from; `None` where they are given one by one.
+    pub distribution: Option<Distribution>,
     /// What must come of it, if the file says.
     pub expectation: Option<Expectation>,
 }
 
 /// Settings that a section of a scene file carries, the first `required` of them required.
-const SECTIONS: [(&str, &[&str], usize); 2] = [
+pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
     (
         "track",
         &[
@@ -53,14 +60,16 @@ const SECTIONS: [(&str, &[&str], usize); 2] = [
     ),
 ];
 
-const SENSOR: [&str; 4] = [
+/// Settings in `[sensor]`.
+pub(super) const SENSOR_SETTINGS: [&str; 4] = [
     "sensitivity",
     "sensor_zero",
     "converter_reference",
     "converter_bits",
 ];
 
-const CONTROLLER: [&str; 7] = [
+/// Settings in `[controller]`.
+pub(super) const CONTROLLER: [&str; 7] = [
     "soft_start",
     "soft_stop",
     "envelope",
@@ -73,26 +82,26 @@ const CONTROLLER: [&str; 7] = [
 impl SceneFile {
     /// The scene of a text; one refusal that names the key, the value, what is accepted and what to do.
     pub fn parse(text: &str) -> Result<Self, Refusal> {
-        let table: Table = text.parse().map_err(|error: toml::de::Error| {
-            let line = error.span().map_or(1, |span| {
-                text[..span.start.min(text.len())].matches('\n').count() + 1
-            });
-            Refusal::new(
-                format!(
-                    "line {line} is not TOML: {}",
-                    error.message().replace('\n', " ")
-                ),
-                "correct this line; kband simulate --print-scene shows a whole scene",
-            )
-        })?;
-        let mut root = Section {
-            name: String::new(),
-            table,
-            known: Vec::new(),
-        };
+        Self::from_table(table(text)?)
+    }
+
+    /// The scene of a table, as [`table`] gives it.
+    pub fn from_table(table: Table) -> Result<Self, Refusal> {
+        let mut root = Section::new("", table);
         let mut settings = Settings::default();
         let mut scene = Scene::default();
         let duration = root.number("duration", 0.1..=86_400.0, "0.1..86400 s")?;
+        let fidelity = match root.take("fidelity") {
+            None => None,
+            Some(value) => {
+                let known = Fidelity::ALL.into_iter();
+                let named = known
+                    .clone()
+                    .find(|known| value.as_str() == Some(known.name()));
+                let names = known.map(Fidelity::name).collect::<Vec<_>>().join(", ");
+                Some(named.ok_or_else(|| root.refuse("fidelity", &value, &names))?)
+            }
+        };
         if let Some(seed) = root.take("seed") {
             scene.seed = match seed {
                 Value::Integer(seed) if seed >= 0 => seed as u64,
@@ -120,44 +129,25 @@ impl SceneFile {
         (settings.restitution_low, settings.restitution_high) = (low, high);
         scene.parts[0] = 0.5 * (low + high);
         scene.part_count = 1;
-        if let Some(value) = part.take("actual") {
-            let accepted = "1 to 8 restitutions, each 0..1, such as [0.19, 0.21]";
-            let list = match &value {
-                Value::Array(list) if (1..=PARTS).contains(&list.len()) => list.clone(),
-                Value::Float(_) | Value::Integer(_) => vec![value.clone()],
-                _ => return Err(part.refuse("actual", &value, accepted)),
-            };
-            scene.part_count = list.len() as u8;
-            for (slot, item) in scene.parts.iter_mut().zip(&list) {
-                *slot = number(item)
-                    .filter(|r| (0.0..=1.0).contains(r))
-                    .ok_or_else(|| part.refuse("actual", item, accepted))?
-                    as f32;
-            }
-        }
+        let distribution = match part.take("actual") {
+            Some(value) => parts::read(&part, &value, &mut scene)?,
+            None => None,
+        };
         part.finish()?;
         if let Some(mut sensor) = root.optional("sensor")? {
-            for key in SENSOR {
+            for key in SENSOR_SETTINGS {
                 sensor.setting(&mut settings, key, false)?;
             }
             let model = &mut scene.sensor;
-            for (key, slot, range, accepted) in [
-                ("noise", &mut model.noise, 0.0..=100.0, "0..100 m/s^2"),
-                ("ringing", &mut model.ringing, 0.0..=1e5, "0..100000 1/s"),
-                (
-                    "ringing_frequency",
-                    &mut model.ringing_frequency,
-                    500.0..=9000.0,
-                    "500..9000 Hz",
-                ),
-                (
-                    "ringing_decay",
-                    &mut model.ringing_decay,
-                    0.05..=50.0,
-                    "0.05..50 ms",
-                ),
-            ] {
-                sensor.optional_number(key, slot, range, accepted)?;
+            let slots = [
+                &mut model.noise,
+                &mut model.ringing,
+                &mut model.ringing_frequency,
+                &mut model.ringing_decay,
+                &mut model.hum,
+            ];
+            for (field, slot) in SENSOR.iter().zip(slots) {
+                sensor.field(field, slot)?;
             }
             sensor.finish()?;
         }
@@ -171,17 +161,20 @@ impl SceneFile {
             resonance: settings.resonance,
             quality: settings.quality,
             gain: settings.gain,
+            ..DriveModel::default()
         };
         if let Some(mut plant) = root.optional("plant")? {
-            let SensorModel { sensitivity, .. } = &mut scene.sensor;
             let drive = &mut scene.drive;
-            for (key, slot, range, accepted) in [
-                ("resonance", &mut drive.resonance, 5.0..=500.0, "5..500 Hz"),
-                ("quality", &mut drive.quality, 1.0..=200.0, "1..200"),
-                ("gain", &mut drive.gain, 0.001..=100.0, "0.001..100 mm"),
-                ("sensitivity", sensitivity, 0.1..=10.0, "0.1..10"),
-            ] {
-                plant.optional_number(key, slot, range, accepted)?;
+            let slots = [
+                &mut drive.resonance,
+                &mut drive.quality,
+                &mut drive.gain,
+                &mut scene.sensor.sensitivity,
+                &mut drive.mains,
+                &mut drive.ripple,
+            ];
+            for (field, slot) in PLANT.iter().zip(slots) {
+                plant.field(field, slot)?;
             }
             plant.finish()?;
         }
@@ -197,7 +190,9 @@ impl SceneFile {
         root.finish()?;
         let file = Self {
             scene,
-            duration,
+            duration: f64::from(duration),
+            fidelity,
+            distribution,
             expectation,
         };
         file.check()?;
@@ -244,6 +239,22 @@ impl SceneFile {
         }
         Ok(())
     }
+}
+
+/// The table of a scene's text; refused with the line that is not TOML.
+pub fn table(text: &str) -> Result<Table, Refusal> {
+    text.parse().map_err(|error: toml::de::Error| {
+        let line = error.span().map_or(1, |span| {
+            text[..span.start.min(text.len())].matches('\n').count() + 1
+        });
+        Refusal::new(
+            format!(
+                "line {line} is not TOML: {}",
+                error.message().replace('\n', " ")
+            ),
+            "correct this line; kband simulate --print-scene shows a whole scene",
+        )
+    })
 }
 
 /// A target in words.
@@ -310,7 +321,11 @@ fn read_disturbances(
     let tables = match value {
         Value::Array(tables) if tables.len() <= DISTURBANCES => tables,
         other => {
-            return Err(root.refuse("disturbance", &other, "at most 16 tables [[disturbance]]"));
+            return Err(root.refuse(
+                "disturbance",
+                &other,
+                &format!("at most {DISTURBANCES} tables [[disturbance]]"),
+            ));
         }
     };
     let mut read = Vec::new();
@@ -318,11 +333,7 @@ fn read_disturbances(
         let Value::Table(table) = table else {
             return Err(root.refuse("disturbance", &table, "tables [[disturbance]]"));
         };
-        let mut section = Section {
-            name: format!("disturbance {}", n + 1),
-            table,
-            known: Vec::new(),
-        };
+        let mut section = Section::new(&format!("disturbance {}", n + 1), table);
         read.push(read_disturbance(&mut section, duration)?);
     }
     read.sort_by(|a, b| a.at.total_cmp(&b.at));
@@ -335,33 +346,14 @@ fn read_disturbances(
 fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance, Refusal> {
     let at = section.number("at", 0.0..=duration, "0..duration s")?;
     let mut changes = Vec::new();
-    type Number = (
-        &'static str,
-        RangeInclusive<f32>,
-        &'static str,
-        fn(f32) -> Change,
-    );
-    let numbers: [Number; 4] = [
-        ("gain", 0.0..=10.0, "0..10", Change::Gain),
-        ("restitution", 0.0..=1.0, "0..1", Change::Restitution),
-        ("noise", 0.0..=100.0, "0..100 m/s^2", Change::Noise),
-        ("sensitivity", 0.0..=10.0, "0..10", Change::Sensitivity),
-    ];
-    for (key, range, accepted, change) in numbers {
-        if section.has(key) {
-            changes.push(change(section.number(key, range, accepted)?));
+    for (field, change) in &CHANGES {
+        if section.has(field.key) {
+            let mut value = 0.0;
+            section.field(field, &mut value)?;
+            changes.push(change(value));
         }
     }
-    type Flag = (&'static str, fn(bool) -> Change);
-    let flags: [Flag; 6] = [
-        ("enable", Change::Enable),
-        ("sensor_lost", Change::SensorLost),
-        ("sensor_inverted", Change::SensorInverted),
-        ("over_temperature", Change::OverTemperature),
-        ("stack_low", Change::StackLow),
-        ("link", Change::Link),
-    ];
-    for (key, change) in flags {
+    for (key, _, change) in FLAGS {
         match section.take(key) {
             Some(Value::Boolean(flag)) => changes.push(change(flag)),
             Some(other) => return Err(section.refuse(key, &other, "true or false")),
@@ -374,15 +366,18 @@ fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance,
     }
     section.finish()?;
     match changes[..] {
-        [change] => Ok(Disturbance { at, change }),
+        [change] => Ok(Disturbance {
+            at: f64::from(at),
+            change,
+        }),
         _ => Err(Refusal::new(
             format!("{} has {} changes", section.name, changes.len()),
-            format!("give exactly one of {}", section.known[1..].join(", ")),
+            format!("give exactly one of {}", section.names()[1..].join(", ")),
         )),
     }
 }
 
-fn number(value: &Value) -> Option<f64> {
+pub(super) fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(number) => Some(*number),
         Value::Integer(number) => Some(*number as f64),
@@ -399,6 +394,25 @@ pub(super) struct Section {
 }
 
 impl Section {
+    pub(super) fn new(name: &str, table: Table) -> Self {
+        Self {
+            name: name.into(),
+            table,
+            known: Vec::new(),
+        }
+    }
+
+    /// The keys asked for so far, each once.
+    fn names(&self) -> Vec<&'static str> {
+        let mut names = Vec::new();
+        for &key in &self.known {
+            if !names.contains(&key) {
+                names.push(key);
+            }
+        }
+        names
+    }
+
     fn path(&self, key: &str) -> String {
         match (self.name.is_empty(), key.is_empty()) {
             (true, _) => key.to_string(),
@@ -430,7 +444,7 @@ impl Section {
         )
     }
 
-    fn missing(&self, key: &str, accepted: &str) -> Refusal {
+    pub(super) fn missing(&self, key: &str, accepted: &str) -> Refusal {
         Refusal::value(
             self.path(key),
             "(missing)",
@@ -455,15 +469,11 @@ impl Section {
             .ok_or_else(|| self.refuse(key, &value, accepted))
     }
 
-    fn optional_number(
-        &mut self,
-        key: &'static str,
-        slot: &mut f32,
-        range: RangeInclusive<f32>,
-        accepted: &str,
-    ) -> Result<(), Refusal> {
-        if self.has(key) {
-            *slot = self.number(key, range, accepted)?;
+    /// A number that may be left out.
+    fn field(&mut self, field: &Field, slot: &mut f32) -> Result<(), Refusal> {
+        if self.has(field.key) {
+            let [low, high] = field.range;
+            *slot = self.number(field.key, low..=high, &field.accepted())?;
         }
         Ok(())
     }
@@ -540,7 +550,7 @@ impl Section {
         Err(Refusal::value(
             self.path(key),
             "(unknown key)",
-            self.known.join(", "),
+            self.names().join(", "),
             format!("remove or correct {}{near}", self.path(key)),
         ))
     }
@@ -653,7 +663,7 @@ mod tests {
                 &["target amplitude = 1.5"],
             ),
             ("quality = 25.0", "quality = [1]", &["drive.quality = [1]"]),
-            ("[track]", "[track", &["line 8 is not TOML"]),
+            ("[track]", "[track", &["line 9 is not TOML"]),
             (
                 "duration = 10.0",
                 "duration = 10.0\ntracks = 3",

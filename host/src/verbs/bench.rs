@@ -4,7 +4,7 @@ use crate::arguments::{self, Drawn, Printed};
 use crate::bench::contest::{Contestant, TURN, contestants};
 use crate::bench::instructions::{self, Count};
 use crate::bench::workload::Workload;
-use crate::bench::{Line, median, skips};
+use crate::bench::{Line, median, scene, skips};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
@@ -19,7 +19,8 @@ use crate::report::{Column, Report, Table, number};
 
 All kernels take turns of 512 launches in one run on one core; the median of the turns counts. The errors are those of
 the phase of the next impact. Workloads: high (velocities up to 20), low (up to 3), chatter (1e-6 to 1),
-sweep (orbits over k and restitution); then one pair of lines for each skip. Instructions are those of
+sweep (orbits over k and restitution); then one pair of lines for each skip, and one line for each fidelity
+of the closed loop (scene: a drive cycle with one impact). Instructions are those of
 the emulated microcontrollers, where tests/run.sh has built their images here.")]
 pub struct Arguments {
     /// How often each kernel goes through its launches.
@@ -46,6 +47,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let skips = skips::lines(arguments.rounds);
     desk.go_on()?;
+    let scenes = scene::lines(arguments.rounds);
     let (counts, missing) = instructions::counts();
 
     let mut table = Table::new(&[
@@ -60,7 +62,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Column::new("instructions_m4f", ""),
         Column::new("instructions_m0", ""),
     ]);
-    for line in lines.iter().chain(&skips) {
+    for line in lines.iter().chain(&skips).chain(&scenes) {
         let count = |cpu: &str| find(&counts, line, cpu);
         table.push([
             line.kernel.into(),
@@ -89,6 +91,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                 number(1e3 / batch, 3),
             ));
         }
+    }
+    for line in &scenes {
+        report = report.note(format!(
+            "closed loop, {}: {} times real time (the default scene in lock, one impact a cycle)",
+            line.kernel,
+            number(scene::times_real_time(line), 3),
+        ));
     }
     if let Some(cause) = missing {
         report = report.note(format!("no instruction counts: {cause}"));

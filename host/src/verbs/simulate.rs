@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use kband::feeder::Restitution;
+use kband::plant::{Moment, Sample};
 
 use crate::arguments;
 use crate::board::Line;
@@ -12,8 +13,12 @@ use crate::desk::Desk;
 use crate::file::{self, Target};
 use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
+use crate::report::rows_file;
 use crate::report::{self, Column, Format, Report, Table, Value, number};
-use crate::simulate::{DEFAULT, Outcome, Runs, SceneFile, draw, runs, words};
+use crate::simulate::sweep::{Axes, Sweep};
+use crate::simulate::{
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, draw, runs, scene_table, schema, trace, words,
+};
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
 ///
@@ -23,8 +28,11 @@ use crate::simulate::{DEFAULT, Outcome, Runs, SceneFile, draw, runs, words};
   kband simulate
   kband simulate --print-scene > my.toml
   kband simulate my.toml --out my.svg --trace my.csv
+  kband simulate my.toml --fidelity waveform --scope scope.csv
   kband simulate my.toml --on qemu
-  kband simulate --restitution 0.28..0.32 --duration 20 --runs 200")]
+  kband simulate --restitution 0.28..0.32 --duration 20 --runs 200
+  kband simulate --sweep part.restitution=0.1..0.6:26 --runs 20
+  kband simulate --schema > scene.schema.json")]
 pub struct Arguments {
     /// Scene file (TOML); without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
@@ -33,6 +41,15 @@ pub struct Arguments {
     /// Print the default scene, commented, and stop.
     #[arg(long)]
     print_scene: bool,
+
+    /// Print the JSON schema of scenes, for editors, and stop.
+    #[arg(long)]
+    schema: bool,
+
+    /// How finely it is simulated, instead of what the scene says [default: envelope, or waveform where
+    /// a scope or a board is asked for].
+    #[arg(long, value_enum)]
+    fidelity: Option<Fidelity>,
 
     /// Restitution of the lot instead of the scene's; the simulated parts become its middle.
     #[arg(long, value_name = "R or LO..HI", value_parser = arguments::restitution)]
@@ -51,9 +68,13 @@ pub struct Arguments {
     #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295), default_value = "1")]
     seed: usize,
 
+    /// Run it at N values of a numeric key of the scene; several make every combination.
+    #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
+    sweep: Vec<Axes>,
+
     /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated CPU)
     /// or a serial port; its drive stays off.
-    #[arg(long, value_name = "qemu or /dev/PORT", conflicts_with = "runs")]
+    #[arg(long, value_name = "qemu or /dev/PORT", conflicts_with_all = ["runs", "sweep"])]
     on: Option<String>,
 
     /// Image for --on qemu, instead of the one that cargo builds here.
@@ -64,9 +85,14 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", default_value = "kband-simulate.svg")]
     out: PathBuf,
 
-    /// Trace to write: one row for each drive cycle, or for each run.
-    #[arg(long, value_name = "FILE.csv", default_value = "kband-simulate.csv")]
-    trace: PathBuf,
+    /// Trace to write, .csv or .parquet: one row for each drive cycle, or for each run [default:
+    /// kband-simulate.csv, for a single run of up to 10 min and for many].
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+
+    /// Samples of the last ten drive cycles to write, .csv or .parquet.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "sweep", "on"])]
+    scope: Option<PathBuf>,
 
     /// Colours of the picture.
     #[arg(long, value_enum, default_value_t = Theme::Light)]
@@ -83,17 +109,57 @@ impl Default for Arguments {
         Self {
             scene: None,
             print_scene: false,
+            schema: false,
+            fidelity: None,
             restitution: None,
             duration: None,
             runs: None,
             seed: 1,
+            sweep: Vec::new(),
             on: None,
             image: None,
             out: "kband-simulate.svg".into(),
-            trace: "kband-simulate.csv".into(),
+            trace: None,
+            scope: None,
             theme: Theme::Light,
             format: Format::Table,
         }
+    }
+}
+
+/// Where a trace goes that nobody named.
+const TRACE: &str = "kband-simulate.csv";
+/// Longest single run in s whose trace is written without being asked for: 30 000 rows at 50 Hz.
+const TRACED: f64 = 600.0;
+
+impl Arguments {
+    /// What the command line says instead of the scene.
+    fn adapt(&self, file: &mut SceneFile) {
+        if let Some(lot) = self.restitution {
+            let settings = &mut file.scene.settings;
+            settings.restitution_low = lot.low() as f32;
+            settings.restitution_high = lot.high() as f32;
+            file.scene.parts.fill(lot.middle() as f32);
+            file.distribution = None;
+        }
+        if let Some(duration) = self.duration {
+            file.duration = duration;
+        }
+    }
+
+    /// Fidelity of a single run.
+    fn fidelity(&self, file: &SceneFile) -> Result<Fidelity, Refusal> {
+        let asked = self.fidelity.or(file.fidelity);
+        if self.scope.is_some() && asked == Some(Fidelity::Envelope) {
+            return Err(Refusal::value(
+                "--scope",
+                "(with fidelity envelope)",
+                "fidelity waveform, which has samples",
+                "leave --fidelity and the scene's fidelity out, or say waveform",
+            ));
+        }
+        let scoped = self.scope.is_some().then_some(Fidelity::Waveform);
+        Ok(asked.or(scoped).unwrap_or_default())
     }
 }
 
@@ -103,22 +169,24 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         report::print(DEFAULT)?;
         return Ok(Exit::Done);
     }
-    let mut file = match &arguments.scene {
+    if arguments.schema {
+        report::print(&format!("{:#}\n", schema::schema()))?;
+        return Ok(Exit::Done);
+    }
+    let (table, name) = match &arguments.scene {
         Some(path) => {
-            let text = file::read_text(path)?;
-            SceneFile::parse(&text).map_err(|refusal| refusal.at(path.display()))?
+            let name = path.display().to_string();
+            let table = scene_table(&file::read_text(path)?);
+            (table.map_err(|refusal| refusal.at(&name))?, Some(name))
         }
-        None => SceneFile::parse(DEFAULT)?,
+        None => (scene_table(DEFAULT)?, None),
     };
-    if let Some(lot) = arguments.restitution {
-        let settings = &mut file.scene.settings;
-        settings.restitution_low = lot.low() as f32;
-        settings.restitution_high = lot.high() as f32;
-        file.scene.parts.fill(lot.middle() as f32);
-    }
-    if let Some(duration) = arguments.duration {
-        file.duration = duration as f32;
-    }
+    let named = |refusal: Refusal| match &name {
+        Some(name) => refusal.at(name),
+        None => refusal,
+    };
+    let mut file = SceneFile::from_table(table.clone()).map_err(named)?;
+    arguments.adapt(&mut file);
     file.check()?;
     let picture = Target::check(&arguments.out)?;
     let ending = picture.ending();
@@ -130,37 +198,122 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "change the ending",
         ));
     }
-    let trace = Target::check(&arguments.trace)?;
-    if let Some(count) = arguments.runs {
-        let all = many(&file, count, arguments.seed as u64, desk)?;
-        write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
-        let table = runs::table(&all);
-        trace.write(|out| table.write_csv(out))?;
-        Report::new(runs::summary(&all))
-            .note(format!("picture          {}", picture.path().display()))
-            .note(format!("runs             {}", trace.path().display()))
-            .print(arguments.format)?;
-        return Ok(Exit::Done);
-    }
-    let outcome = match &arguments.on {
-        Some(on) => {
-            let line = Line::open(on, arguments.image.as_deref())?;
-            Outcome::run_on(line, &file, desk)?
-        }
-        None => Outcome::run(&file, desk)?,
+    let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
+    let trace = match &arguments.trace {
+        Some(path) => Some(Target::check(path)?),
+        None if many || file.duration <= TRACED => Some(Target::check(Path::new(TRACE))?),
+        None => None,
     };
-    write_picture(&picture, &draw(&outcome), arguments.theme)?;
-    let table = outcome.trace();
-    trace.write(|out| table.write_csv(out))?;
+    let scope = arguments.scope.as_deref().map(Target::check).transpose()?;
+    for target in trace.iter().chain(&scope) {
+        rows_file::check(target)?;
+    }
+    let trace = trace.as_ref();
+    if !arguments.sweep.is_empty() {
+        return sweep(arguments, &table, &file, &picture, trace, desk);
+    }
+    let fidelity = arguments.fidelity(&file)?;
+    if let Some(count) = arguments.runs {
+        let all = many_runs(&file, count, arguments.seed as u64, fidelity, desk)?;
+        write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
+        let report = Report::new(runs::summary(&all));
+        return tell_many(report, &runs::table(&all), &picture, trace, arguments.format);
+    }
+    let outcome = rows_file::write(trace, &trace::TRACE, |cycles| {
+        rows_file::write(scope.as_ref(), &trace::SCOPE, |samples| {
+            let (mut cycle, mut sample);
+            let mut watch = Watch {
+                drawn: true,
+                ..Watch::default()
+            };
+            if let Some(rows) = cycles {
+                cycle = |moment: &Moment| rows.row(&trace::row(moment));
+                watch.cycle = Some(&mut cycle);
+            }
+            if let Some(rows) = samples {
+                sample = |sample: &Sample| rows.row(&trace::scope_row(sample));
+                watch.sample = Some(&mut sample);
+            }
+            match &arguments.on {
+                Some(on) => {
+                    let line = Line::open(on, arguments.image.as_deref())?;
+                    Outcome::run_on(line, &file, watch, desk)
+                }
+                None => Outcome::watched(&file, fidelity, watch, desk),
+            }
+        })
+    })?;
+    if let Some(drawn) = draw(&outcome) {
+        write_picture(&picture, &drawn, arguments.theme)?;
+    }
     let unmet = file
         .expectation
         .as_ref()
         .map(|expected| expected.unmet(&outcome));
-    told(&outcome, unmet.as_deref(), picture.path(), trace.path())?.print(arguments.format)?;
+    let fidelity = match arguments.on {
+        Some(_) => "processor in the loop",
+        None => fidelity.name(),
+    };
+    let written = Written {
+        picture: picture.path(),
+        trace: trace.map(Target::path),
+        scope: scope.as_ref().map(Target::path),
+    };
+    told(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
     Ok(match unmet {
         Some(unmet) if !unmet.is_empty() => Exit::CheckFailed,
         _ => Exit::Done,
     })
+}
+
+fn sweep(
+    arguments: &Arguments,
+    table: &toml::Table,
+    file: &SceneFile,
+    picture: &Target,
+    trace: Option<&Target>,
+    desk: &Desk,
+) -> Result<Exit, Refusal> {
+    let swept = Sweep::run(
+        table,
+        &arguments.sweep,
+        &|file| arguments.adapt(file),
+        arguments.runs.unwrap_or(1),
+        // A single run a point is the scene itself; of many each draws its own parts and noise.
+        arguments.runs.map(|_| arguments.seed as u64),
+        arguments.fidelity,
+        desk,
+    )?;
+    write_picture(picture, &swept.draw(file), arguments.theme)?;
+    let report = Report::new(swept.summary());
+    tell_many(report, &swept.table(), picture, trace, arguments.format)
+}
+
+/// Writes the rows of many runs and prints what they come to.
+fn tell_many(
+    report: Report,
+    table: &Table,
+    picture: &Target,
+    trace: Option<&Target>,
+    format: Format,
+) -> Result<Exit, Refusal> {
+    rows_file::write(trace, table.columns(), |rows| match rows {
+        Some(rows) => table.write_rows(rows),
+        None => Ok(()),
+    })?;
+    let mut report = report.note(format!("picture          {}", picture.path().display()));
+    if let Some(trace) = trace {
+        report = report.note(format!("runs             {}", trace.path().display()));
+    }
+    report.print(format)?;
+    Ok(Exit::Done)
+}
+
+/// Files of a single run.
+struct Written<'a> {
+    picture: &'a Path,
+    trace: Option<&'a Path>,
+    scope: Option<&'a Path>,
 }
 
 fn write_picture(target: &Target, picture: &Picture, theme: Theme) -> Result<(), Refusal> {
@@ -178,21 +331,27 @@ fn write_picture(target: &Target, picture: &Picture, theme: Theme) -> Result<(),
 }
 
 /// The controller's runs, and those of an amplitude set from the band alone.
-fn many(file: &SceneFile, count: usize, seed: u64, desk: &Desk) -> Result<[Runs; 2], Refusal> {
+fn many_runs(
+    file: &SceneFile,
+    count: usize,
+    seed: u64,
+    fidelity: Fidelity,
+    desk: &Desk,
+) -> Result<[Runs; 2], Refusal> {
     let mut alone = file.clone();
     alone.scene.settings.capture_attempts = 0.0;
     Ok([
-        Runs::run("planned kicks", file, count, seed, desk)?,
-        Runs::run("band alone", &alone, count, seed, desk)?,
+        Runs::run("planned kicks", file, count, seed, fidelity, desk)?,
+        Runs::run("band alone", &alone, count, seed, fidelity, desk)?,
     ])
 }
 
 /// The timeline and the result in words.
 fn told(
     outcome: &Outcome,
+    fidelity: &str,
     unmet: Option<&[String]>,
-    picture: &Path,
-    trace: &Path,
+    written: &Written<'_>,
 ) -> Result<Report, Refusal> {
     let mut table = Table::new(&[
         Column::new("time", "s").digits(4),
@@ -212,7 +371,7 @@ fn told(
             event = format!("{event}: {} (fault {})", fault.name(), fault.number());
         }
         table.push([
-            f64::from(happened.time).into(),
+            happened.time.into(),
             event.into(),
             report.state.name().into(),
             (f64::from(report.amplitude) * 1e3).into(),
@@ -297,8 +456,18 @@ fn told(
             say(format!("NOT AS EXPECTED  {line}"));
         }
     }
-    say(format!("picture          {}", picture.display()));
-    say(format!("trace            {}", trace.display()));
+    say(format!("picture          {}", written.picture.display()));
+    for (name, file) in [("trace", written.trace), ("scope", written.scope)] {
+        if let Some(file) = file {
+            say(format!("{name:<16} {}", file.display()));
+        }
+    }
+    let speed = outcome.times_real_time();
+    say(format!(
+        "speed            {} times real time ({fidelity})",
+        number(speed, 3)
+    ));
+    let path = |path: &Path| path.display().to_string();
     let events: Vec<_> = outcome
         .events()
         .map(|happened| json!({"time": happened.time, "event": happened.event.name(), "state": happened.report.state.name()}))
@@ -315,7 +484,10 @@ fn told(
         "lock_phase_rad": outcome.lock_phase(),
         "speed_mm_s": outcome.speed() * 1e3,
         "not_as_expected": unmet,
-        "picture": picture.display().to_string(),
-        "trace": trace.display().to_string(),
+        "picture": path(written.picture),
+        "trace": written.trace.map(path),
+        "scope": written.scope.map(path),
+        "fidelity": fidelity,
+        "times_real_time": speed,
     }))
 }

@@ -15,10 +15,27 @@ const HIGHEST: f32 = 2.5;
 /// Share of the lot below which a plan is called uncertain.
 const SURE: f64 = 0.95;
 
+/// A search that has come to its end: what was asked, what came, after how many slices.
+///
+/// Two controllers with the same question come to the same plan after as many slices, so that one that
+/// is told need not search ([`Controller::plan_known`](super::Controller::plan_known)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// What was asked.
+    pub settings: PlanSettings,
+    /// The plan.
+    pub plan: Plan,
+    /// Slices that it took.
+    pub slices: u32,
+}
+
 /// The search for kicks, slice by slice; the default wants nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Search {
     planner: Option<Planner<Hybrid>>,
+    settings: Option<PlanSettings>,
+    slices: u32,
+    known: Option<Planned>,
     plan: Option<Plan>,
 }
 
@@ -27,7 +44,7 @@ impl Search {
     /// times.
     pub fn begin(settings: &Settings, lock: &LockAt, reserve: f32) -> Result<Self, OutOfRange> {
         let envelope = f64::from(settings.envelope);
-        let planner = Planner::new(PlanSettings {
+        let settings = PlanSettings {
             lot: Lot {
                 k: lock.k,
                 restitution: lot(settings)?,
@@ -41,10 +58,11 @@ impl Search {
             })?,
             time_constant: envelope,
             effort: PlanSettings::EFFORT,
-        })?;
+        };
         Ok(Self {
-            planner: Some(planner),
-            plan: None,
+            planner: Some(Planner::new(settings)?),
+            settings: Some(settings),
+            ..Self::default()
         })
     }
 
@@ -53,7 +71,13 @@ impl Search {
         let Some(planner) = &mut self.planner else {
             return false;
         };
-        match planner.advance(SLICE) {
+        self.slices = self.slices.saturating_add(1);
+        let progress = match self.known {
+            Some(known) if self.slices < known.slices => Planning::Working,
+            Some(known) => Planning::Done(known.plan),
+            None => planner.advance(SLICE),
+        };
+        match progress {
             Planning::Working => true,
             Planning::Done(plan) => {
                 self.planner = None;
@@ -61,6 +85,29 @@ impl Search {
                 false
             }
         }
+    }
+
+    /// What is being searched; `None` once it is known or found.
+    pub fn asked(&self) -> Option<&PlanSettings> {
+        self.settings
+            .as_ref()
+            .filter(|_| self.planner.is_some() && self.known.is_none())
+    }
+
+    /// Spares the search, if it is for this: the plan then comes after as many slices as it took.
+    pub fn know(&mut self, known: Planned) {
+        if self.asked() == Some(&known.settings) {
+            self.known = Some(known);
+        }
+    }
+
+    /// The search that came to its end.
+    pub fn planned(&self) -> Option<Planned> {
+        Some(Planned {
+            settings: self.settings?,
+            plan: self.plan?,
+            slices: self.slices,
+        })
     }
 
     /// The plan, once it is there.

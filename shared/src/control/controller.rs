@@ -4,7 +4,7 @@ use core::f32::consts::{PI, TAU};
 
 use super::amplitude::{AmplitudeLoop, held};
 use super::angle::{phase_of, radians_of};
-use super::capture::{Capture, Progress, Search};
+use super::capture::{Capture, Planned, Progress, Search};
 use super::chaos::ChaosSearch;
 use super::hearing::Hearing;
 use super::resonance::Resonance;
@@ -14,6 +14,7 @@ use super::signal::{Command, Cycle, Signal, phase_step};
 use super::supervise::{Event, Events, Fault, Limits, State};
 use crate::arithmetic::Phase;
 use crate::feeder::OutOfRange;
+use crate::regime::capture::PlanSettings;
 use crate::regime::classify::{Classifier, HearingSettings, Regime, Verdict};
 
 /// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
@@ -477,6 +478,23 @@ impl Controller {
             return true;
         }
         self.chaos.as_mut().is_some_and(ChaosSearch::step)
+    }
+
+    /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn planning(&self) -> Option<&PlanSettings> {
+        self.search.asked()
+    }
+
+    /// Spares the search that [`Controller::planning`] tells of, where another controller has done it.
+    pub fn plan_known(&mut self, known: Planned) {
+        self.search.know(known);
+    }
+
+    /// The search that has come to its end for the present target.
+    #[must_use]
+    pub fn planned(&self) -> Option<Planned> {
+        self.search.planned()
     }
 
     /// Everything at rest, drive off.

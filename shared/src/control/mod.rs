@@ -32,6 +32,7 @@ mod transition;
 
 pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
+pub use capture::Planned;
 pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start};
 pub use hearing::Hearing;
 pub use listen::{Ear, HEARD_PER_CYCLE, Heard};

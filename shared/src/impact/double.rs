@@ -64,6 +64,13 @@ impl Map {
         &self.track
     }
 
+    /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
+    /// (k >= 1).
+    #[must_use]
+    pub fn lift_off(&self) -> Option<f64> {
+        (self.track.k < 1.0).then_some(self.track.edge)
+    }
+
     /// Restitution of this map.
     #[must_use]
     pub fn restitution(&self) -> f64 {

@@ -2,6 +2,7 @@
 
 use super::feeder::Plant;
 use super::scene::{Change, Scene};
+use super::timeline::Timeline;
 use crate::control::{AdcCode, Inputs, SAMPLE_RATE, Target};
 use crate::feeder::OutOfRange;
 
@@ -12,10 +13,7 @@ use crate::feeder::OutOfRange;
 #[derive(Clone, Debug)]
 pub struct Bench {
     plant: Plant,
-    inputs: Inputs,
-    target: Option<Target>,
-    scene: Scene,
-    disturbance: usize,
+    timeline: Timeline,
     samples: u64,
 }
 
@@ -24,14 +22,7 @@ impl Bench {
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         Ok(Self {
             plant: Plant::build(scene)?,
-            inputs: Inputs {
-                enable: true,
-                link_heard: true,
-                ..Inputs::default()
-            },
-            target: None,
-            scene: *scene,
-            disturbance: 0,
+            timeline: Timeline::new(scene),
             samples: 0,
         })
     }
@@ -39,12 +30,8 @@ impl Bench {
     /// The converter's reading at the next sample, after what is due to happen before it.
     #[inline]
     pub fn sample(&mut self) -> AdcCode {
-        while let Some(Some(disturbance)) = self.scene.disturbances.get(self.disturbance) {
-            if (f64::from(disturbance.at) * f64::from(SAMPLE_RATE)) as u64 > self.samples {
-                break;
-            }
-            self.apply(disturbance.change);
-            self.disturbance += 1;
+        while let Some(change) = self.timeline.due(self.samples) {
+            self.apply(change);
         }
         self.samples += 1;
         self.plant.sample()
@@ -59,12 +46,12 @@ impl Bench {
     /// What the board's inputs say now.
     #[must_use]
     pub fn inputs(&self) -> Inputs {
-        self.inputs
+        self.timeline.inputs()
     }
 
     /// A target that the scene sets, once.
     pub fn new_target(&mut self) -> Option<Target> {
-        self.target.take()
+        self.timeline.new_target()
     }
 
     /// Forgets the impacts so far ([`Plant::strikes`]).
@@ -80,24 +67,22 @@ impl Bench {
 
     /// Time since the start in s.
     #[must_use]
-    pub fn time(&self) -> f32 {
-        self.samples as f32 / SAMPLE_RATE as f32
+    pub fn time(&self) -> f64 {
+        self.samples as f64 / f64::from(SAMPLE_RATE)
     }
 
     /// Makes a change now, beside those of the scene.
     pub fn apply(&mut self, change: Change) {
-        match change {
-            Change::Enable(enable) => self.inputs.enable = enable,
-            Change::Target(target) => self.target = Some(target),
-            Change::Gain(gain) => self.plant.set_gain(gain),
-            Change::Restitution(restitution) => self.plant.set_restitution(restitution),
-            Change::Noise(noise) => self.plant.set_noise(noise),
-            Change::SensorLost(lost) => self.plant.set_sensor_lost(lost),
-            Change::SensorInverted(inverted) => self.plant.set_sensor_inverted(inverted),
-            Change::Sensitivity(sensitivity) => self.plant.set_sensitivity(sensitivity),
-            Change::OverTemperature(hot) => self.inputs.over_temperature = hot,
-            Change::Link(linked) => self.inputs.link_heard = linked,
-            Change::StackLow(low) => self.inputs.stack_low = low,
+        match self.timeline.take(change) {
+            Some(Change::Gain(gain)) => self.plant.set_gain(gain),
+            Some(Change::Restitution(restitution)) => self.plant.set_restitution(restitution),
+            Some(Change::Noise(noise)) => self.plant.set_noise(noise),
+            Some(Change::SensorLost(lost)) => self.plant.set_sensor_lost(lost),
+            Some(Change::SensorInverted(inverted)) => self.plant.set_sensor_inverted(inverted),
+            Some(Change::Sensitivity(sensitivity)) => self.plant.set_sensitivity(sensitivity),
+            Some(Change::Ripple(ripple)) => self.plant.set_ripple(ripple),
+            Some(Change::Hum(hum)) => self.plant.set_hum(hum),
+            _ => {}
         }
     }
 }

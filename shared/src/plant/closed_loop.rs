@@ -10,13 +10,28 @@ use crate::feeder::OutOfRange;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
     /// Time at the end of the cycle in s.
-    pub time: f32,
+    pub time: f64,
     /// What the controller saw and did.
     pub report: Report,
     /// Impacts of all parts in this cycle.
     pub strikes: u32,
     /// Mean way of the parts along the track so far in m, positive upwards.
     pub way: f64,
+}
+
+/// One sample of the closed loop, for a scope.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Time in s.
+    pub time: f64,
+    /// Output of the drive as a share of full output, -1..1, held from now on.
+    pub output: f32,
+    /// Reading of the converter.
+    pub code: u16,
+    /// Displacement of the track in m.
+    pub displacement: f32,
+    /// Velocity of the track in m/s.
+    pub velocity: f32,
 }
 
 /// Controller, signal path and plant, joined.
@@ -39,10 +54,16 @@ impl ClosedLoop {
 
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
+        self.cycle_shown(|_| ())
+    }
+
+    /// Runs to the end of the next drive cycle and shows every sample.
+    #[inline]
+    pub fn cycle_shown(&mut self, mut show: impl FnMut(Sample)) -> Moment {
         self.bench.forget_strikes();
         // The slowest drive has 4000 samples a cycle; the bound only keeps a broken step from hanging.
         for _ in 0..2 * SAMPLE_RATE {
-            if self.sample() {
+            if self.sample(&mut show) {
                 break;
             }
         }
@@ -66,13 +87,27 @@ impl ClosedLoop {
         }
     }
 
-    fn sample(&mut self) -> bool {
+    #[inline]
+    fn sample(&mut self, show: &mut impl FnMut(Sample)) -> bool {
         let code = self.bench.sample();
         let before = self.signal.phase();
         let sampled = self.signal.sample(code);
         let step = (self.signal.phase() - before).bits();
         self.bench.hold(sampled.output, step);
+        let [displacement, velocity] = self.bench.plant().motion();
+        show(Sample {
+            time: self.bench.time(),
+            output: sampled.output,
+            code: code.0,
+            displacement,
+            velocity,
+        });
         sampled.wrapped
+    }
+
+    /// The controller, to share what it plans.
+    pub fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
     }
 
     /// Makes a change now, beside those of the scene; a target is taken at the end of the cycle.

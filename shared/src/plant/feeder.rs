@@ -6,8 +6,8 @@ use super::drive::{Resonator, Ringing, Swing};
 use super::noise::Noise;
 use super::part::{Part, Strike, Track};
 use super::scene::{PARTS, Scene, SensorModel};
-use crate::arithmetic::Phase;
-use crate::control::{AdcCode, SAMPLE_RATE};
+use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::control::{AdcCode, SAMPLE_RATE, Settings, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::TangentialSettings;
 
@@ -15,7 +15,7 @@ use crate::impact::TangentialSettings;
 const EVENTS_PER_SAMPLE: usize = 16;
 
 /// Most strikes of one cycle that the plant remembers.
-pub const STRIKES: usize = 64;
+pub const STRIKES: usize = 96;
 
 /// The simulated feeder.
 #[derive(Clone, Debug)]
@@ -40,7 +40,11 @@ pub struct Plant {
     lost: bool,
     inverted: bool,
     last_code: u16,
-    tangential: TangentialSettings,
+    /// Phase of the mains, and its advance per sample.
+    mains: Phase,
+    mains_step: u32,
+    ripple: f32,
+    tangential: Option<TangentialSettings>,
     strikes: [Strike; STRIKES],
     strike_count: usize,
 }
@@ -73,19 +77,17 @@ impl Plant {
             noise: Noise::new(scene.seed),
             output: 0.0,
             time: 0,
-            step: crate::control::phase_step(settings.frequency),
+            step: phase_step(settings.frequency),
             codes_per_acceleration: settings.sensitivity / STANDARD_GRAVITY as f32 / volts,
             zero: settings.sensor_zero / volts,
             full,
             lost: false,
             inverted: false,
             last_code: (settings.sensor_zero / volts) as u16,
-            tangential: TangentialSettings {
-                amplitude_ratio: f64::from(settings.amplitude_ratio),
-                phase_lead: f64::from(settings.phase_lead) * (TAU / 360.0),
-                incline_tangent: libm::tan(f64::from(settings.incline) * (TAU / 360.0)),
-                restitution: f64::from(settings.tangential_restitution),
-            },
+            mains: Phase::ZERO,
+            mains_step: phase_step(scene.drive.mains),
+            ripple: scene.drive.ripple,
+            tangential: Some(tangential(settings)),
             strikes: [Strike::default(); STRIKES],
             strike_count: 0,
         })
@@ -98,9 +100,12 @@ impl Plant {
         if self.lost {
             return AdcCode(self.last_code);
         }
-        let acceleration = self.drive.acceleration(self.gain * self.output, self.force)
+        let mut acceleration = self.drive.acceleration(self.gain * self.output, self.force)
             + self.ringing.acceleration()
             + noise;
+        if self.sensor.hum > 0.0 {
+            acceleration += self.sensor.hum * sine_cosine_single(self.mains).0;
+        }
         let signed = if self.inverted {
             -acceleration
         } else {
@@ -114,6 +119,11 @@ impl Plant {
     /// Holds an output (-1..1) for one sample, `step` being the advance of the drive's phase.
     #[inline]
     pub fn hold(&mut self, output: f32, step: u32) {
+        let mut output = output;
+        if self.ripple > 0.0 {
+            output *= 1.0 + self.ripple * sine_cosine_single(self.mains + self.mains).0;
+        }
+        self.mains += Phase::from_bits(self.mains_step);
         self.output = output;
         self.step = step;
         self.drive.step(self.gain * output);
@@ -170,6 +180,12 @@ impl Plant {
         }
     }
 
+    /// Displacement of the track in m and its velocity in m/s.
+    #[must_use]
+    pub fn motion(&self) -> [f32; 2] {
+        self.drive.motion()
+    }
+
     /// Impacts since [`Plant::forget_strikes`], at most [`STRIKES`].
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
@@ -224,6 +240,16 @@ impl Plant {
         self.sensor.sensitivity = sensitivity;
     }
 
+    /// Ripple of the drive's bus, as a share of its mean.
+    pub fn set_ripple(&mut self, ripple: f32) {
+        self.ripple = ripple;
+    }
+
+    /// Amplitude of the mains' hum in the reading in m/s^2.
+    pub fn set_hum(&mut self, hum: f32) {
+        self.sensor.hum = hum;
+    }
+
     /// Lets the reading stand still.
     pub fn set_sensor_lost(&mut self, lost: bool) {
         self.lost = lost;
@@ -232,5 +258,16 @@ impl Plant {
     /// Turns the sign of the reading.
     pub fn set_sensor_inverted(&mut self, inverted: bool) {
         self.inverted = inverted;
+    }
+}
+
+/// What the parts' motion along the track depends on.
+pub(super) fn tangential(settings: &Settings) -> TangentialSettings {
+    let turn = TAU / 360.0;
+    TangentialSettings {
+        amplitude_ratio: f64::from(settings.amplitude_ratio),
+        phase_lead: f64::from(settings.phase_lead) * turn,
+        incline_tangent: libm::tan(f64::from(settings.incline) * turn),
+        restitution: f64::from(settings.tangential_restitution),
     }
 }

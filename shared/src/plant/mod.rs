@@ -3,19 +3,30 @@
 //!
 //! A part's flight is one step of the impact map with the amplitude that the track has where the
 //! flight begins; the amplitude's own change within a flight (at most an eighth of its distance to go
-//! at Q = 25) is left out. Integers, single precision and the map's own arithmetic only: the same
-//! bits at the desk and on the emulated CPU.
+//! at Q = 25) is left out.
+//!
+//! Two fidelities: the waveform ([`ClosedLoop`]) takes every sample through the firmware's signal path,
+//! in integers, single precision and the map's own arithmetic only, so that it gives the same bits at the
+//! desk and on the emulated CPU; the envelope ([`EnvelopeLoop`]) goes from cycle to cycle in closed form,
+//! under the same controller.
 
 mod bench;
 mod closed_loop;
 mod drive;
+mod ear;
+mod envelope;
+mod envelope_loop;
 mod feeder;
 mod noise;
 mod part;
+mod recurrence;
 mod scene;
+mod timeline;
 
 pub use bench::Bench;
-pub use closed_loop::{ClosedLoop, Moment};
+pub use closed_loop::{ClosedLoop, Moment, Sample};
+pub use envelope::EnvelopePlant;
+pub use envelope_loop::EnvelopeLoop;
 pub use feeder::{Plant, STRIKES};
 pub use noise::Noise;
 pub use part::Strike;

@@ -5,9 +5,9 @@ use crate::control::{Settings, Start, Target};
 use crate::feeder::{OutOfRange, accept};
 
 /// Most parts that a plant carries.
-pub const PARTS: usize = 8;
+pub const PARTS: usize = 24;
 /// Most disturbances of a scene.
-pub const DISTURBANCES: usize = 16;
+pub const DISTURBANCES: usize = 32;
 
 /// The drive as it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +18,10 @@ pub struct DriveModel {
     pub quality: f32,
     /// Track amplitude at resonance for full output, in mm.
     pub gain: f32,
+    /// Frequency of the mains in Hz, whose second harmonic ripples on the drive's bus.
+    pub mains: f32,
+    /// Ripple of the drive's bus, amplitude over its mean, at twice the mains' frequency.
+    pub ripple: f32,
 }
 
 impl Default for DriveModel {
@@ -26,6 +30,8 @@ impl Default for DriveModel {
             resonance: 50.0,
             quality: 25.0,
             gain: 1.0,
+            mains: 50.0,
+            ripple: 0.0,
         }
     }
 }
@@ -43,6 +49,8 @@ pub struct SensorModel {
     pub ringing_frequency: f32,
     /// Decay time of the ringing in ms.
     pub ringing_decay: f32,
+    /// Amplitude of what it picks up of the mains, in m/s^2.
+    pub hum: f32,
 }
 
 impl Default for SensorModel {
@@ -53,6 +61,7 @@ impl Default for SensorModel {
             ringing: 30.0,
             ringing_frequency: 2400.0,
             ringing_decay: 1.0,
+            hum: 0.0,
         }
     }
 }
@@ -70,6 +79,10 @@ pub enum Change {
     Restitution(f32),
     /// RMS of the accelerometer's noise in m/s^2.
     Noise(f32),
+    /// Ripple of the drive's bus, as a share of its mean.
+    Ripple(f32),
+    /// Amplitude of the mains' hum in the accelerometer's reading, in m/s^2.
+    Hum(f32),
     /// The accelerometer's reading stands still (`true`) or works.
     SensorLost(bool),
     /// The accelerometer's sign is turned (`true`) or right.
@@ -88,7 +101,7 @@ pub enum Change {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disturbance {
     /// Time in s from the start of the scene.
-    pub at: f32,
+    pub at: f64,
     /// What changes.
     pub change: Change,
 }
@@ -106,9 +119,9 @@ pub struct Scene {
     pub drive: DriveModel,
     /// The accelerometer as it is.
     pub sensor: SensorModel,
-    /// Restitution of each part; a part ends the list with NaN.
+    /// Restitution of each part.
     pub parts: [f32; PARTS],
-    /// Parts in use, 0..=8.
+    /// Parts in use, 0..=24.
     pub part_count: u8,
     /// Seed of the noise.
     pub seed: u64,
@@ -151,7 +164,10 @@ impl Scene {
         within("drive resonance", drive.resonance, 5.0, 500.0, "5..500 Hz")?;
         within("drive quality", drive.quality, 1.0, 200.0, "1..200")?;
         within("drive gain", drive.gain, 1e-3, 100.0, "0.001..100 mm")?;
+        within("drive mains", drive.mains, 10.0, 400.0, "10..400 Hz")?;
+        within("drive ripple", drive.ripple, 0.0, 0.5, "0..0.5")?;
         let sensor = &self.sensor;
+        within("sensor hum", sensor.hum, 0.0, 100.0, "0..100 m/s^2")?;
         within("sensor noise", sensor.noise, 0.0, 100.0, "0..100 m/s^2")?;
         within(
             "sensor sensitivity",
@@ -180,13 +196,18 @@ impl Scene {
             f32::from(self.part_count),
             0.0,
             PARTS as f32,
-            "0..8",
+            "0..24",
         )?;
         for &restitution in &self.parts[..usize::from(self.part_count)] {
             within("part restitution", restitution, 0.0, 1.0, "0..1")?;
         }
         for disturbance in self.disturbances.iter().flatten() {
-            within("disturbance at", disturbance.at, 0.0, 1e6, "0..1000000 s")?;
+            accept(
+                "disturbance at",
+                disturbance.at,
+                (0.0..=1e8).contains(&disturbance.at),
+                "0..100000000 s",
+            )?;
             match disturbance.change {
                 Change::Gain(gain) => within("disturbance gain", gain, 0.0, 10.0, "0..10")?,
                 Change::Restitution(r) => {
@@ -198,6 +219,10 @@ impl Scene {
                 Change::Sensitivity(s) => {
                     within("disturbance sensitivity", s, 0.0, 10.0, "0..10")?;
                 }
+                Change::Ripple(ripple) => {
+                    within("disturbance ripple", ripple, 0.0, 0.5, "0..0.5")?;
+                }
+                Change::Hum(hum) => within("disturbance hum", hum, 0.0, 100.0, "0..100 m/s^2")?,
                 _ => {}
             }
         }

@@ -1,0 +1,62 @@
+//! What a drive cycle of the closed loop costs in both fidelities.
+
+use std::time::Instant;
+
+use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
+
+use super::{Line, median};
+
+/// Drive cycles of the default scene until the kick has come to its lock.
+const SETTLED: usize = 500;
+/// Drive cycles of a turn: a few milliseconds each.
+const WAVEFORM: usize = 100;
+const ENVELOPE: usize = 10_000;
+
+/// A long hold of the default scene, waveform and envelope turn by turn. Its part is locked, one impact a
+/// cycle, so that the time of an impact is that of a cycle; nothing else is watched.
+#[must_use]
+pub fn lines(turns: usize) -> Vec<Line> {
+    let scene = Scene::default();
+    let (Ok(mut waveform), Ok(mut envelope)) =
+        (ClosedLoop::build(&scene), EnvelopeLoop::build(&scene))
+    else {
+        return Vec::new();
+    };
+    envelope.watch_way(false);
+    let mut times = [Vec::new(), Vec::new()];
+    let mut turn = |cycles: [usize; 2]| {
+        let begun = Instant::now();
+        for _ in 0..cycles[0] {
+            std::hint::black_box(waveform.cycle());
+        }
+        let between = Instant::now();
+        for _ in 0..cycles[1] {
+            std::hint::black_box(envelope.cycle());
+        }
+        [between - begun, between.elapsed()]
+    };
+    turn([SETTLED; 2]);
+    for _ in 0..turns {
+        let took = turn([WAVEFORM, ENVELOPE]);
+        for ((times, took), cycles) in times.iter_mut().zip(took).zip([WAVEFORM, ENVELOPE]) {
+            times.push(took.as_nanos() as f64 / cycles as f64);
+        }
+    }
+    let line = |(kernel, times)| Line {
+        kernel,
+        workload: "scene",
+        nanoseconds: median(times),
+        errors: None,
+    };
+    ["waveform", "envelope"]
+        .into_iter()
+        .zip(times)
+        .map(line)
+        .collect()
+}
+
+/// Simulated time over run time of a line, for cycles of the default scene.
+#[must_use]
+pub fn times_real_time(line: &Line) -> f64 {
+    1e9 / f64::from(Scene::default().settings.frequency) / line.nanoseconds
+}

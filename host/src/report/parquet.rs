@@ -1,0 +1,200 @@
+//! Rows as a Parquet file: a column for each, numbers as doubles and words as text, units beside them.
+
+use std::io::Write;
+use std::sync::Arc;
+
+use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+
+use super::{Column, Rows, Value};
+use crate::refusal::Refusal;
+
+/// Rows of a group: few enough to wait in memory, many enough to read fast.
+const GROUP: usize = 65_536;
+
+/// The values of a column that wait for their group, and which rows have one.
+enum Waiting {
+    Numbers(Vec<f64>, Vec<i16>),
+    Words(Vec<ByteArray>, Vec<i16>),
+}
+
+/// Rows that go out as Parquet. Missing values are null; the file's metadata has `units` as a JSON object
+/// of the columns that have one.
+pub(super) struct ParquetRows<'a> {
+    writer: SerializedFileWriter<&'a mut (dyn Write + Send)>,
+    waiting: Vec<Waiting>,
+    rows: usize,
+}
+
+impl<'a> ParquetRows<'a> {
+    /// Begins the file of these columns.
+    pub fn begin(out: &'a mut (dyn Write + Send), columns: &[Column]) -> Result<Self, Refusal> {
+        let field = |column: &Column| {
+            let physical = if column.is_words() {
+                Physical::BYTE_ARRAY
+            } else {
+                Physical::DOUBLE
+            };
+            let logical = column.is_words().then_some(LogicalType::String);
+            Type::primitive_type_builder(column.name(), physical)
+                .with_logical_type(logical)
+                .with_repetition(Repetition::OPTIONAL)
+                .build()
+                .map(Arc::new)
+        };
+        let fields = columns.iter().map(field).collect::<Result<_, _>>();
+        let schema = fields
+            .and_then(|fields| {
+                Type::group_type_builder("kband")
+                    .with_fields(fields)
+                    .build()
+            })
+            .map_err(unwritten)?;
+        let units: serde_json::Map<_, _> = columns
+            .iter()
+            .filter(|column| !column.unit().is_empty())
+            .map(|column| (column.name().to_string(), column.unit().into()))
+            .collect();
+        let units = serde_json::Value::Object(units).to_string();
+        let properties = WriterProperties::builder()
+            .set_created_by(concat!("kband version ", env!("CARGO_PKG_VERSION")).into())
+            .set_key_value_metadata(Some(vec![KeyValue::new("units".into(), units)]))
+            .build();
+        let writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties));
+        Ok(Self {
+            writer: writer.map_err(unwritten)?,
+            waiting: columns.iter().map(empty).collect(),
+            rows: 0,
+        })
+    }
+
+    fn write_group(&mut self) -> Result<(), ParquetError> {
+        if self.rows == 0 {
+            return Ok(());
+        }
+        self.rows = 0;
+        let mut group = self.writer.next_row_group()?;
+        for waiting in &mut self.waiting {
+            let Some(mut column) = group.next_column()? else {
+                break;
+            };
+            match waiting {
+                Waiting::Numbers(values, there) => {
+                    let typed = column.typed::<DoubleType>();
+                    typed.write_batch(values, Some(there), None)?;
+                    values.clear();
+                    there.clear();
+                }
+                Waiting::Words(values, there) => {
+                    let typed = column.typed::<ByteArrayType>();
+                    typed.write_batch(values, Some(there), None)?;
+                    values.clear();
+                    there.clear();
+                }
+            }
+            column.close()?;
+        }
+        group.close()?;
+        Ok(())
+    }
+
+    /// Ends the file.
+    pub fn end(mut self) -> Result<(), Refusal> {
+        self.write_group().map_err(unwritten)?;
+        self.writer.close().map(|_| ()).map_err(unwritten)
+    }
+}
+
+fn empty(column: &Column) -> Waiting {
+    if column.is_words() {
+        Waiting::Words(Vec::new(), Vec::new())
+    } else {
+        Waiting::Numbers(Vec::new(), Vec::new())
+    }
+}
+
+fn unwritten(error: ParquetError) -> Refusal {
+    super::unwritten(&std::io::Error::other(error))
+}
+
+impl Rows for ParquetRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        for (waiting, value) in self.waiting.iter_mut().zip(row) {
+            let there = match waiting {
+                Waiting::Numbers(values, there) => {
+                    let before = values.len();
+                    match value {
+                        Value::Number(number) | Value::Short(number) => values.push(*number),
+                        Value::Count(count) => values.push(*count as f64),
+                        Value::Flag(flag) => values.push(f64::from(u8::from(*flag))),
+                        Value::Text(_) | Value::Missing => {}
+                    }
+                    there.push((values.len() - before) as i16);
+                    continue;
+                }
+                Waiting::Words(values, there) => {
+                    if !matches!(value, Value::Missing) {
+                        values.push(value.read(17).into_bytes().into());
+                    }
+                    there
+                }
+            };
+            there.push(i16::from(!matches!(value, Value::Missing)));
+        }
+        self.rows += 1;
+        if self.rows == GROUP {
+            self.write_group().map_err(unwritten)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_with_its_units() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.parquet");
+        let mut file = File::create(&path).unwrap();
+        let columns = [
+            Column::new("time", "s"),
+            Column::new("k", ""),
+            Column::new("state", "").words(),
+        ];
+        let mut rows = ParquetRows::begin(&mut file, &columns).unwrap();
+        // More than a group.
+        let count = GROUP as u32 + 10;
+        for n in 0..count {
+            let k = if n % 3 == 0 {
+                Value::Missing
+            } else {
+                0.4.into()
+            };
+            rows.row(&[Value::Short(f64::from(n) * 0.02), k, "locked".into()])
+                .unwrap();
+        }
+        rows.end().unwrap();
+        let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let metadata = reader.metadata().file_metadata();
+        assert_eq!(metadata.num_rows(), i64::from(count));
+        let pairs = metadata.key_value_metadata().unwrap();
+        let units = pairs.iter().find(|pair| pair.key == "units").unwrap();
+        assert_eq!(units.value.as_deref(), Some(r#"{"time":"s"}"#));
+        let last = reader.get_row_iter(None).unwrap().last().unwrap().unwrap();
+        assert_eq!(last.get_double(0).unwrap(), f64::from(count - 1) * 0.02);
+        assert_eq!(last.get_double(1).is_ok(), (count - 1) % 3 != 0);
+        assert_eq!(last.get_string(2).unwrap(), "locked");
+    }
+}

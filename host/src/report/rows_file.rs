@@ -1,0 +1,47 @@
+//! Rows that go straight into a file, CSV or Parquet by its ending.
+
+use super::{Column, CsvRows, Rows};
+use crate::file::Target;
+use crate::refusal::Refusal;
+
+/// Refuses a file whose ending names no form of rows that this build writes.
+pub fn check(target: &Target) -> Result<(), Refusal> {
+    match target.ending().as_str() {
+        "csv" => Ok(()),
+        "parquet" if cfg!(feature = "parquet") => Ok(()),
+        "parquet" => Err(Refusal::value(
+            "the file",
+            target.path().display(),
+            "a name that ends in .csv: this kband was built without Parquet",
+            "cargo install --path host --features parquet brings it",
+        )),
+        _ => Err(Refusal::value(
+            "the file",
+            target.path().display(),
+            "a name that ends in .csv or .parquet",
+            "change the ending",
+        )),
+    }
+}
+
+/// Does `work` with rows of these columns that go into `target`, or with none where there is no target.
+pub fn write<T>(
+    target: Option<&Target>,
+    columns: &[Column],
+    work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
+) -> Result<T, Refusal> {
+    let Some(target) = target else {
+        return work(None);
+    };
+    check(target)?;
+    target.write_by(|out| {
+        #[cfg(feature = "parquet")]
+        if target.ending() == "parquet" {
+            let mut rows = super::parquet::ParquetRows::begin(out, columns)?;
+            let result = work(Some(&mut rows))?;
+            rows.end()?;
+            return Ok(result);
+        }
+        work(Some(&mut CsvRows::begin(out, columns)?))
+    })
+}

@@ -1,0 +1,195 @@
+//! The numbers and flags of a scene that are not settings of the controller: one table for the parser
+//! and for the schema.
+
+use kband::plant::Change;
+
+/// A number of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Field {
+    /// Its key.
+    pub key: &'static str,
+    /// Smallest and largest accepted value.
+    pub range: [f32; 2],
+    /// Unit; empty for a pure number.
+    pub unit: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+}
+
+const fn field(
+    key: &'static str,
+    range: [f32; 2],
+    unit: &'static str,
+    meaning: &'static str,
+) -> Field {
+    Field {
+        key,
+        range,
+        unit,
+        meaning,
+    }
+}
+
+impl Field {
+    /// The accepted range in words.
+    #[must_use]
+    pub fn accepted(&self) -> String {
+        let [low, high] = self.range;
+        format!("{low}..{high} {}", self.unit).trim_end().into()
+    }
+}
+
+/// What `[sensor]` says of the accelerometer as it is, beside the settings.
+pub const SENSOR: [Field; 5] = [
+    field(
+        "noise",
+        [0.0, 100.0],
+        "m/s^2",
+        "RMS of the accelerometer's noise.",
+    ),
+    field(
+        "ringing",
+        [0.0, 1e5],
+        "1/s",
+        "Ringing in m/s^2 for an impact of 1 m/s.",
+    ),
+    field(
+        "ringing_frequency",
+        [500.0, 9000.0],
+        "Hz",
+        "Frequency of the ringing.",
+    ),
+    field(
+        "ringing_decay",
+        [0.05, 50.0],
+        "ms",
+        "Decay time of the ringing.",
+    ),
+    field(
+        "hum",
+        [0.0, 100.0],
+        "m/s^2",
+        "Amplitude of what the accelerometer picks up of the mains.",
+    ),
+];
+
+/// What `[plant]` says of the drive and the accelerometer as they are.
+pub const PLANT: [Field; 6] = [
+    field(
+        "resonance",
+        [5.0, 500.0],
+        "Hz",
+        "Resonance frequency of the drive as it is.",
+    ),
+    field(
+        "quality",
+        [1.0, 200.0],
+        "",
+        "Quality factor of the resonance as it is (Q).",
+    ),
+    field(
+        "gain",
+        [0.001, 100.0],
+        "mm",
+        "Track amplitude at resonance for full output, as it is.",
+    ),
+    field(
+        "sensitivity",
+        [0.1, 10.0],
+        "",
+        "Sensitivity of the accelerometer over the one told.",
+    ),
+    field("mains", [10.0, 400.0], "Hz", "Frequency of the mains."),
+    field(
+        "ripple",
+        [0.0, 0.5],
+        "",
+        "Ripple of the drive's bus at twice the mains' frequency, over its mean.",
+    ),
+];
+
+/// A number that a disturbance may set, and the change that it makes.
+pub type Number = (Field, fn(f32) -> Change);
+
+/// The numbers that a disturbance may set.
+pub const CHANGES: [Number; 6] = [
+    (
+        field(
+            "gain",
+            [0.0, 10.0],
+            "",
+            "Gain of the drive over the one at the start.",
+        ),
+        Change::Gain,
+    ),
+    (
+        field(
+            "restitution",
+            [0.0, 1.0],
+            "",
+            "Restitution of all parts (R).",
+        ),
+        Change::Restitution,
+    ),
+    (
+        field(
+            "noise",
+            [0.0, 100.0],
+            "m/s^2",
+            "RMS of the accelerometer's noise.",
+        ),
+        Change::Noise,
+    ),
+    (
+        field(
+            "sensitivity",
+            [0.0, 10.0],
+            "",
+            "Sensitivity of the accelerometer over the one told.",
+        ),
+        Change::Sensitivity,
+    ),
+    (
+        field(
+            "ripple",
+            [0.0, 0.5],
+            "",
+            "Ripple of the drive's bus at twice the mains' frequency, over its mean.",
+        ),
+        Change::Ripple,
+    ),
+    (
+        field(
+            "hum",
+            [0.0, 100.0],
+            "m/s^2",
+            "Amplitude of what the accelerometer picks up of the mains.",
+        ),
+        Change::Hum,
+    ),
+];
+
+/// A flag that a disturbance may set: its key, what it is, the change that it makes.
+pub type Flag = (&'static str, &'static str, fn(bool) -> Change);
+
+/// The flags that a disturbance may set.
+pub const FLAGS: [Flag; 6] = [
+    ("enable", "The enable input.", Change::Enable),
+    (
+        "sensor_lost",
+        "Whether the accelerometer's reading stands still.",
+        Change::SensorLost,
+    ),
+    (
+        "sensor_inverted",
+        "Whether the accelerometer's sign is turned.",
+        Change::SensorInverted,
+    ),
+    (
+        "over_temperature",
+        "The over-temperature input.",
+        Change::OverTemperature,
+    ),
+    ("stack_low", "The stack warning.", Change::StackLow),
+    ("link", "Whether the link brings frames.", Change::Link),
+];

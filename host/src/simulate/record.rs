@@ -1,0 +1,314 @@
+//! What is kept of a run while it goes on: enough to judge and draw it, however long it lasts.
+
+use kband::control::{Event, Report, State};
+use kband::plant::{Moment, Strike};
+
+use super::outcome::Watch;
+
+/// Time over which the end of a scene is judged, in s.
+pub(super) const END: f64 = 1.0;
+/// Time over which the parts' impacts are listened to, in s: the last three tell rest from silence at
+/// the slowest hopping, and hold enough impacts to tell chaos.
+pub(super) const HEARD: f64 = 6.0;
+
+/// An event with its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Happened {
+    /// Time in s.
+    pub time: f64,
+    /// What happened.
+    pub event: Event,
+    /// The cycle in which it did.
+    pub report: Report,
+}
+
+/// The record of a run.
+#[derive(Clone, Debug)]
+pub struct Record {
+    duration: f64,
+    cycles: u32,
+    last: Option<Moment>,
+    happened: Vec<Happened>,
+    /// State now, and the time at which it was reached.
+    held: Option<(State, f64)>,
+    end: Vec<Moment>,
+    late: Vec<(f64, Strike)>,
+    kept: Option<Vec<Moment>>,
+    sketch: Option<Sketch>,
+}
+
+impl Record {
+    pub(super) fn new(duration: f64, cycles: usize, watch: &Watch<'_>) -> Self {
+        Self {
+            duration,
+            cycles: 0,
+            last: None,
+            happened: Vec::new(),
+            held: None,
+            end: Vec::new(),
+            late: Vec::new(),
+            kept: watch.kept.then(|| Vec::with_capacity(cycles)),
+            sketch: watch.drawn.then(|| Sketch::new(cycles)),
+        }
+    }
+
+    /// Whether the end is near enough that the way of the parts is wanted: two windows of the end, in
+    /// the first of which the speed along the track settles.
+    pub(super) fn ends(&self, time: f64) -> bool {
+        time > self.duration - 2.0 * END
+    }
+
+    #[inline]
+    pub(super) fn take(&mut self, moment: &Moment, strikes: &[Strike]) {
+        self.cycles += 1;
+        let state = moment.report.state;
+        if self.held.is_none_or(|(held, _)| held != state) {
+            self.held = Some((state, moment.time));
+        }
+        for event in moment.report.events.iter() {
+            self.happened.push(Happened {
+                time: moment.time,
+                event,
+                report: moment.report,
+            });
+        }
+        if moment.time > self.duration - HEARD {
+            let stamped = strikes.iter().map(|strike| (moment.time, *strike));
+            self.late.extend(stamped);
+            if moment.time > self.duration - END {
+                self.end.push(*moment);
+            }
+        }
+        if let Some(kept) = &mut self.kept {
+            kept.push(*moment);
+        }
+        if let Some(sketch) = &mut self.sketch {
+            sketch.take(moment, strikes);
+        }
+        self.last = Some(*moment);
+    }
+
+    /// Cycles so far.
+    #[must_use]
+    pub fn cycles(&self) -> u32 {
+        self.cycles
+    }
+
+    /// Every cycle, where they were to be kept.
+    #[must_use]
+    pub fn moments(&self) -> &[Moment] {
+        self.kept.as_deref().unwrap_or_default()
+    }
+
+    /// The last cycle.
+    #[must_use]
+    pub fn last(&self) -> Option<&Moment> {
+        self.last.as_ref()
+    }
+
+    /// Every event in the order of time.
+    #[must_use]
+    pub fn happened(&self) -> &[Happened] {
+        &self.happened
+    }
+
+    /// The state at the end, and since when.
+    #[must_use]
+    pub fn held(&self) -> Option<(State, f64)> {
+        self.held
+    }
+
+    /// The cycles of the last second.
+    #[must_use]
+    pub fn end(&self) -> &[Moment] {
+        &self.end
+    }
+
+    /// The impacts of the last seconds, with the time at the end of their cycle in s.
+    #[must_use]
+    pub fn late(&self) -> &[(f64, Strike)] {
+        &self.late
+    }
+
+    /// The run in few enough points for a picture.
+    #[must_use]
+    pub fn sketch(&self) -> Option<&Sketch> {
+        self.sketch.as_ref()
+    }
+}
+
+/// Most stretches of a sketched curve: about one a pixel and a half, low and high of each.
+const STRETCHES: usize = 450;
+/// Most impacts that a sketch keeps; a choice of them is drawn.
+const IMPACTS: usize = 4096;
+
+/// A curve as the lowest and highest point of each stretch.
+#[derive(Clone, Debug, Default)]
+struct Curve {
+    points: Vec<(f64, f64)>,
+    low: Option<(f64, f64)>,
+    high: Option<(f64, f64)>,
+}
+
+impl Curve {
+    fn take(&mut self, time: f64, value: f64) {
+        if self.low.is_none_or(|low| value < low.1) {
+            self.low = Some((time, value));
+        }
+        if self.high.is_none_or(|high| value > high.1) {
+            self.high = Some((time, value));
+        }
+    }
+
+    fn end_stretch(&mut self) {
+        let (low, high) = (self.low.take(), self.high.take());
+        let (first, second) = match (low, high) {
+            (Some(low), Some(high)) if low.0 == high.0 => (Some(low), None),
+            (Some(low), Some(high)) if low.0 > high.0 => (Some(high), Some(low)),
+            pair => pair,
+        };
+        self.points.extend(first.into_iter().chain(second));
+    }
+
+    fn drawn(&self) -> Vec<(f64, f64)> {
+        let mut whole = self.clone();
+        whole.end_stretch();
+        whole.points
+    }
+}
+
+/// A run in few enough points for a picture.
+#[derive(Clone, Debug)]
+pub struct Sketch {
+    stretch: usize,
+    within: usize,
+    amplitude: Curve,
+    reference: Curve,
+    k: Curve,
+    /// References of the last two cycles: each is for the cycle after next.
+    ahead: [f32; 2],
+    states: Vec<(f64, State)>,
+    time: f64,
+    /// Time, phase and speed of impacts, every `stride`-th of them.
+    impacts: Vec<(f64, f64, f64)>,
+    stride: usize,
+    skipped: usize,
+}
+
+impl Sketch {
+    fn new(cycles: usize) -> Self {
+        Self {
+            stretch: if cycles <= 2 * STRETCHES {
+                1
+            } else {
+                cycles.div_ceil(STRETCHES)
+            },
+            within: 0,
+            amplitude: Curve::default(),
+            reference: Curve::default(),
+            k: Curve::default(),
+            ahead: [0.0; 2],
+            states: Vec::new(),
+            time: 0.0,
+            impacts: Vec::new(),
+            stride: 1,
+            skipped: 0,
+        }
+    }
+
+    fn take(&mut self, moment: &Moment, strikes: &[Strike]) {
+        let (time, report) = (moment.time, &moment.report);
+        self.amplitude.take(time, f64::from(report.amplitude));
+        self.reference.take(time, f64::from(self.ahead[1]));
+        self.ahead = [report.reference, self.ahead[0]];
+        self.k.take(time, f64::from(report.k));
+        self.within += 1;
+        if self.within == self.stretch {
+            self.within = 0;
+            for curve in [&mut self.amplitude, &mut self.reference, &mut self.k] {
+                curve.end_stretch();
+            }
+        }
+        if self
+            .states
+            .last()
+            .is_none_or(|(_, state)| *state != report.state)
+        {
+            self.states.push((self.time, report.state));
+        }
+        self.time = time;
+        for strike in strikes {
+            self.skipped += 1;
+            if self.skipped < self.stride {
+                continue;
+            }
+            self.skipped = 0;
+            self.impacts.push((time, strike.phase, strike.speed));
+            if self.impacts.len() == IMPACTS {
+                let mut keep = false;
+                self.impacts.retain(|_| {
+                    keep = !keep;
+                    keep
+                });
+                self.stride *= 2;
+            }
+        }
+    }
+
+    /// Time at the end in s.
+    #[must_use]
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Amplitude b over time, in m.
+    #[must_use]
+    pub fn amplitude(&self) -> Vec<(f64, f64)> {
+        self.amplitude.drawn()
+    }
+
+    /// Its reference over time, in m.
+    #[must_use]
+    pub fn reference(&self) -> Vec<(f64, f64)> {
+        self.reference.drawn()
+    }
+
+    /// k over time.
+    #[must_use]
+    pub fn k(&self) -> Vec<(f64, f64)> {
+        self.k.drawn()
+    }
+
+    /// The states one after the other, each with the time from which it was held.
+    #[must_use]
+    pub fn states(&self) -> &[(f64, State)] {
+        &self.states
+    }
+
+    /// Time (s), phase (rad) and speed (m/s) of an even choice of the impacts.
+    #[must_use]
+    pub fn impacts(&self) -> &[(f64, f64, f64)] {
+        &self.impacts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_curve_keeps_the_extremes_and_the_order_of_time() {
+        let mut curve = Curve::default();
+        for n in 0..50_000_u32 {
+            let value = if n == 31_234 { 9.0 } else { f64::from(n % 7) };
+            curve.take(f64::from(n), value);
+            if n % 112 == 111 {
+                curve.end_stretch();
+            }
+        }
+        let points = curve.drawn();
+        assert!(points.len() <= 2 * STRETCHES);
+        assert!(points.contains(&(31_234.0, 9.0)));
+        assert!(points.windows(2).all(|pair| pair[0].0 < pair[1].0));
+    }
+}

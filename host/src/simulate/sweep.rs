@@ -1,0 +1,429 @@
+//! One scene over values of its keys, each many times.
+
+use toml::{Table, Value};
+
+use super::engine::Fidelity;
+use super::runs::{self, Run, Runs};
+use super::scene::SceneFile;
+use crate::desk::Desk;
+use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::refusal::Refusal;
+use crate::report::{Column, Table as Rows, Value as Cell};
+
+/// Most points of a sweep, all keys together.
+const POINTS: usize = 1_000_000;
+
+/// A key of a scene and the values that it takes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axes {
+    /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.
+    pub key: String,
+    /// Its values.
+    pub values: Vec<f64>,
+}
+
+impl Axes {
+    /// `key=a..b:n` or `key=a`, as typed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let wanted = "KEY=LOW..HIGH:COUNT, such as drive.gain=0.5..1.5:11";
+        let (key, range) = text.split_once('=').ok_or(format!("expected {wanted}"))?;
+        let number = |text: &str| {
+            let parsed = text.trim().parse::<f64>().ok();
+            parsed
+                .filter(|number| number.is_finite())
+                .ok_or(format!("'{text}' is not a number: expected {wanted}"))
+        };
+        let values = match range.split_once("..") {
+            None => vec![number(range)?],
+            Some((low, rest)) => {
+                let (high, count) = rest
+                    .rsplit_once(':')
+                    .ok_or(format!("how many values? expected {wanted}"))?;
+                let (low, high) = (number(low)?, number(high)?);
+                let count: usize = count
+                    .trim()
+                    .parse()
+                    .ok()
+                    .filter(|count| (1..=100_000).contains(count))
+                    .ok_or(format!("'{count}' is not a count of 1..100000"))?;
+                let step = (high - low) / (count.max(2) - 1) as f64;
+                (0..count).map(|n| low + step * n as f64).collect()
+            }
+        };
+        if key.trim().is_empty() {
+            return Err(format!("no key: expected {wanted}"));
+        }
+        Ok(Self {
+            key: key.trim().into(),
+            values,
+        })
+    }
+}
+
+/// Sets a key of a scene's table, creating the tables on its way.
+fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
+    let unknown = |part: &str| {
+        Refusal::value(
+            "--sweep",
+            key,
+            "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at",
+            format!("correct {part}; docs/scenes.md lists every key"),
+        )
+    };
+    let mut parts: Vec<&str> = key.split('.').collect();
+    let last = parts.pop().unwrap_or_default();
+    let mut inner = table;
+    for part in &parts {
+        let next = inner
+            .entry(*part)
+            .or_insert_with(|| Value::Table(Table::new()));
+        inner = match next {
+            Value::Table(table) => table,
+            Value::Array(list) => {
+                // What follows is the number of a table of the list, from 1.
+                return set_in_list(list, key, part, value, &unknown);
+            }
+            _ => return Err(unknown(part)),
+        };
+    }
+    put(inner, parts.last().copied(), last, value).ok_or_else(|| unknown(last))
+}
+
+fn set_in_list(
+    list: &mut [Value],
+    key: &str,
+    name: &str,
+    value: f64,
+    unknown: &dyn Fn(&str) -> Refusal,
+) -> Result<(), Refusal> {
+    let rest = key
+        .split_once(&format!("{name}."))
+        .map_or("", |(_, rest)| rest);
+    let (number, rest) = rest.split_once('.').ok_or_else(|| unknown(rest))?;
+    let index = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
+    match index.and_then(|index| list.get_mut(index)) {
+        Some(Value::Table(table)) => set(table, rest, value),
+        _ => Err(unknown(number)),
+    }
+}
+
+/// Puts a number at a key; `None` where a table stands there.
+fn put(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
+    if matches!(table.get(key), Some(Value::Table(_))) {
+        return None;
+    }
+    if within == Some("target") {
+        // A target is one of several keys.
+        table.clear();
+    }
+    let whole = matches!(key, "seed" | "locked" | "count") && value.fract() == 0.0;
+    let value = if whole {
+        Value::Integer(value as i64)
+    } else {
+        Value::Float(value)
+    };
+    table.insert(key.into(), value);
+    Some(())
+}
+
+/// What came of one point of a sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Values of the swept keys, in their order.
+    pub values: Vec<f64>,
+    /// Its runs.
+    pub runs: Runs,
+}
+
+/// A sweep that was run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sweep {
+    axes: Vec<Axes>,
+    /// The last key runs fastest.
+    points: Vec<Point>,
+}
+
+impl Sweep {
+    /// Runs the scene of `table` `count` times at each point, changed by `prepare` before it is checked.
+    /// A run depends on its point, its number and the seed alone.
+    pub fn run(
+        table: &Table,
+        axes: &[Axes],
+        prepare: &(dyn Fn(&mut SceneFile) + Sync),
+        count: usize,
+        seed: Option<u64>,
+        fidelity: Option<Fidelity>,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
+        let points = axes
+            .iter()
+            .try_fold(1_usize, |n, axis| n.checked_mul(axis.values.len()))
+            .filter(|points| points.saturating_mul(count) <= POINTS);
+        let Some(points) = points else {
+            return Err(Refusal::value(
+                "--sweep",
+                "(too many points)",
+                format!("up to {POINTS} runs, all values and --runs multiplied"),
+                "give fewer values or fewer runs",
+            ));
+        };
+        // Every scene is read before the first is run: a value out of range costs no time.
+        let mut scenes = Vec::with_capacity(points);
+        for n in 0..points {
+            let mut left = n;
+            let mut values = vec![0.0; axes.len()];
+            for (axis, value) in axes.iter().zip(&mut values).rev() {
+                *value = axis.values[left % axis.values.len()];
+                left /= axis.values.len();
+            }
+            let mut table = table.clone();
+            for (axis, value) in axes.iter().zip(&values) {
+                set(&mut table, &axis.key, *value)?;
+            }
+            let mut file = SceneFile::from_table(table)?;
+            prepare(&mut file);
+            file.check()?;
+            scenes.push((values, file));
+        }
+        let runs = desk.try_map("sweeping", points * count, |n| {
+            let (_, file) = &scenes[n / count];
+            let fidelity = fidelity.or(file.fidelity).unwrap_or_default();
+            match seed {
+                Some(seed) => runs::one(&runs::drawn(file, seed, n as u64), fidelity),
+                None => runs::one(file, fidelity),
+            }
+        })?;
+        let mut runs = runs.into_iter();
+        let points = scenes
+            .into_iter()
+            .map(|(values, _)| Point {
+                values,
+                runs: Runs::new("sweep", runs.by_ref().take(count).collect()),
+            })
+            .collect();
+        Ok(Self {
+            axes: axes.to_vec(),
+            points,
+        })
+    }
+
+    /// The points, the last key's values running fastest.
+    #[must_use]
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// One row for each point: the share of runs in the wanted state, and the middle of what they came to.
+    #[must_use]
+    pub fn summary(&self) -> Rows {
+        let mut columns = self.key_columns();
+        columns.extend([
+            Column::new("runs", ""),
+            Column::new("reached", "%").digits(4),
+            Column::new("low_95", "%").digits(4),
+            Column::new("high_95", "%").digits(4),
+            Column::new("median", "s").digits(3),
+            Column::new("b", "mm").digits(4),
+            Column::new("k", "").digits(4),
+            Column::new("speed", "mm/s").digits(4),
+            Column::new("state", ""),
+            Column::new("regime", ""),
+        ]);
+        let mut table = Rows::new(&columns);
+        for point in &self.points {
+            let (share, low, high) = point.runs.share();
+            let times = point.runs.times();
+            let middle = |value: &dyn Fn(&Run) -> f64| {
+                let mut all: Vec<f64> = point.runs.runs.iter().map(value).collect();
+                all.sort_by(f64::total_cmp);
+                let middle = all.get(all.len() / 2).copied();
+                middle.filter(|value| value.is_finite())
+            };
+            let mut row: Vec<Cell> = point.values.iter().map(|value| (*value).into()).collect();
+            row.extend([
+                point.runs.runs.len().into(),
+                (100.0 * share).into(),
+                (100.0 * low).into(),
+                (100.0 * high).into(),
+                times.get(times.len() / 2).copied().into(),
+                middle(&|run| run.amplitude * 1e3).into(),
+                middle(&|run| run.k).into(),
+                middle(&|run| run.speed * 1e3).into(),
+                most(point.runs.runs.iter().map(|run| run.state.name())).into(),
+                most(point.runs.runs.iter().map(|run| run.regime.as_str())).into(),
+            ]);
+            table.push_row(row);
+        }
+        table
+    }
+
+    /// One row for each run.
+    #[must_use]
+    pub fn table(&self) -> Rows {
+        let mut columns = self.key_columns();
+        columns.extend(runs::COLUMNS);
+        let mut table = Rows::new(&columns);
+        for point in &self.points {
+            for (n, run) in point.runs.runs.iter().enumerate() {
+                let mut row: Vec<Cell> = point.values.iter().map(|value| (*value).into()).collect();
+                row.extend(run.row(n));
+                table.push_row(row);
+            }
+        }
+        table
+    }
+
+    fn key_columns(&self) -> Vec<Column> {
+        // A column's name lives as long as the process: a few letters for each key typed.
+        let column = |axis: &Axes| Column::new(axis.key.clone().leak(), unit(&axis.key));
+        self.axes.iter().map(column).collect()
+    }
+
+    /// The share of runs in the wanted state over the swept key, or over the first two.
+    #[must_use]
+    pub fn draw(&self, file: &SceneFile) -> Picture {
+        let count = self.points.first().map_or(0, |point| point.runs.runs.len());
+        let picture = Picture::new("How sure the wanted state is").caption(format!(
+            "{count} runs a point, target {}",
+            super::describe(file.scene.target)
+        ));
+        let axis = |axis: &Axes| {
+            let (low, high) = bounds(&axis.values);
+            let unit = match unit(&axis.key) {
+                "" => Unit::NONE,
+                unit => Unit::new(unit),
+            };
+            Axis::new(axis.key.clone(), unit, low, high)
+        };
+        let share = |point: &Point| 100.0 * point.runs.share().0;
+        match &self.axes[..] {
+            [first, second, ..] => {
+                // Of further keys the mean over all their values.
+                let inner: usize = self.axes[2..]
+                    .iter()
+                    .map(|axis| axis.values.len())
+                    .product();
+                let (columns, rows) = (first.values.len(), second.values.len());
+                let mut cells = vec![0.0; columns * rows];
+                for (n, point) in self.points.iter().enumerate() {
+                    let (column, row) = (n / inner / rows, n / inner % rows);
+                    cells[row * columns + column] += share(point) / inner as f64;
+                }
+                let scale = Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 100.0);
+                picture.panel(
+                    Panel::new(axis(first), axis(second)).heat(Grid::new(columns, cells), scale),
+                )
+            }
+            axes => {
+                let shares = Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 105.0);
+                let Some(first) = axes.first() else {
+                    return picture;
+                };
+                let at = |point: &Point| point.values[0];
+                let line = self.points.iter().map(|point| (at(point), share(point)));
+                let band = self.points.iter().map(|point| {
+                    let (_, low, high) = point.runs.share();
+                    (at(point), 100.0 * low, 100.0 * high)
+                });
+                let mut panel = Panel::new(axis(first), shares);
+                if count > 1 {
+                    panel = panel.between("95 % interval", 1, band.collect());
+                }
+                let line: Vec<(f64, f64)> = line.collect();
+                if line.len() <= 60 {
+                    panel = panel.markers("", 0, line.clone());
+                }
+                picture.panel(panel.line("share", 0, line))
+            }
+        }
+    }
+}
+
+/// Unit of a key of a scene, as far as its last part tells it.
+fn unit(key: &str) -> &'static str {
+    let last = key.rsplit('.').next().unwrap_or_default();
+    super::schema::unit(key.split('.').next().unwrap_or_default(), last)
+}
+
+fn bounds(values: &[f64]) -> (f64, f64) {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if high > low {
+        (low, high)
+    } else {
+        (low - 0.5, low + 0.5)
+    }
+}
+
+/// What occurs most often; of equals the first.
+fn most<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    for word in words {
+        match counts.iter_mut().find(|(known, _)| *known == word) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((word, 1)),
+        }
+    }
+    let largest = counts.iter().map(|(_, count)| *count).max().unwrap_or(0);
+    let found = counts.iter().find(|(_, count)| *count == largest);
+    found.map_or(String::new(), |(word, _)| (*word).into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::DEFAULT;
+    use super::super::scene::table;
+    use super::*;
+
+    fn sweep(axes: &[&str], count: usize, threads: usize) -> Result<Sweep, Refusal> {
+        let axes: Vec<Axes> = axes.iter().map(|text| Axes::parse(text).unwrap()).collect();
+        let prepare = |file: &mut SceneFile| file.duration = 5.0;
+        let desk = Desk::new(Some(threads)).unwrap();
+        Sweep::run(
+            &table(DEFAULT)?,
+            &axes,
+            &prepare,
+            count,
+            Some(7),
+            None,
+            &desk,
+        )
+    }
+
+    #[test]
+    fn the_product_of_two_keys_has_the_same_bits_for_any_number_of_threads() {
+        let keys = ["part.restitution=0.15..0.25:2", "plant.gain=0.8..1.2:3"];
+        let one = sweep(&keys, 2, 1).unwrap();
+        assert_eq!(one, sweep(&keys, 2, 3).unwrap());
+        assert_eq!(one.points().len(), 6);
+        assert_eq!(one.points()[4].values, [0.25, 1.0]);
+        assert_eq!(one.table().len(), 12);
+    }
+
+    #[test]
+    fn any_numeric_key_may_be_swept_and_others_are_refused() {
+        for key in [
+            "controller.soft_start=0.2..0.6:2",
+            "target.k=0.4..0.45:2",
+            "part.actual.count=1",
+            "seed=1..3:3",
+        ] {
+            let swept = sweep(&[key], 1, 1);
+            // A count alone is no distribution.
+            assert_eq!(swept.is_ok(), !key.contains("count"), "{key}");
+        }
+        for (key, expected) in [
+            ("drive.gian=1..2:2", "did you mean gain?"),
+            ("track=1..2:2", "numeric key"),
+            ("disturbance.1.gain=0.5..1:2", "disturbance"),
+            ("drive.gain=-1..2:2", "drive.gain = -1"),
+            ("seed=1..1000001:100000", "too many"),
+        ] {
+            let refused = sweep(&[key], 11, 1).unwrap_err().to_string();
+            assert!(refused.contains(expected), "{key}: {refused}");
+        }
+        for text in ["gain", "gain=1..2", "gain=a..2:3", "gain=1..2:0", "=1..2:3"] {
+            assert!(Axes::parse(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! The trace of a run: one row for each drive cycle.
+
+use kband::control::Event;
+use kband::plant::{Moment, Sample};
+
+use crate::report::{Column, Value};
+
+/// Columns of the trace.
+pub const TRACE: [Column; 15] = [
+    Column::new("time", "s"),
+    Column::new("amplitude", "mm"),
+    Column::new("k", ""),
+    Column::new("reference", "mm"),
+    Column::new("output", "of full"),
+    Column::new("lead", "rad"),
+    Column::new("state", "").words(),
+    Column::new("fault", "").words(),
+    Column::new("limits", ""),
+    Column::new("impacts_heard", "per cycle"),
+    Column::new("phase_heard", "rad"),
+    Column::new("confidence", ""),
+    Column::new("impacts", ""),
+    Column::new("way", "mm"),
+    Column::new("events", "").words(),
+];
+
+/// The row of a cycle.
+#[must_use]
+pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
+    let report = &moment.report;
+    let events: Vec<&str> = report.events.iter().map(Event::name).collect();
+    let fault = report.fault.map(|fault| fault.name());
+    [
+        Value::Short(moment.time),
+        single(report.amplitude * 1e3),
+        if report.k.is_finite() {
+            single(report.k)
+        } else {
+            Value::Missing
+        },
+        single(report.reference * 1e3),
+        single(report.command.amplitude),
+        single(report.lead),
+        report.state.name().into(),
+        fault.map_or(Value::Missing, Into::into),
+        u32::from(report.limits.bits()).into(),
+        single(report.rate),
+        single(report.phase),
+        single(report.confidence),
+        moment.strikes.into(),
+        (moment.way * 1e3).into(),
+        events.join("; ").into(),
+    ]
+}
+
+/// Columns of a scope.
+pub const SCOPE: [Column; 5] = [
+    Column::new("time", "s"),
+    Column::new("output", "of full"),
+    Column::new("reading", "codes"),
+    Column::new("displacement", "mm"),
+    Column::new("velocity", "mm/s"),
+];
+
+/// The row of a sample.
+#[must_use]
+pub fn scope_row(sample: &Sample) -> [Value; SCOPE.len()] {
+    [
+        Value::Short(sample.time),
+        single(sample.output),
+        u32::from(sample.code).into(),
+        single(sample.displacement * 1e3),
+        single(sample.velocity * 1e3),
+    ]
+}
+
+/// A number of single precision with the digits it has, not those of its nearest double.
+fn single(value: f32) -> Value {
+    Value::Short(value.to_string().parse().unwrap_or(f64::from(value)))
+}

@@ -1,0 +1,315 @@
+//! What the board's ear makes of an impact, without its samples.
+
+use core::f64::consts::TAU;
+
+use num_complex::Complex64 as Complex;
+
+use super::noise::Noise;
+use super::recurrence::{exp, turn};
+use super::scene::SensorModel;
+use crate::control::SAMPLE_RATE;
+
+/// `ln MEMORY`.
+const FORGETTING: f64 = -0.035_627_177_643_155_54;
+
+/// Samples after an impact in which its ringing is looked at: the first quarter turn of the slowest that
+/// a scene may have (500 Hz), and the first full turn of the default one.
+const LOOKED: usize = 10;
+/// The ear's own constants (see [`Ear`](crate::control::Ear)): corner, memory, blind time, threshold.
+const CORNER: f64 = 0.27;
+const MEMORY: f64 = 0.965;
+const BLIND: u64 = 13;
+const THRESHOLD: f64 = 6.0 / 0.6745;
+/// Weight of a sample in the memory of hidden time: 2000 samples.
+const WEIGHT: f64 = 5e-4;
+
+/// The ear's response to impacts in closed form: both its high-passes are linear, so that what a ringing
+/// leaves of itself n samples after its first is one complex number for each n.
+#[derive(Clone, Copy, Debug)]
+pub struct ImpactEar {
+    ringing: Complex,
+    /// Residual of a ringing of unit height that begins at a sample, n samples later: its imaginary part.
+    response: [Complex; LOOKED],
+    /// RMS of the residual over the RMS of white noise in the reading.
+    noise_gain: f64,
+    /// Decay time of a ringing in samples.
+    samples_per_decay: f64,
+    /// What a drive's speed gives.
+    tuning: Tuning,
+    /// Share of time in which ringing hides the noise, over some cycles.
+    hidden: f64,
+    /// Height of the last ringing that was loud, and its sample.
+    memory: f64,
+    memory_at: u64,
+    /// First sample at which another impact may be heard.
+    open: u64,
+}
+
+/// What the ear makes of a drive that turns by `theta` rad a sample.
+#[derive(Clone, Copy, Debug)]
+struct Tuning {
+    theta: f64,
+    /// `1/(1 - e^(i theta) r)` for the ringing r of a sample and for its conjugate.
+    sums: [Complex; 2],
+    /// What both high-passes leave of the drive's own swing.
+    leak: f64,
+}
+
+/// An impact that is to be heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Struck {
+    /// The first sample after it, counted since the start of the scene.
+    pub sample: u64,
+    /// Its time before that sample in samples, 0..1.
+    pub share: f64,
+    /// Height of its ringing in m/s^2 as the board reads it.
+    pub height: f64,
+}
+
+/// What the ear holds against impacts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Background {
+    /// The ear's running median of the residual in m/s^2.
+    pub median: f64,
+    /// RMS of the residual's noise in m/s^2.
+    pub rms: f64,
+}
+
+/// An impact heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeardAt {
+    /// Number of the sample since the start of the scene.
+    pub sample: u64,
+    /// Height of the residual in m/s^2.
+    pub strength: f64,
+}
+
+impl ImpactEar {
+    /// The ear for a sensor.
+    #[must_use]
+    pub fn new(sensor: &SensorModel) -> Self {
+        let h = 1.0 / f64::from(SAMPLE_RATE);
+        let ringing = Complex::new(
+            -h / (f64::from(sensor.ringing_decay) * 1e-3),
+            TAU * f64::from(sensor.ringing_frequency) * h,
+        );
+        let mut low = [Complex::new(0.0, 0.0); 2];
+        let mut response = [Complex::new(0.0, 0.0); LOOKED];
+        for (n, slot) in response.iter_mut().enumerate() {
+            let input = exp(ringing * n as f64);
+            low[0] += (input - low[0]) * CORNER;
+            let once = input - low[0];
+            low[1] += (once - low[1]) * CORNER;
+            *slot = once - low[1];
+        }
+        let (mut low, mut power, mut input) = ([0.0; 2], 0.0, 1.0);
+        // 200 samples are 60 time constants of either high-pass.
+        for _ in 0..200 {
+            low[0] += CORNER * (input - low[0]);
+            let once: f64 = input - low[0];
+            low[1] += CORNER * (once - low[1]);
+            power += (once - low[1]) * (once - low[1]);
+            input = 0.0;
+        }
+        Self {
+            ringing,
+            response,
+            noise_gain: libm::sqrt(power),
+            samples_per_decay: -1.0 / ringing.re,
+            tuning: Tuning::new(ringing, 0.0),
+            hidden: 0.0,
+            memory: 0.0,
+            memory_at: 0,
+            open: 200,
+        }
+    }
+
+    /// Takes over the speed of the drive: `theta` rad a sample.
+    pub fn tune(&mut self, theta: f64) {
+        if theta != self.tuning.theta {
+            self.tuning = Tuning::new(self.ringing, theta);
+        }
+    }
+
+    /// What both high-passes leave of the drive's swing of unit amplitude.
+    #[must_use]
+    pub fn leak(&self) -> f64 {
+        self.tuning.leak
+    }
+
+    /// RMS of the residual for a RMS of white noise in the reading.
+    #[must_use]
+    pub fn residual(&self, noise: f64) -> f64 {
+        self.noise_gain * noise
+    }
+
+    /// The ear's median of a residual of a RMS: the share of time that ringing fills lies above it.
+    #[must_use]
+    pub fn median(&self, rms: f64) -> f64 {
+        // P(|n| > m) = (1/2 - q)/(1 - q) around m = 0.6745: slope of the normal distribution there 0.636.
+        rms * (0.6745 + 0.787 * self.hidden.min(0.4))
+    }
+
+    /// Takes an impact: whether it is heard, and the sum of its ringing against the drive's turn from its
+    /// first sample on, which is what the demodulator makes of it.
+    pub fn impact(
+        &mut self,
+        struck: Struck,
+        background: Background,
+        noise: &mut Noise,
+    ) -> (Option<HeardAt>, Complex) {
+        let Struck {
+            sample,
+            share,
+            height,
+        } = struck;
+        let Background { median, rms } = background;
+        let began = exp(self.ringing * share) * height;
+        let [ahead, back] = self.tuning.sums;
+        let sum = (began * ahead - began.conj() * back) * Complex::new(0.0, -0.5);
+        let loud = THRESHOLD * median;
+        // Nothing that a ringing leaves is higher than itself.
+        if height + 3.5 * rms < loud {
+            return (None, sum);
+        }
+        let since = sample.saturating_sub(self.memory_at);
+        // After 600 samples 5e-10 of it is left.
+        let mut memory = if since < 600 {
+            self.memory * libm::exp(FORGETTING * since as f64)
+        } else {
+            0.0
+        };
+        let mut heard = None;
+        for (n, response) in self.response.iter().enumerate() {
+            let left = (began * response).im + rms * f64::from(noise.gauss());
+            let residual = left.abs();
+            let at = sample + n as u64;
+            if residual > loud {
+                if heard.is_none() && residual > 1.5 * memory && at >= self.open {
+                    heard = Some(HeardAt {
+                        sample: at,
+                        strength: residual,
+                    });
+                }
+                memory = (memory * MEMORY).max(residual);
+            } else {
+                memory *= MEMORY;
+            }
+        }
+        self.memory = memory;
+        self.memory_at = sample + LOOKED as u64;
+        if let Some(heard) = heard {
+            self.open = heard.sample + BLIND;
+        }
+        let over = libm::logf((height / median).max(1.0) as f32);
+        self.hidden += f64::from(over) * self.samples_per_decay * WEIGHT;
+        (heard, sum)
+    }
+
+    /// Lets a cycle of this many samples pass.
+    pub fn pass(&mut self, samples: u32) {
+        self.hidden *= (1.0 - f64::from(samples) * WEIGHT).max(0.0);
+    }
+}
+
+impl Tuning {
+    fn new(ringing: Complex, theta: f64) -> Self {
+        let one = Complex::new(1.0, 0.0);
+        let turning = Complex::new(0.0, theta);
+        // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
+        let back = turn(-theta);
+        let once = (one - back) * (1.0 - CORNER) / (one - back * (1.0 - CORNER));
+        Self {
+            theta,
+            sums: [ringing, ringing.conj()].map(|log| (one - exp(log + turning)).inv()),
+            leak: once.norm_sqr(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::super::drive::Ringing;
+    use super::*;
+    use crate::control::Ear;
+
+    /// Impacts through the ear itself, sample by sample, and through its closed form.
+    fn both(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
+        let sensor = SensorModel::default();
+        let (mut ear, mut ringing) = (Ear::new(0.01), Ringing::new(2400.0, 1e-3));
+        let mut fast = ImpactEar::new(&sensor);
+        let mut noise = [Noise::new(3), Noise::new(4)];
+        let mut heard = [Vec::new(), Vec::new()];
+        let mut next = 9000.25;
+        for sample in 0..60_000_u64 {
+            if next <= sample as f64 {
+                let share = sample as f64 - next;
+                ringing.strike(height, share as f32);
+                let rms = fast.residual(f64::from(sigma));
+                let median = fast.median(rms).max(0.01);
+                let struck = Struck {
+                    sample,
+                    share,
+                    height: f64::from(height),
+                };
+                let background = Background { median, rms };
+                let (found, _) = fast.impact(struck, background, &mut noise[1]);
+                heard[1].extend(found.map(|found| found.sample));
+                next += spacing;
+            }
+            let reading = ringing.acceleration() + sigma * noise[0].gauss();
+            // The ear first learns its noise.
+            if ear.sample(reading).is_some() && sample > 8000 {
+                heard[0].push(sample);
+            }
+            ringing.step();
+            if sample % 400 == 0 {
+                fast.pass(400);
+            }
+        }
+        heard
+    }
+
+    #[test]
+    fn it_hears_what_the_ear_hears_when_the_ear_hears_it() {
+        for (height, spacing, sigma) in [(6.0, 400.3, 0.15), (6.0, 133.7, 0.15), (2.0, 811.1, 0.1)]
+        {
+            let [slow, fast] = both(height, spacing, sigma);
+            assert!(slow.len() > 50);
+            assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
+            for (slow, fast) in slow.iter().zip(&fast) {
+                // Each has its own noise, which may carry a slow rise over the threshold a sample early.
+                assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
+            }
+        }
+        let [slow, fast] = both(0.4, 400.3, 0.15);
+        assert!(slow.is_empty() && fast.is_empty());
+    }
+
+    #[test]
+    fn the_demodulator_s_share_of_a_ringing_is_its_sum() {
+        let mut fast = ImpactEar::new(&SensorModel::default());
+        fast.tune(0.0157);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        ringing.strike(1.0, 0.3);
+        let mut sum = Complex::new(0.0, 0.0);
+        for n in 0..2000 {
+            sum += turn(0.0157 * f64::from(n)) * f64::from(ringing.acceleration());
+            ringing.step();
+        }
+        // 2000 terms in f32.
+        let struck = Struck {
+            sample: 1000,
+            share: 0.3,
+            height: 1.0,
+        };
+        let background = Background {
+            median: 0.1,
+            rms: 0.1,
+        };
+        let (_, found) = fast.impact(struck, background, &mut Noise::new(1));
+        assert!((sum - found).norm_sqr() < 1e-9);
+    }
+}

@@ -1,0 +1,479 @@
+//! The plant from cycle to cycle: amplitude and phase of the track in closed form, the parts on the map,
+//! and what demodulator and ear make of both.
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use num_complex::Complex64 as Complex;
+
+use super::drive::Swing;
+use super::ear::{Background, HeardAt, ImpactEar, Struck};
+use super::feeder::{STRIKES, tangential};
+use super::noise::Noise;
+use super::part::{Part, Strike, Track};
+use super::recurrence::{Demodulated, Recurrence, turn};
+use super::scene::{Change, PARTS, Scene, SensorModel};
+use crate::arithmetic::Phase;
+use crate::control::{Cycle, HEARD_PER_CYCLE, Heard, SAMPLE_RATE, phase_step};
+use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
+use crate::impact::TangentialSettings;
+
+const TURN: f64 = 4_294_967_296.0;
+/// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
+const EVENTS_PER_CYCLE: usize = 200;
+/// Impacts heard that wait for the cycle of their sample.
+const WAITING: usize = 2 * HEARD_PER_CYCLE;
+
+/// The simulated feeder, a drive cycle at a time.
+///
+/// [`EnvelopePlant::cycle`] gives what the signal path would have given for that cycle. Drive and
+/// demodulator are exact ([`Recurrence`]); a part meets the track where drive and map say, and is heard
+/// as the ear's closed form says. Noise is drawn once for each quantity that it reaches. Only a reading
+/// that leaves the converter's range is computed sample by sample, because clipping is not linear.
+#[derive(Clone, Debug)]
+pub struct EnvelopePlant {
+    drive: Recurrence,
+    gain: f32,
+    sensor: SensorModel,
+    ear: ImpactEar,
+    parts: [Part; PARTS],
+    part_count: usize,
+    pull: f64,
+    noise: Noise,
+    /// Time up to which the parts are known, in steps of 2^-32 turns of the drive: that of the output
+    /// before the sample that began the cycle.
+    time: i64,
+    /// Samples before this cycle.
+    sample: u64,
+    /// Turns of the mains in one sample.
+    mains: f64,
+    ripple: f32,
+    codes_per_acceleration: f64,
+    zero: f64,
+    full: f64,
+    lost: bool,
+    inverted: bool,
+    settings: TangentialSettings,
+    watched: bool,
+    strikes: [Strike; STRIKES],
+    strike_count: usize,
+    waiting: [Option<HeardAt>; WAITING],
+    /// The ear's median, which follows the noise over some cycles.
+    median: f64,
+}
+
+impl EnvelopePlant {
+    /// The plant of a scene, at rest; the refusal names the parameter.
+    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        scene.check()?;
+        let settings = &scene.settings;
+        settings.check()?;
+        let full = f64::from((1_u32 << settings.converter_bits as u32) - 1);
+        let volts = f64::from(settings.converter_reference) / (full + 1.0);
+        let codes = f64::from(settings.sensitivity) / STANDARD_GRAVITY / volts;
+        let mut parts = [Part::at_rest(0.0); PARTS];
+        for (part, &restitution) in parts.iter_mut().zip(&scene.parts) {
+            *part = Part::at_rest(f64::from(restitution));
+        }
+        Ok(Self {
+            drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
+            gain: 1.0,
+            sensor: scene.sensor,
+            ear: ImpactEar::new(&scene.sensor),
+            parts,
+            part_count: usize::from(scene.part_count),
+            pull: f64::from(settings.gravity)
+                * libm::cos(f64::from(settings.incline) * (TAU / 360.0)),
+            noise: Noise::new(scene.seed),
+            time: -i64::from(phase_step(settings.frequency)),
+            sample: 0,
+            mains: f64::from(scene.drive.mains) / f64::from(SAMPLE_RATE),
+            ripple: scene.drive.ripple,
+            codes_per_acceleration: codes,
+            zero: f64::from(settings.sensor_zero) / volts,
+            full,
+            lost: false,
+            inverted: false,
+            settings: tangential(settings),
+            watched: true,
+            strikes: [Strike::default(); STRIKES],
+            strike_count: 0,
+            waiting: [None; WAITING],
+            median: 1.0 / codes,
+        })
+    }
+
+    /// Runs one drive cycle at an output amplitude (share of full) and a step of the phase.
+    pub fn cycle(&mut self, output: f32, step: u32) -> Cycle {
+        self.strike_count = 0;
+        let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
+        self.drive
+            .begin(self.output(f64::from(output), step, middle), step);
+        let samples = self.drive.samples();
+        self.move_parts();
+        let clipped = self.drive.loudest() + self.ringing() + 4.0 * f64::from(self.sensor.noise)
+            > self.headroom();
+        let mut cycle = Cycle {
+            samples: samples as u16,
+            ..Cycle::default()
+        };
+        // What is only heard in the cycle that follows has the phases of this one.
+        let readings = clipped.then(|| self.clip(&mut cycle));
+        let loudest = self.drive.loudest();
+        let struck = self.listen();
+        let found = self.drive.end();
+        let found = readings.unwrap_or(Demodulated {
+            in_phase: found.in_phase + struck.re,
+            quadrature: found.quadrature + struck.im,
+        });
+        self.read(&mut cycle, found, loudest, middle);
+        self.tell(&mut cycle, samples);
+        self.sample += u64::from(samples);
+        self.ear.pass(samples);
+        cycle
+    }
+
+    /// The output with what the bus's ripple adds at the drive's frequency: `sin(wt) r sin(Wt)` is
+    /// `r/2 cos((W - w)t)` beside what the drive does not answer.
+    fn output(&self, output: f64, step: u32, middle: f64) -> Complex {
+        let output = output * f64::from(self.gain);
+        if self.ripple <= 0.0 {
+            return Complex::new(output, 0.0);
+        }
+        let turns = f64::from(step) / TURN;
+        let apart = (2.0 * self.mains - 2.0 * turns) * TAU;
+        let samples = f64::from(self.drive.samples());
+        let phase = f64::from(self.drive.phase()) / TURN + 0.5 * samples * turns;
+        let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
+        // cos(x + wt) = Im(i e^(i x) e^(i wt)).
+        let ripple = turn(beat) * (0.5 * f64::from(self.ripple) * sinc(0.5 * apart * samples));
+        (Complex::new(1.0, 0.0) + Complex::new(0.0, 1.0) * ripple) * output
+    }
+
+    /// Largest height of ringing that this cycle's strikes may add up to, in m/s^2.
+    fn ringing(&self) -> f64 {
+        let speeds = self.strikes().iter().map(|strike| strike.speed);
+        f64::from(self.sensor.ringing) * speeds.sum::<f64>()
+    }
+
+    /// Acceleration in m/s^2 that the converter has room for on its nearer side.
+    fn headroom(&self) -> f64 {
+        let codes = self.zero.min(self.full - self.zero);
+        codes / (self.codes_per_acceleration * f64::from(self.sensor.sensitivity).max(1e-9))
+    }
+
+    /// Samples from the one that began the cycle to the plant's state at a time of the parts: the state
+    /// at a sample is reached by the output of the sample before.
+    fn samples_to(&self, time: u64) -> f64 {
+        (time as i64 - self.time) as f64 / f64::from(self.drive.step())
+    }
+
+    /// Time up to which this cycle moves the parts.
+    fn end(&self) -> u64 {
+        (self.time + i64::from(self.drive.samples()) * i64::from(self.drive.step())).max(0) as u64
+    }
+
+    /// Lets the parts fly, strike and rest up to the end of the cycle.
+    fn move_parts(&mut self) {
+        let end = self.end();
+        let track = Track {
+            pull: self.pull,
+            angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / TURN),
+            tangential: self.watched.then_some(self.settings),
+        };
+        for index in 0..self.part_count {
+            let mut part = self.parts[index];
+            let mut from = self.time.max(0) as u64;
+            for _ in 0..EVENTS_PER_CYCLE {
+                let Some(next) = part.next() else {
+                    match self.thrown(&track, from, end) {
+                        Some((swing, time)) => part.throw(swing, &track, time),
+                        None => break,
+                    }
+                    if part.rests() {
+                        break;
+                    }
+                    continue;
+                };
+                if next > end {
+                    break;
+                }
+                from = next;
+                let swing = self.drive.swing(self.samples_to(next));
+                if let Some(strike) = part.event(swing, &track)
+                    && let Some(slot) = self.strikes.get_mut(self.strike_count)
+                {
+                    *slot = Strike {
+                        part: index as u8,
+                        ..strike
+                    };
+                    self.strike_count += 1;
+                }
+            }
+            self.parts[index] = part;
+        }
+        if self.part_count > 1 {
+            self.strikes[..self.strike_count].sort_unstable_by_key(|strike| strike.time);
+        }
+    }
+
+    /// Where in `from..=end` the track first throws a resting part.
+    fn thrown(&self, track: &Track, from: u64, end: u64) -> Option<(Swing, u64)> {
+        let k = |swing: &Swing| {
+            track.pull / (f64::from(swing.amplitude) * track.angular * track.angular)
+        };
+        let began = self.drive.swing(self.samples_to(from));
+        let phase = began.phase.radians();
+        if libm::sin(phase) > k(&began) {
+            return Some((began, from));
+        }
+        // The crest is thrown first as the amplitude grows; from there back to arcsin k.
+        let ahead = |angle: f64| (turned(angle) / TAU * TURN) as u64;
+        let crest = from + ahead(FRAC_PI_2 - phase);
+        if crest > end + (1 << 30) {
+            return None;
+        }
+        let at_crest = k(&self.drive.swing(self.samples_to(crest)));
+        if at_crest >= 1.0 {
+            return None;
+        }
+        let mut time = crest - ahead(FRAC_PI_2 - libm::asin(at_crest)).min(crest - from);
+        for _ in 0..8 {
+            let swing = self.drive.swing(self.samples_to(time));
+            let late = libm::sin(swing.phase.radians()) - k(&swing);
+            if late > 0.0 {
+                return (time <= end).then_some((swing, time));
+            }
+            // Past the crossing of a slowly changing amplitude, never before it.
+            time += (1 << 20) + (-late / TAU * TURN).min(TURN / 16.0) as u64;
+        }
+        None
+    }
+
+    /// RMS of white noise in the reading in m/s^2, the converter's rounding included.
+    fn white(&self) -> f64 {
+        let step = 1.0 / self.codes_per_acceleration;
+        let noise = f64::from(self.sensor.noise);
+        libm::sqrt(noise * noise + step * step / 12.0)
+    }
+
+    /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
+    fn listen(&mut self) -> Complex {
+        self.ear.tune(f64::from(self.drive.step()) * (TAU / TURN));
+        let factor = f64::from(self.sensor.sensitivity);
+        let rms = self.ear.residual(self.white()) * factor;
+        let leak = self.ear.leak() * self.drive.loudest() * factor;
+        let level = libm::sqrt(rms * rms + 0.5 * leak * leak);
+        let floor = 1.0 / self.codes_per_acceleration;
+        // A running median moves by 1/1024 of itself a sample at most.
+        let most = 1.0 + f64::from(self.drive.samples()) / 1024.0;
+        self.median = self
+            .ear
+            .median(level)
+            .clamp(self.median / most, self.median * most)
+            .max(floor);
+        let background = Background {
+            median: self.median,
+            rms,
+        };
+        let mut sum = Complex::new(0.0, 0.0);
+        for index in 0..self.strike_count {
+            let strike = self.strikes[index];
+            let samples = self.samples_to(strike.time);
+            let whole = libm::ceil(samples);
+            let struck = Struck {
+                sample: self.sample + whole as u64,
+                share: whole - samples,
+                height: f64::from(self.sensor.ringing) * strike.speed * factor,
+            };
+            let (heard, ringing) = self.ear.impact(struck, background, &mut self.noise);
+            sum += ringing * self.drive.at(whole);
+            if let (Some(heard), Some(slot)) =
+                (heard, self.waiting.iter_mut().find(|slot| slot.is_none()))
+            {
+                *slot = Some(heard);
+            }
+        }
+        sum * (2.0 * f64::from(self.drive.step()) / TURN / factor.max(1e-9))
+    }
+
+    /// Puts what was demodulated into the readings of the board.
+    fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
+        cycle.noise = (self.median / 0.6745) as f32;
+        if self.lost {
+            let code = (self.zero + 0.5) as u16;
+            (cycle.low, cycle.high) = (code, code);
+            return;
+        }
+        let turned = if self.inverted { -1.0 } else { 1.0 };
+        let factor = turned * f64::from(self.sensor.sensitivity);
+        let samples = f64::from(cycle.samples);
+        // Mean of 2 n(t) e^(i phase) over N samples.
+        let scatter = self.white() * libm::sqrt(2.0 / samples.max(1.0));
+        let hum = self.hum(samples, middle);
+        let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
+        let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
+        cycle.in_phase = (in_phase * factor) as f32;
+        cycle.quadrature = (quadrature * factor) as f32;
+        if cycle.saturated == 0 {
+            let code = |acceleration: f64| {
+                let code = self.zero + acceleration * self.codes_per_acceleration + 0.5;
+                code.clamp(0.0, self.full) as u16
+            };
+            let reach =
+                (loudest + 3.0 * f64::from(self.sensor.noise)) * f64::from(self.sensor.sensitivity);
+            (cycle.low, cycle.high) = (code(-reach), code(reach));
+        }
+    }
+
+    /// What the demodulator makes of the mains' hum.
+    fn hum(&self, samples: f64, middle: f64) -> Complex {
+        if self.sensor.hum <= 0.0 {
+            return Complex::new(0.0, 0.0);
+        }
+        let drive = f64::from(self.drive.step()) / TURN;
+        // The cycle that ended: its middle is half a turn of the drive back.
+        let phase = f64::from(self.drive.phase()) / TURN - 0.5 * samples * drive;
+        let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
+        let half = 0.5 * TAU * samples;
+        let near = sinc(half * (self.mains - drive));
+        let far = sinc(half * (self.mains + drive));
+        // 2 sin(Wt) e^(i wt) = -i e^(i(W + w)t) + i e^(-i(W - w)t), each averaged over the cycle.
+        let sum = turn(mains + drive_at) * Complex::new(0.0, -far)
+            + turn(drive_at - mains) * Complex::new(0.0, near);
+        sum * f64::from(self.sensor.hum)
+    }
+
+    /// The cycle sample by sample, with the converter's ends.
+    fn clip(&mut self, cycle: &mut Cycle) -> Demodulated {
+        let factor = f64::from(self.sensor.sensitivity) * self.codes_per_acceleration;
+        let samples = self.drive.samples();
+        let (mut sum, mut low, mut high) = (Complex::new(0.0, 0.0), self.full, 0.0_f64);
+        let decay = f64::from(self.sensor.ringing_decay) * 1e-3 * f64::from(SAMPLE_RATE);
+        let pitch = TAU * f64::from(self.sensor.ringing_frequency) / f64::from(SAMPLE_RATE);
+        for n in 0..samples {
+            let mut reading = self.drive.acceleration(n);
+            for strike in self.strikes() {
+                let since = f64::from(n) - self.samples_to(strike.time);
+                if since > 0.0 {
+                    reading += f64::from(self.sensor.ringing)
+                        * strike.speed
+                        * libm::exp(-since / decay)
+                        * libm::sin(pitch * since);
+                }
+            }
+            reading += f64::from(self.sensor.noise) * f64::from(self.noise.gauss());
+            let code = self.zero + reading * factor + 0.5;
+            let kept = code.clamp(0.0, self.full);
+            if kept < 1.0 || kept >= self.full {
+                cycle.saturated += 1;
+            }
+            (low, high) = (low.min(kept), high.max(kept));
+            sum += self.drive.at(f64::from(n)) * ((kept - self.zero - 0.5) / factor);
+        }
+        (cycle.low, cycle.high) = (low as u16, high as u16);
+        let mean = sum * (2.0 / f64::from(samples));
+        Demodulated {
+            in_phase: mean.re,
+            quadrature: mean.im,
+        }
+    }
+
+    /// Gives out what is heard within the cycle that ends, `samples` long.
+    fn tell(&mut self, cycle: &mut Cycle, samples: u32) {
+        let step = self.drive.step();
+        // The drive already stands at the phase of the next cycle.
+        let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
+        let end = self.sample + u64::from(samples);
+        let mut last = self.sample;
+        for _ in 0..WAITING {
+            let due = self
+                .waiting
+                .iter_mut()
+                .filter(|slot| slot.is_some_and(|heard| heard.sample < end))
+                .min_by_key(|slot| slot.map_or(u64::MAX, |heard| heard.sample));
+            let Some(heard) = due.and_then(Option::take) else {
+                break;
+            };
+            if self.lost {
+                continue;
+            }
+            let n = (heard.sample.max(last) - self.sample) as u32;
+            last = heard.sample.max(last);
+            if let Some(slot) = cycle.heard.get_mut(usize::from(cycle.heard_count)) {
+                // The ear stamps the sample before the one at which it hears.
+                let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
+                *slot = Heard {
+                    phase: Phase::from_bits(phase),
+                    strength: heard.strength as f32,
+                };
+            }
+            cycle.heard_count = cycle.heard_count.saturating_add(1);
+        }
+        self.time += i64::from(samples) * i64::from(step);
+    }
+
+    /// Whether the way along the track is watched; unwatched it stands still and costs nothing.
+    pub fn watch_way(&mut self, watched: bool) {
+        self.watched = watched;
+    }
+
+    /// Impacts of the last cycle, at most [`STRIKES`], in the order of time.
+    #[must_use]
+    pub fn strikes(&self) -> &[Strike] {
+        &self.strikes[..self.strike_count]
+    }
+
+    /// Time since the start in s.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.sample as f64 / f64::from(SAMPLE_RATE)
+    }
+
+    /// Samples before the next cycle, and in it as far as the present step goes.
+    #[must_use]
+    pub fn samples(&self) -> [u64; 2] {
+        [self.sample, u64::from(self.drive.samples())]
+    }
+
+    /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.
+    #[must_use]
+    pub fn way(&self) -> f64 {
+        let parts = &self.parts[..self.part_count];
+        let sum: f64 = parts.iter().map(Part::way).sum();
+        sum / parts.len().max(1) as f64
+    }
+
+    /// Makes a change of the plant.
+    pub fn apply(&mut self, change: Change) {
+        match change {
+            Change::Gain(gain) => self.gain = gain,
+            Change::Restitution(restitution) => {
+                for part in &mut self.parts {
+                    part.set_restitution(f64::from(restitution));
+                }
+            }
+            Change::Noise(noise) => self.sensor.noise = noise,
+            Change::SensorLost(lost) => self.lost = lost,
+            Change::SensorInverted(inverted) => self.inverted = inverted,
+            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
+            Change::Ripple(ripple) => self.ripple = ripple,
+            Change::Hum(hum) => self.sensor.hum = hum,
+            _ => {}
+        }
+    }
+}
+
+/// `sin(x)/x`.
+fn sinc(x: f64) -> f64 {
+    if x.abs() < 1e-6 {
+        1.0
+    } else {
+        libm::sin(x) / x
+    }
+}
+
+/// `angle` in 0..2 pi.
+fn turned(angle: f64) -> f64 {
+    let turned = angle - TAU * libm::floor(angle / TAU);
+    if turned < 2.0 * PI { turned } else { 0.0 }
+}

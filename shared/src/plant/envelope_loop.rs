@@ -1,0 +1,102 @@
+//! The closed loop from cycle to cycle: the same controller, on the plant's envelope.
+
+use super::closed_loop::Moment;
+use super::envelope::EnvelopePlant;
+use super::scene::{Change, Scene};
+use super::timeline::Timeline;
+use crate::control::{Command, Controller, PLAN_SLICES, phase_step};
+use crate::feeder::OutOfRange;
+
+/// Controller and [`EnvelopePlant`], joined as [`ClosedLoop`](super::ClosedLoop) joins controller,
+/// signal path and plant: what the controller commands at the end of a cycle drives the cycle after next.
+#[derive(Clone, Debug)]
+pub struct EnvelopeLoop {
+    controller: Controller,
+    plant: EnvelopePlant,
+    timeline: Timeline,
+    /// Command of the cycle that runs next, and the one latched after it.
+    running: Command,
+    pending: Command,
+}
+
+impl EnvelopeLoop {
+    /// The loop of a scene at time 0: parts at rest, drive off, enable input given.
+    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        let still = Command {
+            step: phase_step(scene.settings.frequency),
+            ..Command::default()
+        };
+        Ok(Self {
+            controller: Controller::build(&scene.settings, scene.target, scene.start)?,
+            plant: EnvelopePlant::build(scene)?,
+            timeline: Timeline::new(scene),
+            running: still,
+            pending: still,
+        })
+    }
+
+    /// Runs to the end of the next drive cycle.
+    pub fn cycle(&mut self) -> Moment {
+        let [before, samples] = self.plant.samples();
+        // What happens in the first half of a cycle counts for the whole of it.
+        self.happen(before + samples / 2);
+        let cycle = self.plant.cycle(self.running.amplitude, self.running.step);
+        self.happen(self.plant.samples()[0] - 1);
+        if let Some(target) = self.timeline.new_target() {
+            // A target out of range is refused, as over the link; the old one stays.
+            let _ = self.controller.set_target(target);
+        }
+        let report = self.controller.cycle(&cycle, &self.timeline.inputs());
+        self.running = self.pending;
+        self.pending = report.command;
+        if report.command.immediate {
+            self.running.amplitude = report.command.amplitude;
+        }
+        for _ in 0..PLAN_SLICES {
+            if !self.controller.plan_step() {
+                break;
+            }
+        }
+        Moment {
+            time: self.plant.seconds(),
+            report,
+            strikes: self.plant.strikes().len() as u32,
+            way: self.plant.way(),
+        }
+    }
+
+    fn happen(&mut self, sample: u64) {
+        while let Some(change) = self.timeline.due(sample) {
+            self.apply(change);
+        }
+    }
+
+    /// Makes a change now, beside those of the scene; a target is taken at the end of the cycle.
+    pub fn apply(&mut self, change: Change) {
+        if let Some(change) = self.timeline.take(change) {
+            self.plant.apply(change);
+        }
+    }
+
+    /// Whether the way along the track is watched; unwatched it stands still and costs nothing.
+    pub fn watch_way(&mut self, watched: bool) {
+        self.plant.watch_way(watched);
+    }
+
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// The controller, to share what it plans.
+    pub fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
+    }
+
+    /// The plant.
+    #[must_use]
+    pub fn plant(&self) -> &EnvelopePlant {
+        &self.plant
+    }
+}

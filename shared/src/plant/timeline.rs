@@ -1,0 +1,78 @@
+//! What happens to the plant in time, and what the board's inputs say of it.
+
+use super::scene::{Change, DISTURBANCES, Disturbance, Scene};
+use crate::control::{Inputs, SAMPLE_RATE, Target};
+
+/// The disturbances of a scene, each handed out once when it is due.
+#[derive(Clone, Debug)]
+pub struct Timeline {
+    inputs: Inputs,
+    target: Option<Target>,
+    disturbances: [Option<Disturbance>; DISTURBANCES],
+    next: usize,
+    /// Sample before which the next disturbance happens.
+    due: u64,
+}
+
+impl Timeline {
+    /// The timeline of a scene at time 0: enable input given, link heard.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let mut timeline = Self {
+            inputs: Inputs {
+                enable: true,
+                link_heard: true,
+                ..Inputs::default()
+            },
+            target: None,
+            disturbances: scene.disturbances,
+            next: 0,
+            due: 0,
+        };
+        timeline.look_ahead();
+        timeline
+    }
+
+    fn look_ahead(&mut self) {
+        self.due = match self.disturbances.get(self.next) {
+            Some(Some(disturbance)) => (disturbance.at * f64::from(SAMPLE_RATE)) as u64,
+            _ => u64::MAX,
+        };
+    }
+
+    /// A change that is due before sample `sample`, counted from 0; call it until it gives none.
+    #[inline]
+    pub fn due(&mut self, sample: u64) -> Option<Change> {
+        if self.due > sample {
+            return None;
+        }
+        let disturbance = self.disturbances.get(self.next).copied().flatten();
+        self.next += 1;
+        self.look_ahead();
+        disturbance.map(|disturbance| disturbance.change)
+    }
+
+    /// Takes a change of an input or of the target; gives back one of the plant.
+    pub fn take(&mut self, change: Change) -> Option<Change> {
+        match change {
+            Change::Enable(enable) => self.inputs.enable = enable,
+            Change::Target(target) => self.target = Some(target),
+            Change::OverTemperature(hot) => self.inputs.over_temperature = hot,
+            Change::Link(linked) => self.inputs.link_heard = linked,
+            Change::StackLow(low) => self.inputs.stack_low = low,
+            change => return Some(change),
+        }
+        None
+    }
+
+    /// What the board's inputs say now.
+    #[must_use]
+    pub fn inputs(&self) -> Inputs {
+        self.inputs
+    }
+
+    /// A target that the scene sets, once.
+    pub fn new_target(&mut self) -> Option<Target> {
+        self.target.take()
+    }
+}
