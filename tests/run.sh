@@ -100,6 +100,13 @@ if [ "${1:-}" = --soak ]; then
     finish
 fi
 
+if [ "${1:-}" = --features ]; then
+    step "clippy for all features of the desk" 2400 cargo clippy --locked --package kband-host --all-features --all-targets \
+        -- -D warnings
+    step "desk with all features" 2400 cargo build --locked --package kband-host --all-features --bin kband
+    finish
+fi
+
 # The toolchain that compiles for the targets: rustup's, or Debian's under the name of tests/setup.sh.
 cross=cargo
 compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev/null || cross='cargo +kband-thumb'

@@ -10,6 +10,7 @@
 //! | [`mod@bench`] | the kernels of the impact map side by side, and the baselines |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`ending`] | where an orbit of the exact map ends |
+//! | [`flash`] | images onto the board |
 //! | `live` | the dashboard in the terminal |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
@@ -22,6 +23,7 @@ pub mod board;
 pub mod desk;
 pub mod ending;
 pub mod file;
+pub mod flash;
 #[cfg(feature = "live")]
 pub mod live;
 pub mod picture;

@@ -81,6 +81,58 @@ impl Came {
     }
 }
 
+#[test]
+fn an_image_is_checked_without_a_probe() {
+    let folder = folder();
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let words = "flash --dry-run --format json";
+    let plan = run(folder.path(), words, &[image.to_str().unwrap()]).done(words);
+    let plan: Value = serde_json::from_str(&plan).unwrap();
+    let sectors = plan["sectors"].as_array().unwrap();
+    let bytes: u64 = sectors
+        .iter()
+        .map(|sector| sector["bytes"].as_u64().unwrap())
+        .sum();
+    assert_eq!(Some(bytes), plan["flash_bytes"].as_u64());
+    assert!(
+        bytes > 100_000 && plan["ram_bytes"].as_u64().unwrap() > 32 * 1024,
+        "{plan}"
+    );
+    assert_eq!(plan["written"], false);
+    for sector in &sectors[10..] {
+        assert_eq!(sector["what"], "settings, left alone");
+    }
+    let words = "flash --dry-run";
+    let emulated = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let desk = env!("CARGO_BIN_EXE_kband");
+    std::fs::write(
+        folder.path().join("short"),
+        &std::fs::read(&image).unwrap()[..5000],
+    )
+    .unwrap();
+    for (image, expected) in [
+        (
+            emulated.to_str().unwrap(),
+            ["emulated board", "cargo feeder"],
+        ),
+        (desk, ["64 bits", "cargo feeder"]),
+        ("short", ["short", "cargo feeder"]),
+        (".said", ["no ELF", "cargo feeder"]),
+        ("none", ["none", "cargo feeder"]),
+    ] {
+        run(folder.path(), words, &[image]).refused(words, &expected);
+    }
+    // Built without its way to a probe, or with it and no probe here.
+    let words = "flash";
+    let came = run(folder.path(), words, &[image.to_str().unwrap()]);
+    let expected = if cfg!(feature = "flash") {
+        "no debug probe"
+    } else {
+        "--features flash"
+    };
+    came.refused(words, &[expected, "next:"]);
+}
+
 fn json(came: Came, words: &str) -> Value {
     serde_json::from_str(&came.done(words)).unwrap()
 }
@@ -279,4 +331,68 @@ fn a_board_is_monitored_recorded_and_replayed() {
     run(folder.path(), words, &[]).refused(words, &["other.kband", "no record", "--record"]);
     let words = "monitor --replay none.kband";
     run(folder.path(), words, &[]).refused(words, &["none.kband", "--record"]);
+}
+
+/// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.
+#[cfg(unix)]
+fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
+    use std::io::Write;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&far).unwrap();
+    unlockpt(&far).unwrap();
+    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
+    let mut far = File::from(far);
+    let done = AtomicBool::new(false);
+    let folder = folder();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // What a terminal that nobody reads does not take is lost, as on a wire.
+            let near = File::options().read(true).write(true).open(&name).unwrap();
+            let mut modes = rustix::termios::tcgetattr(&near).unwrap();
+            modes.make_raw();
+            rustix::termios::tcsetattr(&near, rustix::termios::OptionalActions::Now, &modes)
+                .unwrap();
+            for _ in 0..200 {
+                if done.load(Ordering::Relaxed) || far.write_all(bytes).is_err() {
+                    break;
+                }
+                std::thread::sleep(std::time::Duration::from_millis(100));
+            }
+        });
+        let came = run(folder.path(), words, &["--on", &name]);
+        done.store(true, Ordering::Relaxed);
+        came
+    })
+}
+
+#[cfg(unix)]
+#[test]
+fn a_port_with_garbage_and_a_board_of_another_version_are_told_apart() {
+    use kband::wire::{FRAME_MOST, Identity, write_identity};
+
+    // Another baud rate, or another program's device.
+    let words = "settings list";
+    on_a_port_that_says(words, b"\x80\x7f\0\xf8\x06\0").refused(
+        words,
+        &["frames that cannot be read", "115200 baud", "next:"],
+    );
+    let identity = Identity {
+        version: kband::wire::VERSION,
+        schema: 0x0bad_cafe,
+        image: "0.0.9+old",
+    };
+    let mut buffer = [0; FRAME_MOST];
+    let frame = write_identity(&mut buffer, 0, &identity).unwrap();
+    on_a_port_that_says(words, frame).refused(words, &["0.0.9+old", "0badcafe", "kband flash"]);
+    // Who it is may be asked of any board.
+    let words = "identify --format json";
+    let came = on_a_port_that_says(words, frame);
+    assert_eq!(came.status, Some(1), "{}", came.said);
+    let board: Value = serde_json::from_str(&came.out).unwrap();
+    assert_eq!(board["image"], "0.0.9+old");
+    assert_eq!(board["fits_this_desk"], false);
 }

@@ -42,6 +42,7 @@ verbs! {
     Diagram => diagram,
     Explain => explain,
     Exponent => exponent,
+    Flash => flash,
     Identify => identify,
     Impacts => impacts,
     Live => live,

@@ -1,0 +1,446 @@
+//! An image for the board, read and checked before anything of the board is touched.
+
+use std::ops::Range;
+use std::path::Path;
+
+use object::elf::{EM_ARM, ET_EXEC, FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader, SectionHeader};
+use object::{FileKind, LittleEndian};
+
+use super::chip::{Chip, Sector};
+use crate::refusal::Refusal;
+
+/// Builds the board's image.
+const BUILD: &str = "build the board's image with: cargo feeder";
+
+/// Bytes for a place in the flash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Piece {
+    /// Where they go.
+    pub address: u32,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// An image that fits a chip.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    pieces: Vec<Piece>,
+    memory: u32,
+}
+
+impl Image {
+    /// Reads and checks an image; the refusal says what does not fit.
+    pub fn read(path: &Path, chip: &Chip) -> Result<Self, Refusal> {
+        let bytes = std::fs::read(path).map_err(|error| Refusal::file(path, &error, BUILD))?;
+        Self::parse(&bytes, chip).map_err(|refusal| refusal.at(path.display()))
+    }
+
+    /// The image in the bytes of an ELF file.
+    pub fn parse(file: &[u8], chip: &Chip) -> Result<Self, Refusal> {
+        let damaged = |error: object::read::Error| {
+            Refusal::new(format!("the file is damaged: {error}"), BUILD)
+        };
+        match FileKind::parse(file) {
+            Ok(FileKind::Elf32) => {}
+            Ok(FileKind::Elf64) => {
+                return Err(Refusal::new(
+                    format!(
+                        "this is a program of 64 bits, not one for the {}",
+                        chip.name
+                    ),
+                    BUILD,
+                ));
+            }
+            _ => {
+                return Err(Refusal::new(
+                    "this is no ELF file; .bin and .hex do not say what is checked here",
+                    BUILD,
+                ));
+            }
+        }
+        let header = FileHeader32::<LittleEndian>::parse(file).map_err(damaged)?;
+        let endian = header.endian().map_err(damaged)?;
+        let (machine, kind) = (header.e_machine(endian), header.e_type(endian));
+        if machine != EM_ARM || kind != ET_EXEC {
+            return Err(Refusal::value(
+                "machine, type",
+                format!("{machine}, {kind}"),
+                format!("{EM_ARM}, {ET_EXEC}: a program for Arm"),
+                BUILD,
+            ));
+        }
+        let mut pieces = Vec::new();
+        let mut memory = chip.memory.start..chip.memory.start;
+        for segment in header.program_headers(endian, file).map_err(damaged)? {
+            if segment.p_type(endian) != PT_LOAD {
+                continue;
+            }
+            let bytes = segment
+                .data(endian, file)
+                .map_err(|()| Refusal::new("the file is shorter than it says", BUILD))?;
+            let (run, length) = (segment.p_vaddr(endian), segment.p_memsz(endian));
+            let runs = span(run, length)?;
+            if length > 0 && within(&runs, &chip.memory) {
+                memory.end = memory.end.max(runs.end);
+            } else if length > 0 && !within(&runs, &chip.flash) {
+                return Err(outside("runs at", &runs, chip));
+            }
+            if !bytes.is_empty() {
+                let address = segment.p_paddr(endian);
+                let lies = span(address, bytes.len() as u32)?;
+                let free = chip.flash.start..chip.settings.start;
+                if !within(&lies, &free) {
+                    return Err(outside("is stored at", &lies, chip));
+                }
+                pieces.push(Piece {
+                    address,
+                    bytes: bytes.to_vec(),
+                });
+            }
+        }
+        pieces.sort_by_key(|piece| piece.address);
+        for pair in pieces.windows(2) {
+            if pair[0].address + pair[0].bytes.len() as u32 > pair[1].address {
+                return Err(Refusal::new(
+                    format!("two parts of it are stored at {:#010x}", pair[1].address),
+                    BUILD,
+                ));
+            }
+        }
+        let image = Self {
+            pieces,
+            memory: memory.end - memory.start,
+        };
+        image.check_vectors(chip)?;
+        let sections = header.sections(endian, file).map_err(damaged)?;
+        let size = |name: &[u8]| {
+            let found = sections.section_by_name(endian, name);
+            found.map(|(_, section)| section.sh_size(endian))
+        };
+        let vectors = size(b".vector_table").unwrap_or(0) as usize / 4;
+        if vectors != chip.vectors {
+            return Err(Refusal::value(
+                "entries of the vector table",
+                vectors,
+                format!("{} on the {}", chip.vectors, chip.name),
+                format!("it is for another chip; {BUILD}"),
+            ));
+        }
+        // The emulated board's image has no log and asks a debugger for everything: alone it would hang.
+        if size(b".defmt").is_none_or(|size| size == 0) {
+            return Err(Refusal::new(
+                "this image has no log of the board's: it is the emulated board's or another program's",
+                BUILD,
+            ));
+        }
+        Ok(image)
+    }
+
+    /// What goes where in the flash, by address.
+    #[must_use]
+    pub fn pieces(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// Bytes of flash.
+    #[must_use]
+    pub fn size(&self) -> u32 {
+        self.pieces
+            .iter()
+            .map(|piece| piece.bytes.len() as u32)
+            .sum()
+    }
+
+    /// Bytes of RAM, the stack included.
+    #[must_use]
+    pub fn memory(&self) -> u32 {
+        self.memory
+    }
+
+    /// Bytes that it puts into a sector.
+    #[must_use]
+    pub fn bytes_in(&self, sector: &Sector) -> u32 {
+        let within = |piece: &Piece| {
+            let end = piece.address + piece.bytes.len() as u32;
+            let (from, to) = (
+                piece.address.max(sector.range.start),
+                end.min(sector.range.end),
+            );
+            to.saturating_sub(from)
+        };
+        self.pieces.iter().map(within).sum()
+    }
+
+    fn word(&self, address: u32) -> Option<u32> {
+        let piece = self.pieces.iter().find(|piece| {
+            (piece.address..piece.address + piece.bytes.len() as u32).contains(&address)
+        })?;
+        let at = (address - piece.address) as usize;
+        let word = piece.bytes.get(at..at + 4)?;
+        Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+    }
+
+    /// The stack in RAM; every handler that is named in the image, in Thumb.
+    fn check_vectors(&self, chip: &Chip) -> Result<(), Refusal> {
+        let vector = |number: u32| {
+            self.word(chip.flash.start + 4 * number).ok_or_else(|| {
+                Refusal::new(
+                    format!("it has no vector table at {:#010x}", chip.flash.start),
+                    BUILD,
+                )
+            })
+        };
+        let stack = vector(0)?;
+        let memory = &chip.memory;
+        if !(memory.start < stack && stack <= memory.end && stack.is_multiple_of(8)) {
+            return Err(Refusal::value(
+                "stack",
+                format!("{stack:#010x}"),
+                format!(
+                    "{:#010x}..{:#010x} in steps of 8",
+                    memory.start + 8,
+                    memory.end
+                ),
+                BUILD,
+            ));
+        }
+        for number in 1..chip.vectors as u32 {
+            let handler = vector(number)?;
+            // Reset, NMI and hard fault have to be there; 0 is an entry that the chip reserves.
+            let absent = handler == 0 && number > 3;
+            if !absent && (handler & 1 == 0 || self.word(handler & !1).is_none()) {
+                return Err(Refusal::value(
+                    format!("entry {number} of the vector table"),
+                    format!("{handler:#010x}"),
+                    "the address of Thumb code in the image",
+                    BUILD,
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn span(start: u32, length: u32) -> Result<Range<u32>, Refusal> {
+    let end = start.checked_add(length).ok_or_else(|| {
+        Refusal::new(
+            format!("a part of it at {start:#010x} ends beyond all memory"),
+            BUILD,
+        )
+    })?;
+    Ok(start..end)
+}
+
+fn within(inner: &Range<u32>, outer: &Range<u32>) -> bool {
+    outer.start <= inner.start && inner.end <= outer.end
+}
+
+fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
+    Refusal::value(
+        format!("a part that {does}"),
+        format!("{:#010x}..{:#010x}", range.start, range.end),
+        format!(
+            "flash {:#010x}..{:#010x} (behind it lie the settings), RAM {:#010x}..{:#010x} of the {}",
+            chip.flash.start, chip.settings.start, chip.memory.start, chip.memory.end, chip.name
+        ),
+        BUILD,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::chip::STM32F405RG;
+    use super::*;
+
+    /// A small image that is accepted: vector table, code, data, stack.
+    fn elf() -> Vec<u8> {
+        elf_with(|_| {})
+    }
+
+    struct Parts {
+        machine: u16,
+        vectors: Vec<u32>,
+        code_at: u32,
+        stack: (u32, u32),
+        log: u32,
+    }
+
+    fn elf_with(change: impl FnOnce(&mut Parts)) -> Vec<u8> {
+        let mut parts = Parts {
+            machine: EM_ARM,
+            vectors: vec![0x0800_0189; 98],
+            code_at: 0x0800_0188,
+            stack: (0x2000_0000, 0x8000),
+            log: 15,
+        };
+        parts.vectors[0] = 0x2000_8000;
+        parts.vectors[7] = 0;
+        change(&mut parts);
+        let names = b"\0.vector_table\0.defmt\0.names\0\0\0\0";
+        let table: Vec<u8> = parts
+            .vectors
+            .iter()
+            .flat_map(|word| word.to_le_bytes())
+            .collect();
+        let code = [0_u8; 64];
+        let (segments_at, count) = (52_u32, 3_u32);
+        let table_at = segments_at + 32 * count;
+        let code_at = table_at + table.len() as u32;
+        let names_at = code_at + code.len() as u32;
+        let sections_at = names_at + names.len() as u32;
+        let mut file = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        let half = |file: &mut Vec<u8>, value: u16| file.extend_from_slice(&value.to_le_bytes());
+        let words = |file: &mut Vec<u8>, values: &[u32]| {
+            values
+                .iter()
+                .for_each(|value| file.extend_from_slice(&value.to_le_bytes()));
+        };
+        half(&mut file, ET_EXEC);
+        half(&mut file, parts.machine);
+        words(
+            &mut file,
+            &[1, 0x0800_0189, segments_at, sections_at, 0x0500_0400],
+        );
+        for value in [52, 32, count as u16, 40, 4, 3] {
+            half(&mut file, value);
+        }
+        let size = table.len() as u32;
+        words(
+            &mut file,
+            &[
+                PT_LOAD,
+                table_at,
+                0x0800_0000,
+                0x0800_0000,
+                size,
+                size,
+                4,
+                4,
+            ],
+        );
+        words(
+            &mut file,
+            &[PT_LOAD, code_at, parts.code_at, parts.code_at, 64, 64, 5, 4],
+        );
+        words(
+            &mut file,
+            &[
+                PT_LOAD,
+                code_at,
+                parts.stack.0,
+                parts.stack.0,
+                0,
+                parts.stack.1,
+                6,
+                4,
+            ],
+        );
+        file.extend_from_slice(&table);
+        file.extend_from_slice(&code);
+        file.extend_from_slice(names);
+        words(&mut file, &[0; 10]);
+        words(
+            &mut file,
+            &[1, 1, 2, 0x0800_0000, table_at, size, 0, 0, 4, 0],
+        );
+        words(&mut file, &[15, 1, 0, 0, code_at, parts.log, 0, 0, 4, 0]);
+        words(
+            &mut file,
+            &[22, 3, 0, 0, names_at, names.len() as u32, 0, 0, 1, 0],
+        );
+        file
+    }
+
+    fn refused(file: &[u8]) -> String {
+        Image::parse(file, &STM32F405RG).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn an_image_that_fits_is_taken() {
+        let image = Image::parse(&elf(), &STM32F405RG).unwrap();
+        assert_eq!((image.size(), image.memory()), (98 * 4 + 64, 0x8000));
+        let bytes: Vec<u32> = STM32F405RG
+            .sectors()
+            .map(|sector| image.bytes_in(&sector))
+            .collect();
+        assert_eq!(bytes, [456, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_what_it_is() {
+        type Change = fn(&mut Parts);
+        let cases: [(Change, &[&str]); 10] = [
+            (|parts| parts.machine = 3, &["machine", "3", "40"]),
+            (|parts| parts.code_at = 0x080b_fff0, &["0x080b", "settings"]),
+            (
+                |parts| parts.code_at = 0x1fff_0000,
+                &["0x1fff0000", "flash"],
+            ),
+            (|parts| parts.code_at = 0xffff_fff0, &["beyond all memory"]),
+            (
+                |parts| parts.code_at = 0x0800_0100,
+                &["two parts", "0x08000100"],
+            ),
+            (|parts| parts.stack.1 = 0x2_0001, &["runs at", "0x20020001"]),
+            (
+                |parts| parts.vectors[0] = 0x2002_0008,
+                &["stack", "0x20020008"],
+            ),
+            (
+                |parts| parts.vectors[3] = 0x0800_0188,
+                &["entry 3", "Thumb"],
+            ),
+            (
+                |parts| parts.vectors[20] = 0x0800_1001,
+                &["entry 20", "0x08001001"],
+            ),
+            (|parts| parts.log = 0, &["emulated board"]),
+        ];
+        for (change, expected) in cases {
+            let message = refused(&elf_with(change));
+            for part in expected {
+                assert!(message.contains(part), "no '{part}': {message}");
+            }
+            assert!(message.contains("cargo feeder"), "{message}");
+        }
+        // The second board's table is longer.
+        let longer = elf_with(|parts| {
+            parts.vectors.resize(118, 0);
+            parts.code_at = 0x0800_01d8;
+            parts.vectors[1..4].fill(0x0800_01d9);
+            parts.vectors[4..].fill(0);
+        });
+        assert!(refused(&longer).contains("another chip"));
+        for (file, words) in [
+            (&b""[..], "no ELF"),
+            (b":020000040800F2", "no ELF"),
+            (&[0x7f; 99], "no ELF"),
+        ] {
+            assert!(refused(file).contains(words));
+        }
+    }
+
+    #[test]
+    fn a_file_cut_or_changed_anywhere_is_refused_or_still_fits() {
+        let whole = elf();
+        for cut in 0..whole.len() {
+            assert!(
+                Image::parse(&whole[..cut], &STM32F405RG).is_err(),
+                "cut at {cut}"
+            );
+        }
+        for at in 0..whole.len() {
+            for change in [0x01, 0x80, 0xff] {
+                let mut bad = whole.clone();
+                bad[at] ^= change;
+                if let Ok(image) = Image::parse(&bad, &STM32F405RG) {
+                    for piece in image.pieces() {
+                        let end = piece.address + piece.bytes.len() as u32;
+                        assert!(0x0800_0000 <= piece.address && end <= 0x080c_0000);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! `kband flash`: firmware onto the board.
+
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use crate::arguments::Printed;
+use crate::desk::Desk;
+use crate::flash::{Image, STM32F405RG};
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Report, Table, Value};
+
+/// Where `cargo feeder` leaves the board's image.
+const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
+
+/// Write the firmware onto the board through a debug probe, verify it and start it.
+///
+/// The image is checked first: for which chip it is, whether it fits into flash and RAM, whether its vector table is sound. Then
+/// the chip on the probe is. Only then is anything erased, and never the sectors of the settings.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband flash --dry-run
+  kband flash
+  kband flash my-feeder --probe 0483:3748")]
+pub struct Arguments {
+    /// The image (ELF); without it, the one that cargo feeder builds here.
+    #[arg(value_name = "IMAGE")]
+    image: Option<PathBuf>,
+
+    /// Check the image and print what would be done; needs no probe.
+    #[arg(long)]
+    dry_run: bool,
+
+    /// Which probe, where several are there.
+    #[arg(long, value_name = "VID:PID[:SERIAL]")]
+    probe: Option<String>,
+
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// Checks, and writes.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    if !arguments.dry_run && !cfg!(feature = "flash") {
+        return Err(Refusal::new(
+            "this kband was built without its way to a probe",
+            "build it with it: cargo install --path host --features flash (kband flash --dry-run checks an image without)",
+        ));
+    }
+    let chip = &STM32F405RG;
+    let path = arguments.image.clone().unwrap_or_else(|| IMAGE.into());
+    let image = Image::read(&path, chip)?;
+    let mut table = Table::new(&[
+        Column::new("sector", ""),
+        Column::new("address", ""),
+        Column::new("size", "KiB"),
+        Column::new("image", "bytes"),
+        Column::new("what", ""),
+    ]);
+    let mut sectors = Vec::new();
+    for sector in chip.sectors() {
+        let bytes = image.bytes_in(&sector);
+        let what = if sector.range.start >= chip.settings.start {
+            "settings, left alone"
+        } else if bytes > 0 {
+            "erased and written"
+        } else {
+            "left alone"
+        };
+        let size = (sector.range.end - sector.range.start) / 1024;
+        let address = format!("{:#010x}", sector.range.start);
+        table.push([
+            sector.number.into(),
+            address.as_str().into(),
+            size.into(),
+            if bytes > 0 { bytes.into() } else { Value::Missing },
+            what.into(),
+        ]);
+        sectors.push(json!({"sector": sector.number, "address": address, "kib": size, "bytes": bytes, "what": what}));
+    }
+    let memory = chip.memory.end - chip.memory.start;
+    let mut report = Report::new(table)
+        .heading(format!("{} for the {}", path.display(), chip.name))
+        .note(format!(
+            "flash            {} bytes of {}",
+            image.size(),
+            chip.settings.start - chip.flash.start
+        ))
+        .note(format!("RAM              {} bytes of {memory}, the stack included", image.memory()));
+    if arguments.dry_run {
+        report = report.note("nothing was written: --dry-run");
+    } else {
+        write(&image, arguments.probe.as_deref(), desk)?;
+        report = report.note("written, verified, started");
+    }
+    report
+        .json(&json!({
+            "image": path.display().to_string(),
+            "chip": chip.name,
+            "flash_bytes": image.size(),
+            "ram_bytes": image.memory(),
+            "sectors": sectors,
+            "written": !arguments.dry_run,
+        }))?
+        .print(arguments.printed.format)?;
+    Ok(Exit::Done)
+}
+
+#[cfg(feature = "flash")]
+fn write(image: &Image, probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
+    desk.go_on()?;
+    crate::flash::write(image, &STM32F405RG, probe)
+}
+
+#[cfg(not(feature = "flash"))]
+fn write(_image: &Image, _probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
+    desk.go_on()
+}
