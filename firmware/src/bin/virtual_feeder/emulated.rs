@@ -7,13 +7,15 @@ use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, heprintln, hio, syscall1};
 use embassy_executor::Spawner;
+use embassy_futures::block_on;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
-use kband::control::{AdcCode, Inputs, Report, Settings, Target};
-use kband::plant::Bench;
+use kband::control::{AdcCode, Inputs, Report, Settings, Signal, Target};
+use kband::feeder::OutOfRange;
+use kband::plant::{Bench, Scene};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_low, stack_use, take_last_words};
@@ -283,6 +285,51 @@ fn reset_cause() -> Cause {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    begin(spawner);
+    core::future::pending::<()>().await;
+}
+
+/// The station in its place, and the signal path that goes with it. These parts are large: each is made on a
+/// stack that is empty again before the next.
+#[inline(never)]
+fn place(
+    found: &Found,
+    target: Target,
+    cause: Cause,
+) -> Result<(&'static Station, Signal), OutOfRange> {
+    let place = STATION.uninit();
+    let (station, signal) =
+        Station::build(found, target, cause.start(), &EXCHANGE, LastWords::EMPTY)?;
+    Ok((place.write(station), signal))
+}
+
+/// The bench in its place.
+#[inline(never)]
+fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
+    let bench = Bench::build(scene)?;
+    BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
+    Ok(())
+}
+
+/// Counts instructions, and ends the run.
+#[inline(never)]
+fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &Station) -> ! {
+    if let Some((bench, _)) = BENCH.lock(RefCell::take) {
+        count(&mut core.SYST, signal, station, bench);
+    }
+    finish(true)
+}
+
+/// The interrupt's work in its place.
+#[inline(never)]
+fn place_sampler(signal: Signal) {
+    // SAFETY: the sample interrupt is still masked.
+    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
+}
+
+/// Starts everything. Not within `main`, whose future would keep the room of each local for good.
+#[inline(never)]
+fn begin(spawner: Spawner) {
     let mut buffer = [0; 256];
     let words = arguments(&mut buffer);
     let (word, file) = words.split_once(' ').unwrap_or((words, ""));
@@ -329,35 +376,27 @@ async fn main(spawner: Spawner) {
         finish(false);
     };
     let found = match &memory.0 {
-        Some(_) => memory.load().await,
+        Some(_) => block_on(memory.load()),
         None => Found {
             settings: scene.settings,
             ..Found::default()
         },
     };
-    let built = Station::build(
-        &found,
-        scene.target,
-        cause.start(),
-        &EXCHANGE,
-        LastWords::EMPTY,
-    )
-    .and_then(|(station, signal)| Ok((station, signal, Bench::build(&scene)?)));
-    let (station, signal, bench) = match built {
-        Ok(parts) => parts,
+    let built = place(&found, scene.target, cause).and_then(|placed| {
+        place_bench(&scene)?;
+        Ok(placed)
+    });
+    let (station, signal) = match built {
+        Ok(placed) => placed,
         Err(refusal) => {
             heprintln!("{}", refusal);
             finish(false);
         }
     };
     if word == "count" {
-        count(&mut core.SYST, signal, &station, bench);
-        finish(true);
+        count_with_bench(&mut core, signal, station);
     }
-    BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
-    // SAFETY: the sample interrupt is still masked.
-    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
-    let station = STATION.init(station);
+    place_sampler(signal);
     let linked = matches!(word, "link" | "run");
     BY_MILLISECOND.store(linked, Ordering::Relaxed);
     TIME.start(&mut core.SYST);
@@ -379,5 +418,4 @@ async fn main(spawner: Spawner) {
         spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
     }
     spawner.spawn(supervise().expect("spawned once"));
-    core::future::pending::<()>().await;
 }
