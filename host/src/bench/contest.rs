@@ -20,7 +20,7 @@ pub trait Contestant {
     fn name(&self) -> &'static str;
     /// Number of its turns until all its impacts have been made.
     fn turns(&self) -> usize;
-    /// Makes the impacts of turn `n`, a few hundred of all it has; nanoseconds for one of them.
+    /// Makes the impacts of turn `n`, a few thousand of all it has; nanoseconds for one of them.
     fn turn(&mut self, n: usize) -> f64;
     /// How far its impacts are from the exact ones.
     fn errors(&mut self) -> Errors;
@@ -57,8 +57,9 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
     ]
 }
 
-/// Launches of a turn: so few that a turn is over before a busy machine interrupts it.
-pub const TURN: usize = LANES;
+/// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
+/// after the others' turns does not count, so few that a turn is over before a busy machine interrupts it.
+pub const TURN: usize = 8 * LANES;
 
 /// The part of `all` whose turn `n` is.
 fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
@@ -137,7 +138,8 @@ impl Contestant for Baseline {
         let begun = Instant::now();
         for launch in launches {
             let State { phase, velocity } = launch.state;
-            black_box((self.first_impact)(launch.k, phase, velocity));
+            // By reference, so that the result is not copied.
+            black_box(&(self.first_impact)(launch.k, phase, velocity));
         }
         per_impact(begun, launches.len())
     }
@@ -191,7 +193,7 @@ impl<K: Kernel> Contestant for Kernels<K> {
         let ready = slice(&self.ready, n, TURN);
         let begun = Instant::now();
         for (kernel, state, _) in ready {
-            black_box(kernel.impact(*state));
+            black_box(&kernel.impact(*state));
         }
         per_impact(begun, ready.len())
     }
@@ -214,7 +216,8 @@ impl<K: Kernel> Contestant for Kernels<K> {
 
 /// The batch kernel, one impact of each launch.
 struct Blocks {
-    block: Box<Block>,
+    /// The blocks of a turn.
+    blocks: Vec<Block>,
     launches: Vec<(Map, Launch)>,
 }
 
@@ -223,7 +226,7 @@ impl Blocks {
         let ready =
             |launch: &Launch| Some((Map::build(launch.k, launch.restitution).ok()?, *launch));
         Self {
-            block: Box::default(),
+            blocks: vec![Block::new(); TURN / LANES],
             launches: launches.iter().filter_map(ready).collect(),
         }
     }
@@ -248,24 +251,30 @@ impl Contestant for Blocks {
     }
 
     fn turns(&self) -> usize {
-        self.launches.len().div_ceil(LANES)
+        self.launches.len().div_ceil(TURN)
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        let launches = slice(&self.launches, n, LANES);
-        Self::fill(&mut self.block, launches);
+        let launches = slice(&self.launches, n, TURN);
+        let filled = &mut self.blocks[..launches.len().div_ceil(LANES)];
+        for (block, launches) in filled.iter_mut().zip(launches.chunks(LANES)) {
+            Self::fill(block, launches);
+        }
         let begun = Instant::now();
-        self.block.advance(1);
+        for block in filled {
+            block.advance(1);
+        }
         per_impact(begun, launches.len())
     }
 
     fn errors(&mut self) -> Errors {
         let mut judge = Judge::default();
+        let block = &mut self.blocks[0];
         for launches in self.launches.chunks(LANES) {
-            Self::fill(&mut self.block, launches);
-            self.block.advance(1);
+            Self::fill(block, launches);
+            block.advance(1);
             for (lane, (_, launch)) in launches.iter().enumerate() {
-                if let Some(impact) = self.block.impact(lane) {
+                if let Some(impact) = block.impact(lane) {
                     judge.judge(
                         launch.k,
                         launch.restitution,

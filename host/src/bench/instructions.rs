@@ -36,21 +36,31 @@ pub fn counts() -> (Vec<Count>, Option<String>) {
     (counts, missing)
 }
 
-/// The image that the emulated tests build.
+/// The image that the emulated tests build: in the folder that `CARGO_TARGET_DIR` names, in the one this
+/// program was built in, or in `target`.
 fn image(target: &str) -> Result<PathBuf, String> {
-    let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
-    let path = folder
-        .join("emulated")
-        .join(target)
-        .join("firmware/kernel_cost");
-    if path.is_file() {
-        Ok(path)
-    } else {
-        Err(format!(
+    let named = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    let own = std::env::current_exe()
+        .ok()
+        .and_then(|program| Some(program.parent()?.parent()?.to_path_buf()));
+    let folders = [named, own, Some("target".into())];
+    let below = |folder: PathBuf| {
+        folder
+            .join("emulated")
+            .join(target)
+            .join("firmware/kernel_cost")
+    };
+    let paths: Vec<PathBuf> = folders.into_iter().flatten().map(below).collect();
+    let found = paths.iter().find(|path| path.is_file());
+    found.cloned().ok_or_else(|| {
+        format!(
             "no image {}: tests/run.sh builds it",
-            path.display()
-        ))
-    }
+            paths
+                .first()
+                .map_or(Path::new(""), PathBuf::as_path)
+                .display()
+        )
+    })
 }
 
 /// What the image prints, at most a minute.

@@ -48,6 +48,18 @@ pub(crate) static DOUBLE_REST: [[f64; 2]; COUNT] = {
     table
 };
 
+/// The phase of each node in rad as a sum: its number times [`SPACING_HIGH`], exactly, and times
+/// [`SPACING_LOW`].
+pub(crate) static PHASE: [[f64; 2]; COUNT] = {
+    let mut table = [[0.0; 2]; COUNT];
+    let mut j = 0;
+    while j < COUNT {
+        table[j] = [j as f64 * SPACING_HIGH, j as f64 * SPACING_LOW];
+        j += 1;
+    }
+    table
+};
+
 /// (sine, cosine) at each node, nearest f32.
 pub(crate) static SINGLE: [[f32; 2]; COUNT] = {
     let mut table = [[0.0; 2]; COUNT];

@@ -23,11 +23,12 @@ const GROUP: usize = 8;
 enum Kind {
     Tall,
     Short,
+    Home,
     Low,
 }
 
 impl Kind {
-    const ALL: [Self; 3] = [Self::Tall, Self::Short, Self::Low];
+    const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Home, Self::Low];
 }
 
 /// One orbit: a cache line.
@@ -142,7 +143,7 @@ pub struct Block {
     /// Lanes whose last impact grazes.
     grazing: Set,
     /// The lanes that fly next, by kind; only where `sorted`.
-    queues: [Queue; 3],
+    queues: [Queue; 4],
     sorted: bool,
 }
 
@@ -176,7 +177,7 @@ impl Block {
             filled: Set::EMPTY,
             resting: Set::EMPTY,
             grazing: Set::EMPTY,
-            queues: [Queue::EMPTY; 3],
+            queues: [Queue::EMPTY; 4],
             sorted: false,
         }
     }
@@ -229,14 +230,16 @@ impl Block {
     fn sort(&mut self, lane: usize) {
         let orbit = &self.orbits[lane];
         let (track, launch) = (track(orbit.track), orbit.launch());
-        if launch.chatters_out(&track, orbit.track[3]) {
+        if f64::any(launch.chatters_out(&track, orbit.track[3])) {
             self.resting.put(lane, true);
             return;
         }
-        let kind = if launch.is_tall(&track) {
+        let kind = if f64::any(launch.is_tall(&track)) {
             Kind::Tall
-        } else if launch.is_short(&track) {
+        } else if f64::any(launch.is_short(&track)) {
             Kind::Short
+        } else if f64::any(launch.is_home(&track)) {
+            Kind::Home
         } else {
             Kind::Low
         };
@@ -287,7 +290,7 @@ impl Block {
     /// Takes every orbit that does not rest this many impacts further.
     pub fn advance(&mut self, impacts: u32) {
         if !self.sorted {
-            self.queues = [Queue::EMPTY; 3];
+            self.queues = [Queue::EMPTY; 4];
             let waiting = self.resting;
             for lane in 0..LANES {
                 if self.filled.contains(lane) && !waiting.contains(lane) {
@@ -373,7 +376,7 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         },
         certain: zero.below(zero),
     }; GROUP];
-    let mut queues = [Queue::EMPTY; 3];
+    let mut queues = [Queue::EMPTY; 4];
     for _ in 0..impacts {
         core::mem::swap(&mut queues, &mut block.queues);
         for queue in &mut block.queues {
@@ -425,6 +428,7 @@ fn group<L: Lane>(
         match kind {
             Kind::Tall => stage.crossing = tall::crossing(&stage.track, &stage.launch),
             Kind::Short => stage.close = short::guess(&stage.track, &stage.launch),
+            Kind::Home => stage.stretch = low::home(&stage.track, &stage.launch),
             Kind::Low => stage.stretch = low::stretch(&stage.track, &stage.launch),
         }
     }
@@ -443,7 +447,7 @@ fn group<L: Lane>(
                     short::landing(&stage.track, &stage.launch, stage.close);
             }
         }
-        Kind::Low => {
+        Kind::Home | Kind::Low => {
             for stage in &mut *stages {
                 stage.close = low::approach(&stage.track, &stage.launch, &stage.stretch);
             }
@@ -476,15 +480,16 @@ fn group<L: Lane>(
             block.queues[Kind::Tall as usize].extend(lanes);
         } else {
             let short = L::bits(next.is_short(&stage.track));
+            let home = L::bits(next.is_home(&stage.track));
             let resting = L::bits(next.chatters_out(&stage.track, stage.restitution));
             for (n, &lane) in lanes.iter().enumerate() {
                 if resting >> n & 1 == 1 {
                     block.resting.put(usize::from(lane), true);
                 } else {
-                    // Tall 0, short 1, low 2.
+                    // Tall 0, short 1, home 2, low 3.
                     let bit = |mask: u32| (mask >> n & 1) as usize;
-                    let kind = (1 - bit(tall)) * (2 - bit(short));
-                    block.queues[kind.min(2)].push(lane);
+                    let kind = (1 - bit(tall)) * (1 + (1 - bit(short)) * (2 - bit(home)));
+                    block.queues[kind.min(3)].push(lane);
                 }
             }
         }

@@ -4,6 +4,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use super::flight::{Launch, REMAINDER, Track};
 use super::{Kernel, Map, State};
+use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 
 /// When contact of a part with the track begins and ends.
@@ -65,7 +66,7 @@ impl Contact {
             return None;
         }
         let launch = Launch::new(phase, velocity);
-        if !launch.chatters_out(&self.track, self.restitution) {
+        if !f64::any(launch.chatters_out(&self.track, self.restitution)) {
             return None;
         }
         if velocity <= 0.0 {

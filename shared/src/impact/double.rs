@@ -5,6 +5,7 @@ use core::f64::consts::TAU;
 use super::flight::search::{self, Envelope};
 use super::flight::{self, Landing, Launch, Track};
 use super::{Impact, Kernel, State};
+use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
 
 /// The impact map in f64 for one k and one restitution.
@@ -30,26 +31,24 @@ impl Map {
     /// to rounding.
     #[must_use]
     pub fn search(&self, state: State, envelope: Envelope) -> Impact<State> {
-        self.impact_by(state, |track, launch| {
-            search::landing(track, launch, envelope)
-        })
+        let launch = Launch::new(state.phase, state.velocity);
+        let rests = f64::any(launch.rests(&self.track));
+        self.impact_of(
+            state,
+            (!rests).then(|| search::landing(&self.track, &launch, envelope)),
+        )
     }
 
+    /// What a landing means; without one the part rests.
     #[inline(always)]
-    fn impact_by(
-        &self,
-        state: State,
-        first: impl Fn(&Track<f64>, &Launch<f64>) -> (Landing<f64>, bool),
-    ) -> Impact<State> {
-        let launch = Launch::new(state.phase, state.velocity);
-        if launch.rests(&self.track) {
+    fn impact_of(&self, state: State, landing: Option<(Landing<f64>, bool)>) -> Impact<State> {
+        let Some((landing, grazes)) = landing else {
             return Impact {
                 flight: 0.0,
                 next: state,
                 grazes: false,
             };
-        }
-        let (landing, grazes) = first(&self.track, &launch);
+        };
         Impact {
             flight: landing.flight,
             next: State {
@@ -118,7 +117,8 @@ impl Kernel for Map {
 
     #[inline]
     fn impact(&self, state: State) -> Impact<State> {
-        self.impact_by(state, flight::first_impact)
+        let launch = Launch::new(state.phase, state.velocity);
+        self.impact_of(state, flight::first_impact(&self.track, &launch))
     }
 }
 

@@ -38,15 +38,14 @@ impl Exact {
     pub fn refine(&self, state: State) -> Refined {
         let track = self.map.track();
         let launch = Launch::new(state.phase, state.velocity);
-        if launch.rests(track) {
+        let Some((landing, grazes)) = first_impact(track, &launch) else {
             return Refined {
                 flight: [0.0; 2],
                 phase: [state.phase, 0.0],
                 velocity: [state.velocity, 0.0],
                 grazes: false,
             };
-        }
-        let (landing, grazes) = first_impact(track, &launch);
+        };
         let mut flight = Twofold::from(landing.flight);
         let mut phase = Twofold::from(landing.phase);
         let mut arrival = Twofold::from(landing.arrival);

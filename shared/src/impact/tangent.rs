@@ -200,7 +200,7 @@ mod tests {
             (0.43, 0.2, Some(-1.3307)),
             (0.34, 0.2, Some(0.5020)),
             (0.586, 0.5, Some(0.0860)),
-            (0.05, 0.9, None),
+            (0.05, 0.99, None),
         ] {
             let map = Map::build(k, restitution).unwrap();
             let lock = near_lock(k, restitution);

@@ -127,6 +127,11 @@ impl Lane for Avx2 {
         Self(unsafe { _mm256_blendv_pd(no.0, yes.0, mask.0) })
     }
     #[inline(always)]
+    fn only(self, mask: Mask) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_and_pd(self.0, mask.0) })
+    }
+    #[inline(always)]
     fn bits(mask: Mask) -> u32 {
         // SAFETY: the CPU has AVX2, see the module.
         unsafe { _mm256_movemask_pd(mask.0) as u32 }
@@ -137,7 +142,7 @@ impl Lane for Avx2 {
         (Self(sine), Self(cosine))
     }
     #[inline(always)]
-    fn within_turn(rounded: Self) -> Self {
+    fn within_turn(rounded: Self) -> (Self, Self) {
         // An integer below 2^52 under the exponent of 2^52 is 2^52 more than itself.
         const LIFT: f64 = 4_503_599_627_370_496.0;
         const _: () = assert!(ROUNDER > LIFT);
@@ -145,7 +150,11 @@ impl Lane for Avx2 {
         unsafe {
             let lift = _mm256_set1_pd(LIFT);
             let lifted = _mm256_or_si256(rounded.index(), _mm256_castpd_si256(lift));
-            Self(_mm256_sub_pd(_mm256_castsi256_pd(lifted), lift))
+            let count = Self(_mm256_sub_pd(_mm256_castsi256_pd(lifted), lift));
+            (
+                count * Self::splat(node::SPACING_HIGH),
+                count * Self::splat(node::SPACING_LOW),
+            )
         }
     }
     #[inline(always)]

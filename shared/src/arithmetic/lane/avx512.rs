@@ -144,6 +144,11 @@ impl Lane for Avx512 {
         Self(unsafe { _mm512_mask_blend_pd(mask.0, no.0, yes.0) })
     }
     #[inline(always)]
+    fn only(self, mask: Mask) -> Self {
+        // SAFETY: the CPU has AVX-512, see the module.
+        Self(unsafe { _mm512_maskz_mov_pd(mask.0, self.0) })
+    }
+    #[inline(always)]
     fn bits(mask: Mask) -> u32 {
         mask.0.into()
     }
@@ -162,9 +167,13 @@ impl Lane for Avx512 {
         (Self::join(low.0, high.0), Self::join(low.1, high.1))
     }
     #[inline(always)]
-    fn within_turn(rounded: Self) -> Self {
+    fn within_turn(rounded: Self) -> (Self, Self) {
         // SAFETY: the CPU has AVX-512, see the module.
-        Self(unsafe { _mm512_cvtepi64_pd(rounded.index()) })
+        let count = Self(unsafe { _mm512_cvtepi64_pd(rounded.index()) });
+        (
+            count * Self::splat(node::SPACING_HIGH),
+            count * Self::splat(node::SPACING_LOW),
+        )
     }
     #[inline(always)]
     fn gather([a, b, c, d, e, f, g, h]: [&[f64; 4]; WIDEST]) -> [Self; 4] {

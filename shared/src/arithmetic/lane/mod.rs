@@ -11,11 +11,12 @@ pub(crate) mod avx2;
 pub(crate) mod avx512;
 #[allow(unsafe_code)]
 pub(crate) mod simd;
+mod single;
 
 use core::f64::consts::TAU;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{node, square_root};
+use super::node;
 
 /// Adding it to a number below 2^51 rounds that number to an integer, which then stands in the low bits.
 pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
@@ -55,6 +56,8 @@ pub(crate) trait Lane:
     fn below(self, other: Self) -> Self::Mask;
     /// `yes` where the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// `self` where the mask holds, else 0.
+    fn only(self, mask: Self::Mask) -> Self;
     /// The mask, one bit for each lane.
     fn bits(mask: Self::Mask) -> u32;
     /// Whether the mask holds in any lane.
@@ -62,10 +65,17 @@ pub(crate) trait Lane:
     fn any(mask: Self::Mask) -> bool {
         Self::bits(mask) != 0
     }
+    /// The same number. A lone f64 is hidden from the compiler's search for pairs of operations: packing
+    /// these kernels' pairs into half-filled registers costs more than it saves.
+    #[inline(always)]
+    fn lone(self) -> Self {
+        self
+    }
     /// Sine and cosine at the node whose number stands in the low bits of a [`ROUNDER`] sum.
     fn node(rounded: Self) -> (Self, Self);
-    /// The number of that node within its turn, 0..256.
-    fn within_turn(rounded: Self) -> Self;
+    /// The phase of that node within its turn, as a sum: its number times [`node::SPACING_HIGH`], and
+    /// times [`node::SPACING_LOW`].
+    fn within_turn(rounded: Self) -> (Self, Self);
     /// Four fields of as many rows as there are lanes, field by field.
     fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4];
     /// What [`Lane::gather`] took apart, row by row; rows beyond the lanes are 0.
@@ -76,80 +86,12 @@ pub(crate) trait Lane:
     fn to_array(self) -> [f64; WIDEST];
 }
 
-impl Lane for f64 {
-    type Mask = bool;
-
-    const WIDTH: usize = 1;
-
-    #[inline(always)]
-    fn splat(value: f64) -> Self {
-        value
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        square_root(self)
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        if self > other { self } else { other }
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        if self < other { self } else { other }
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        f64::from_bits(self.to_bits() & (u64::MAX >> 1))
-    }
-    #[inline(always)]
-    fn below(self, other: Self) -> bool {
-        self < other
-    }
-    #[inline(always)]
-    fn select(mask: bool, yes: Self, no: Self) -> Self {
-        if mask { yes } else { no }
-    }
-    #[inline(always)]
-    fn bits(mask: bool) -> u32 {
-        mask.into()
-    }
-    #[inline(always)]
-    fn node(rounded: Self) -> (Self, Self) {
-        let [sine, cosine] = node::DOUBLE[rounded.to_bits() as usize % node::COUNT];
-        (sine, cosine)
-    }
-    #[inline(always)]
-    fn within_turn(rounded: Self) -> Self {
-        f64::from((rounded.to_bits() % node::COUNT as u64) as i32)
-    }
-    #[inline(always)]
-    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4] {
-        *rows[0]
-    }
-    #[inline(always)]
-    fn rows(columns: [Self; 4]) -> [[f64; 4]; WIDEST] {
-        let mut rows = [[0.0; 4]; WIDEST];
-        rows[0] = columns;
-        rows
-    }
-    #[inline(always)]
-    fn from_array(values: [f64; WIDEST]) -> Self {
-        values[0]
-    }
-    #[inline(always)]
-    fn to_array(self) -> [f64; WIDEST] {
-        let mut values = [0.0; WIDEST];
-        values[0] = self;
-        values
-    }
-}
-
 /// The largest integer not above `x`, for |x| < 2^51.
 #[inline(always)]
 pub(crate) fn floor<L: Lane>(x: L) -> L {
     let rounder = L::splat(ROUNDER);
     let nearest = (x + rounder) - rounder;
-    L::select(x.below(nearest), nearest - L::splat(1.0), nearest)
+    nearest - L::splat(1.0).only(x.below(nearest))
 }
 
 /// The track at a node of the table.
@@ -187,14 +129,11 @@ impl<L: Lane> Node<L> {
     /// The phase `offset` past the node, in 0..2 pi; `offset` at most a node spacing.
     #[inline(always)]
     pub fn phase(&self, offset: L) -> L {
-        let count = L::within_turn(self.rounded);
-        let phase =
-            count * L::splat(node::SPACING_HIGH) + (count * L::splat(node::SPACING_LOW) + offset);
-        let turn = L::splat(TAU);
-        let zero = L::splat(0.0);
-        let phase = L::select(phase.below(zero), phase + turn, phase);
+        let (high, low) = L::within_turn(self.rounded);
+        let phase = high + (low + offset);
+        let phase = phase + L::splat(TAU).only(phase.below(L::splat(0.0)));
         // A hair below zero rounds up to the whole turn.
-        L::select(phase.below(turn), phase, zero)
+        phase.min(L::splat(TAU.next_down()))
     }
 }
 
@@ -226,10 +165,11 @@ impl<L: Lane> Arc<L> {
     #[inline(always)]
     pub fn of(d: L) -> Self {
         let z = d * d;
-        let sagitta = d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0));
+        let sagitta = (d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0))).lone();
         Self {
-            sine: d - sagitta,
-            versine: z * (L::splat(0.5) - z * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0))),
+            sine: (d - sagitta).lone(),
+            versine: (z * (L::splat(0.5) - z * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0))))
+                .lone(),
             sagitta,
         }
     }
@@ -245,7 +185,7 @@ pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
         (phase - count * L::splat(node::SPACING_HIGH)) - count * L::splat(node::SPACING_LOW),
     );
     (
-        sine + (cosine * arc.sine - sine * arc.versine),
-        cosine - (sine * arc.sine + cosine * arc.versine),
+        (sine + (cosine * arc.sine - sine * arc.versine)).lone(),
+        (cosine - (sine * arc.sine + cosine * arc.versine)).lone(),
     )
 }

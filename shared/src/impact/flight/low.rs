@@ -3,7 +3,8 @@
 //! Where `sin = k` going up (a hump of the track begins) and going down (it ends) the gap is
 //! `y - k`, in the middle of the hump it is `y - 1`: no trigonometry. Of the turn in which the parabola
 //! falls through height 0 these three signs say which of its stretches holds the impact, each with one
-//! root, provided that no hump before it pokes through the parabola.
+//! root, provided that no hump before it pokes through the parabola. A flight that ends before the first
+//! hump needs only the heights where the sine is zero.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -17,6 +18,9 @@ const BEND: f64 = 0.4177;
 
 /// Flights shorter than this are left to the search, which keeps their relative accuracy.
 const SHORTEST: f64 = 0.125;
+
+/// Largest `f u''/u'^2` of a step that ends near the impact.
+const FAIR: f64 = 0.24;
 
 /// Signs of the gap at a hump's begin, middle and end, from one turn's edge at `begin`.
 struct Hump<L: Lane> {
@@ -100,6 +104,52 @@ impl<L: Lane> Stretch<L> {
             certain: zero.below(zero),
         }
     }
+
+    /// The stretch `low..high` in the half turn, upper or lower, with its middle at `centre`.
+    #[inline(always)]
+    fn about(
+        track: &Track<L>,
+        launch: &Launch<L>,
+        centre: L,
+        upper: L::Mask,
+        low: L,
+        high: L,
+        certain: L::Mask,
+    ) -> Self {
+        let top = L::select(upper, L::splat(TOP), L::splat(-TOP));
+        let bend = L::select(upper, L::splat(BEND), L::splat(-BEND)) - track.half();
+        let gap = launch.height(track, centre) - top;
+        let slope = launch.rise() - track.k * centre;
+        let start = (centre + down_crossing(gap, slope, bend)).lone();
+        Self {
+            start: start.max(low).min(high),
+            low,
+            high,
+            certain,
+        }
+    }
+}
+
+/// The stretch that a flight which [is home](Launch::is_home) ends in.
+#[inline(always)]
+pub(crate) fn home<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
+    let (zero, half, turn) = (L::splat(0.0), L::splat(PI), L::splat(TAU));
+    let behind = !launch.phase.below(track.edge);
+    // Where the sine is 0 the height alone tells on which side the root is.
+    let (middle, end) = (half - launch.phase, turn - launch.phase);
+    let rising = !behind | (zero.below(middle) & launch.height(track, middle).below(zero));
+    let falling = !rising & launch.height(track, end).below(zero);
+    let low = (track.hump_end() - launch.phase).max(zero).only(behind);
+    let centre = L::splat(FRAC_PI_2) + L::select(falling, half, turn.only(!rising)) - launch.phase;
+    Stretch::about(
+        track,
+        launch,
+        centre,
+        !falling,
+        low,
+        launch.wait(track),
+        zero.below(turn),
+    )
 }
 
 /// Which stretch a low flight ends in.
@@ -108,7 +158,7 @@ pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<
     let (zero, one, turn) = (L::splat(0.0), L::splat(1.0), L::splat(TAU));
     let v = launch.rise();
     let leaving = launch.leaving(track);
-    let level = v * v + (track.k + track.k) * launch.sine;
+    let level = launch.level(track);
     let crossing = (v + level.max(zero).sqrt()) * track.per_k;
     let crossing = L::select(level.below(zero), zero, crossing.max(zero));
     // The turn of the crossing begins at `base`; its hump at `begin`.
@@ -117,8 +167,7 @@ pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<
     let end = base + track.hump_end();
     let lower = !(crossing - base).below(L::splat(PI));
 
-    // 30 times the rounding of a height at the apex.
-    let margin = L::splat(6e-14) * (one + v * v * track.per_k);
+    let margin = launch.margin(track);
     let certified = (one + margin).below(leaving) & zero.below(v);
     let mut centre = base + L::select(lower, L::splat(1.5 * PI), L::splat(FRAC_PI_2));
     let mut upper = !lower;
@@ -173,17 +222,7 @@ pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<
         }
     }
 
-    let low = low.max(zero);
-    let top = L::select(upper, L::splat(TOP), L::splat(-TOP));
-    let bend = L::select(upper, L::splat(BEND), L::splat(-BEND)) - track.half();
-    let gap = launch.height(track, centre) - top;
-    let start = centre + down_crossing(gap, v - track.k * centre, bend);
-    Stretch {
-        start: start.max(low).min(high),
-        low,
-        high,
-        certain,
-    }
+    Stretch::about(track, launch, centre, upper, low.max(zero), high, certain)
 }
 
 /// Whether the parabola is above the track's reach from the hump of the turn at `from` to that at `to`.
@@ -197,27 +236,40 @@ fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin: L
 /// A flight time close to the impact in the stretch.
 #[inline(always)]
 pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, stretch: &Stretch<L>) -> L {
-    let mut d = stretch.start;
-    let mut open = stretch.certain;
-    for _ in 0..3 {
-        let local = Local::near(track, launch, d);
-        let (f, g) = (local.value, local.slope);
-        let (b2, b3) = (local.second(track), local.third());
-        let fair = g.below(L::splat(0.0)) & (f * b2).abs().below(g * g * L::splat(0.06));
-        let mut step = householder(f, g, b2, b3);
-        if L::any(open & !fair) {
-            step = L::select(fair, step, down_crossing(f, g, b2));
-        }
-        let next = (local.node.distance + step)
-            .max(stretch.low)
-            .min(stretch.high);
-        d = L::select(open, next, d);
-        open = open & !fair;
+    let (mut d, fair) = closer(track, launch, stretch, stretch.start);
+    let mut open = stretch.certain & !fair;
+    for _ in 0..2 {
         if !L::any(open) {
             break;
         }
+        let (next, fair) = closer(track, launch, stretch, d);
+        d = L::select(open, next, d);
+        open = open & !fair;
     }
     d
+}
+
+/// One step from `d` to the impact in the stretch, and whether that was close enough for the step to end
+/// near it.
+#[inline(always)]
+fn closer<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    stretch: &Stretch<L>,
+    d: L,
+) -> (L, L::Mask) {
+    let local = Local::near(track, launch, d);
+    let (f, g) = (local.value, local.slope);
+    let curvature = local.curvature(track);
+    let fair = g.below(L::splat(0.0)) & (f * curvature).abs().below(g * g * L::splat(FAIR));
+    let mut step = -householder(f, g, curvature, local.node.cosine, -local.node.sine);
+    if L::any(stretch.certain & !fair) {
+        step = L::select(fair, step, down_crossing(f, g, curvature * L::splat(0.5)));
+    }
+    let next = (local.node.distance + step)
+        .max(stretch.low)
+        .min(stretch.high);
+    (next, fair)
 }
 
 /// The end of a low flight from a time close to it; the mask says where it is certain to be the first

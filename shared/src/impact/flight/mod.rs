@@ -7,17 +7,20 @@
 //!   monotone stretch;
 //! - [`short`]: over within a fraction of a turn; solved for `u/d`, which keeps every digit down to the
 //!   smallest hops;
+//! - [home](low::home): over before the track next pushes as hard as k, where it meets the track once;
 //! - [`low`]: anything else that closed forms can certify;
 //! - left to [`search`] where a decision comes close to rounding.
 //!
-//! The first three are written over [`Lane`]: one orbit or several side by side, the same bits.
+//! All but the last are written over [`Lane`]: one orbit or several side by side, the same bits. What
+//! one flight costs is its chain of dependent operations, times how many of them a CPU can hold waiting:
+//! so the kinds are told apart early, and each has a short chain of its own.
 
 pub(crate) mod low;
 pub(crate) mod search;
 pub(crate) mod short;
 pub(crate) mod tall;
 
-use core::f64::consts::{FRAC_PI_2, PI};
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::arithmetic::lane::{Arc, Lane, Node, sine_cosine};
 
@@ -119,10 +122,41 @@ impl<L: Lane> Launch<L> {
         v * v - (track.k + track.k) * (L::splat(1.0) - self.sine)
     }
 
+    /// Square of the ball's speed at height 0; negative where it does not reach it.
+    #[inline(always)]
+    fn level(&self, track: &Track<L>) -> L {
+        let v = self.rise();
+        v * v + (track.k + track.k) * self.sine
+    }
+
     /// Whether the flight is [`tall`].
     #[inline(always)]
     pub fn is_tall(&self, track: &Track<L>) -> L::Mask {
-        L::splat(tall::LEAVING).below(self.leaving(track)) & L::splat(0.0).below(self.rise())
+        let least = L::splat(tall::LEAVING) + (track.k + track.k);
+        least.below(self.level(track)) & L::splat(0.0).below(self.rise())
+    }
+
+    /// How long until the track next pushes harder than k: the edge that comes.
+    #[inline(always)]
+    fn wait(&self, track: &Track<L>) -> L {
+        let wait = track.edge - self.phase;
+        wait + L::splat(TAU).only(!L::splat(0.0).below(wait))
+    }
+
+    /// Bound of the rounding of a height: 30 times that at the apex.
+    #[inline(always)]
+    fn margin(&self, track: &Track<L>) -> L {
+        let v = self.rise();
+        L::splat(6e-14) * (L::splat(1.0) + v * v * track.per_k)
+    }
+
+    /// Whether the flight, if it is neither tall nor short, is over before the edge that comes: the ball
+    /// is below the track there. Up to there the gap is concave, or convex (and grows) and then concave; so
+    /// it has one root.
+    #[inline(always)]
+    pub fn is_home(&self, track: &Track<L>) -> L::Mask {
+        let height = self.height(track, self.wait(track));
+        (height + self.margin(track)).below(track.edge_sine())
     }
 
     /// Whether the flight, if it is not tall, is [`short`], by the quadratic of `u/d`: either it crosses
@@ -221,32 +255,29 @@ impl<L: Lane> Local<L> {
         }
     }
 
-    /// `u''/2` at the node.
+    /// `u''` at the node.
     #[inline(always)]
-    fn second(&self, track: &Track<L>) -> L {
-        (self.node.sine - track.k) * L::splat(0.5)
-    }
-
-    /// `u'''/6` at the node.
-    #[inline(always)]
-    fn third(&self) -> L {
-        self.node.cosine * L::splat(1.0 / 6.0)
+    fn curvature(&self, track: &Track<L>) -> L {
+        self.node.sine - track.k
     }
 }
 
-/// Householder's third-order step to the root of `f + g x + b2 x^2 + b3 x^3`; one division.
+/// Householder's fourth-order step to the root of a function, from its value `f` and its derivatives
+/// `g`, `g2`, `g3` and `g4`: how far the root lies behind; one division. The sign of the whole function
+/// does not matter.
 #[inline(always)]
-fn householder<L: Lane>(f: L, g: L, b2: L, b3: L) -> L {
-    let gg = g * g;
-    let top = gg - b2 * f;
-    let bottom = g * (gg - (b2 + b2) * f) + b3 * (f * f);
-    -(f * top / bottom)
+fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
+    let (gg, ff, bent) = ((g * g).lone(), (f * f).lone(), (g2 * f).lone());
+    let turned = ((g3 * L::splat(1.0 / 6.0)) * ff).lone();
+    let top = g * (gg - bent) + turned;
+    let rest = (bent * bent) * L::splat(0.25) - ((g4 * L::splat(1.0 / 24.0)) * f) * ff;
+    let bottom = gg * (gg - L::splat(1.5) * bent) + (rest + (turned + turned) * g);
+    (f * top / bottom).lone()
 }
 
-/// The last step: from `d`, close to the root, to the root, by the reverted Taylor series; one division.
+/// The last step: from `d`, close to the root, to the root, by one step of fourth order.
 ///
-/// The mask says where that holds: the step is so short that the series, cut after the fifth power, is
-/// exact to rounding.
+/// The mask says where that holds: the step is so short that what it leaves is below rounding.
 #[inline(always)]
 pub(crate) fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
     let local = Local::near(track, launch, d);
@@ -261,58 +292,81 @@ pub(crate) fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (La
     let sine = node.sine + (node.cosine * arc.sine - node.sine * arc.versine);
     let cosine = node.cosine - turning;
     let pull = sine - track.k;
-    let (b2, b3, b4) = (
-        pull * L::splat(0.5),
-        cosine * L::splat(1.0 / 6.0),
-        sine * L::splat(-1.0 / 24.0),
-    );
-    let gg = g * g;
     let certain = g.below(L::splat(0.0))
-        & (f * b2).abs().below(gg * L::splat(1e-3))
-        & (f * f * b3).abs().below((gg * g).abs() * L::splat(1e-6));
-
-    let per_g = L::splat(1.0) / g;
-    let n = -(f * per_g);
-    let (a2, a3, a4) = (b2 * per_g, b3 * per_g, b4 * per_g);
-    let a22 = a2 * a2;
-    let c3 = (a22 + a22) - a3;
-    let c4 = L::splat(-5.0) * a2 * (a22 - a3) - a4;
-    let c5 = a22 * (L::splat(14.0) * a22 - L::splat(21.0) * a3)
-        + (L::splat(6.0) * (a2 * a4) + L::splat(3.0) * (a3 * a3));
-    let step = n * (L::splat(1.0) + n * (n * (c3 + n * (c4 + n * c5)) - a2));
-
-    let offset = x + step;
-    let arrival = g + step
-        * (pull
-            + step
-                * (cosine * L::splat(0.5)
-                    - step
-                        * (sine * L::splat(1.0 / 6.0) + step * (cosine * L::splat(1.0 / 24.0)))));
+        & (f * pull).abs().below((g * g) * L::splat(2.0 * NEAR))
+        & (f * f * cosine)
+            .abs()
+            .below((g * g * g).abs() * L::splat(6.0 * NEAR * NEAR));
+    let back = householder(f, g, pull, cosine, -sine);
+    let offset = x - back;
+    let squared = back * back;
+    let arrival = (back * pull - g)
+        - squared
+            * ((cosine * L::splat(0.5) + back * (sine * L::splat(1.0 / 6.0)))
+                - squared * (cosine * L::splat(1.0 / 24.0)));
     let landing = Landing {
-        flight: node.distance + offset,
-        phase: node.phase(offset),
-        arrival: -arrival,
+        flight: (node.distance + offset).lone(),
+        phase: node.phase(offset).lone(),
+        arrival: arrival.lone(),
     };
     (landing, certain)
 }
 
-/// The first impact after `launch`, and whether it grazes. The launch is not at rest.
+/// Largest last step in units of the bend of the gap: what a step of fourth order leaves of it is then
+/// below rounding.
+const NEAR: f64 = 4e-4;
+
+/// The first impact after `launch`, and whether it grazes; `None` where the part rests.
 #[inline(always)]
-pub(crate) fn first_impact(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    if launch.is_tall(track) {
-        (tall::landing(track, launch), false)
-    } else {
-        let (landing, certain) = if launch.is_short(track) {
-            short::landing(track, launch, short::guess(track, launch))
-        } else {
-            let stretch = low::stretch(track, launch);
-            let close = low::approach(track, launch, &stretch);
-            low::landing(track, launch, &stretch, close)
-        };
-        if certain {
-            (landing, false)
-        } else {
-            search::landing(track, launch, search::Envelope::Skip)
-        }
+pub(crate) fn first_impact(
+    track: &Track<f64>,
+    launch: &Launch<f64>,
+) -> Option<(Landing<f64>, bool)> {
+    if f64::any(launch.is_tall(track)) {
+        return Some((tall::landing(track, launch), false));
     }
+    let Launch {
+        phase,
+        velocity,
+        sine,
+        cosine,
+    } = *launch;
+    // By value: in memory the launch would delay the tall flights, too.
+    not_tall(track, phase, velocity, sine, cosine)
+}
+
+/// [`first_impact`] of a flight that is not tall.
+#[inline(never)]
+fn not_tall(
+    track: &Track<f64>,
+    phase: f64,
+    velocity: f64,
+    sine: f64,
+    cosine: f64,
+) -> Option<(Landing<f64>, bool)> {
+    let launch = Launch {
+        phase,
+        velocity,
+        sine,
+        cosine,
+    };
+    if velocity <= 0.0 && f64::any(launch.rests(track)) {
+        return None;
+    }
+    let (landing, certain) = if f64::any(launch.is_short(track)) {
+        short::landing(track, &launch, short::guess(track, &launch))
+    } else {
+        let stretch = if f64::any(launch.is_home(track)) {
+            low::home(track, &launch)
+        } else {
+            low::stretch(track, &launch)
+        };
+        let close = low::approach(track, &launch, &stretch);
+        low::landing(track, &launch, &stretch, close)
+    };
+    Some(if f64::any(certain) {
+        (landing, false)
+    } else {
+        search::landing(track, &launch, search::Envelope::Skip)
+    })
 }

@@ -76,11 +76,12 @@ pub(crate) fn landing<L: Lane>(
         // d w' = u' - w, d^2 w''/2 and d^3 w'''/6 to the leading orders.
         let (sd, cd) = (s * d, c * d);
         let b2 = (a2 - (sd * L::splat(1.0 / 8.0) + (cd * d) * L::splat(1.0 / 20.0))) * d;
-        let step = householder(
+        let step = -householder(
             w.value * d,
             w.slope - w.value,
-            b2,
-            -(sd * L::splat(1.0 / 24.0) + (cd * d) * L::splat(1.0 / 30.0)),
+            b2 + b2,
+            -(sd * L::splat(1.0 / 4.0) + (cd * d) * L::splat(1.0 / 5.0)),
+            zero,
         );
         d = L::select(open, d + step, d);
         // Third order: the next step would be the fourth power of this one, relative to d.

@@ -2,15 +2,17 @@
 //!
 //! It then returns through height 1 as fast, so no earlier impact is possible and the gap is monotone
 //! where it ends: `-V x - k x^2/2 = sin(phi + x)`, with V the ball's speed through height 0, is Kepler's
-//! equation with eccentricity 1/V < 1 bent by the parabola. From the crossing of height 0 one step of
-//! third order and one reverted series reach rounding.
+//! equation with eccentricity 1/V < 1 bent by the parabola. From the crossing of height 0 two steps
+//! of fourth order, each on a node of the table, reach rounding.
 
 use super::{Landing, Launch, Track, finish, householder};
 use crate::arithmetic::lane::{Lane, Node};
 
 /// Smallest square of the speed at height 1 of a tall flight. The certificate holds from 1; from here
-/// on one step of third order comes within 2e-3 of the root.
-pub(crate) const LEAVING: f64 = 4.0;
+/// on one step of fourth order comes within 1.4e-3 of the root (4e-4 from 4 on, 3e-7 from 36 on), and the
+/// second leaves at most 6e-17 rad: measured in 80-bit arithmetic over 200 000 states for each of eight
+/// ranges of it, k in 0.02..0.98.
+pub(crate) const LEAVING: f64 = 3.0;
 
 /// When the ball falls through height 0, and how fast.
 #[derive(Clone, Copy)]
@@ -36,33 +38,29 @@ impl<L: Lane> Crossing<L> {
 #[inline(always)]
 pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
     let v = launch.rise();
-    let speed = (v * v + (track.k + track.k) * launch.sine).sqrt();
+    let speed = launch.level(track).sqrt();
     Crossing {
-        time: (v + speed) * track.per_k,
+        time: ((v + speed) * track.per_k).lone(),
         speed,
     }
 }
 
-/// A flight time within 2e-3 of the impact.
+/// A flight time within 1.4e-3 of the impact.
 #[inline(always)]
 pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, crossing: &Crossing<L>) -> L {
     let node = Node::near(launch.phase, crossing.time);
     let past = node.distance - crossing.time;
     // Relative to the crossing nothing cancels: y = -past (V + k past/2).
-    let value = -(past * (crossing.speed + track.half() * past) + node.sine);
-    let slope = -((crossing.speed + track.k * past) + node.cosine);
-    let step = householder(
-        value,
-        slope,
-        (node.sine - track.k) * L::splat(0.5),
-        node.cosine * L::splat(1.0 / 6.0),
-    );
-    node.distance + step
+    let below = past * (crossing.speed + track.half() * past) + node.sine;
+    let speed = (crossing.speed + track.k * past) + node.cosine;
+    let back = householder(below, speed, track.k - node.sine, -node.cosine, node.sine);
+    node.distance - back
 }
 
 /// The end of a tall flight.
 #[inline(always)]
 pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> Landing<f64> {
-    let d = approach(track, launch, &crossing(track, launch));
-    finish(track, launch, d).0
+    let crossing = crossing(track, launch);
+    let close = approach(track, launch, &crossing);
+    finish(track, launch, close).0
 }
