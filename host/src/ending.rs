@@ -2,7 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Event, Kernel, Map, Orbit, State};
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{Event, Impact, Kernel, Map, Orbit, State};
 use kband::regime::Lock;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::lock::HIGHEST_ORDER;
@@ -115,45 +116,127 @@ impl Endings {
         self.follow(Orbit::new(&self.map, start))
     }
 
-    fn follow(&self, orbit: Orbit<'_>) -> Regime {
-        let (mut count, mut keep_next) = (0, 16);
-        // Its settings are within their ranges.
-        let mut memory = Classifier::<MEMORY>::build(HearingSettings::COMPUTED).ok();
-        let mut kept = Kept::default();
-        for event in orbit {
-            let impact = match event {
-                Event::Impact(impact) => impact,
-                Event::Rest { .. } => return self.after_rest,
-                Event::LiftOff { .. } => continue,
-            };
-            count += 1;
-            if count > self.impacts {
-                break;
-            }
-            let order = (impact.flight / TAU).round() as usize;
-            if let Some(Some(lock)) = order.checked_sub(1).and_then(|n| self.locks.get(n))
-                && lock.distance(impact.next) < 1e-5
+    /// Where parts that start just after an impact end, in the order of their starts: what
+    /// [`Endings::of`] says of each, many orbits side by side.
+    #[must_use]
+    pub fn of_all(&self, starts: &[State]) -> Vec<Regime> {
+        let mut ends = vec![Regime::Undecided; starts.len()];
+        let mut block = Block::new();
+        let mut waiting = starts.iter().enumerate();
+        let mut flying: Vec<Option<(usize, Followed)>> = (0..LANES).map(|_| None).collect();
+        let mut fill = |block: &mut Block, lane: usize, flying: &mut Option<(usize, Followed)>| {
+            *flying = None;
+            block.clear(lane);
+            if let Some((index, start)) = waiting.next()
+                && block.put(lane, &self.map, *start).is_ok()
             {
-                return Regime::Locked {
-                    order: lock.order(),
+                *flying = Some((index, Followed::new()));
+            }
+        };
+        for (lane, flying) in flying.iter_mut().enumerate() {
+            fill(&mut block, lane, flying);
+        }
+        while flying.iter().any(Option::is_some) {
+            block.advance(1);
+            for (lane, slot) in flying.iter_mut().enumerate() {
+                let Some((index, followed)) = slot else {
+                    continue;
                 };
-            }
-            if let Some((impacts, time)) = kept.returned(impact.next, impact.flight) {
-                return named(impacts, (time / TAU).round() as u32);
-            }
-            if count + MEMORY + 1 > self.impacts
-                && let Some(memory) = &mut memory
-            {
-                memory.flight(impact.flight);
-            }
-            if count == keep_next {
-                kept = Kept {
-                    state: Some(impact.next),
-                    ..Kept::default()
+                // A lane that rests, from the start or since its last impact, has no further one.
+                let end = match block.impact(lane) {
+                    Some(impact) if !followed.rests && impact.flight > 0.0 => {
+                        followed.take(self, &impact)
+                    }
+                    _ => Some(self.after_rest),
                 };
-                keep_next *= 2;
+                followed.rests = block.rests(lane);
+                if let Some(end) = end {
+                    ends[*index] = end;
+                    fill(&mut block, lane, slot);
+                }
             }
         }
+        ends
+    }
+
+    fn follow(&self, orbit: Orbit<'_>) -> Regime {
+        let mut followed = Followed::new();
+        for event in orbit {
+            match event {
+                Event::Impact(impact) => {
+                    if let Some(end) = followed.take(self, &impact) {
+                        return end;
+                    }
+                }
+                Event::Rest { .. } => return self.after_rest,
+                Event::LiftOff { .. } => {}
+            }
+        }
+        followed.verdict()
+    }
+}
+
+/// An orbit on its way to its ending.
+struct Followed {
+    count: usize,
+    keep_next: usize,
+    kept: Kept,
+    /// The last impacts, once there are not many left.
+    memory: Option<Box<Classifier<MEMORY>>>,
+    /// Whether it came to rest after its last impact.
+    rests: bool,
+}
+
+impl Followed {
+    fn new() -> Self {
+        Self {
+            count: 0,
+            keep_next: 16,
+            kept: Kept::default(),
+            memory: None,
+            rests: false,
+        }
+    }
+
+    /// Takes the next impact; the ending, once it is known.
+    fn take(&mut self, endings: &Endings, impact: &Impact<State>) -> Option<Regime> {
+        self.count += 1;
+        if self.count > endings.impacts {
+            return Some(self.verdict());
+        }
+        let order = (impact.flight / TAU).round() as usize;
+        if let Some(Some(lock)) = order.checked_sub(1).and_then(|n| endings.locks.get(n))
+            && lock.distance(impact.next) < 1e-5
+        {
+            return Some(Regime::Locked {
+                order: lock.order(),
+            });
+        }
+        if let Some((impacts, time)) = self.kept.returned(impact.next, impact.flight) {
+            return Some(named(impacts, (time / TAU).round() as u32));
+        }
+        if self.count + MEMORY + 1 > endings.impacts {
+            if self.memory.is_none() {
+                // Its settings are within their ranges.
+                let memory = Classifier::build(HearingSettings::COMPUTED);
+                self.memory = memory.ok().map(Box::new);
+            }
+            if let Some(memory) = &mut self.memory {
+                memory.flight(impact.flight);
+            }
+        }
+        if self.count == self.keep_next {
+            self.kept = Kept {
+                state: Some(impact.next),
+                ..Kept::default()
+            };
+            self.keep_next *= 2;
+        }
+        None
+    }
+
+    fn verdict(&self) -> Regime {
+        let memory = self.memory.as_ref();
         memory.map_or(Regime::Undecided, |memory| memory.verdict().regime)
     }
 }
@@ -264,6 +347,21 @@ mod tests {
             (shares[&Tone::HopAndRest] - 0.64).abs() < 0.02,
             "{shares:?}"
         );
+    }
+
+    #[test]
+    fn many_side_by_side_end_where_each_ends_alone() {
+        for (k, restitution) in [(0.43, 0.2), (0.5, 0.6), (0.3, 0.4), (1.2, 0.8), (0.4, 0.0)] {
+            let endings = Endings::new(k, restitution, 1500).unwrap();
+            let starts: Vec<State> = (0..700)
+                .map(|n| State {
+                    phase: TAU * (f64::from(n) * 0.618_034).fract(),
+                    velocity: 3.0 * (f64::from(n) * 0.414_214).fract(),
+                })
+                .collect();
+            let alone: Vec<Regime> = starts.iter().map(|start| endings.of(*start)).collect();
+            assert_eq!(endings.of_all(&starts), alone, "{k} {restitution}");
+        }
     }
 
     #[test]

@@ -85,7 +85,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 51] = [
+const PROOFS: [(&str, Shows, Break); 53] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -97,6 +97,7 @@ const PROOFS: [(&str, Shows, Break); 51] = [
         Told(no_limits),
     ),
     ("chaotic", Obeying, Told(another_target)),
+    ("drawn_parts", Listening, Seen(deaf)),
     (
         "empty_band",
         Shows::Limit(Limits::NO_SETPOINT),
@@ -145,6 +146,7 @@ const PROOFS: [(&str, Shows, Break); 51] = [
     ("lock_lost", Listening, Hidden(parts)),
     ("locked", Listening, Seen(deaf)),
     ("locked_order_2", Listening, Seen(deaf)),
+    ("mains_ripple", Listening, Seen(deaf)),
     ("many_parts", Listening, Seen(deaf)),
     ("new_target", Obeying, Hidden(target)),
     (

@@ -91,6 +91,7 @@ scenes! {
     acceleration_limit
     amplitude_limit
     chaotic
+    drawn_parts
     empty_band
     enable_in_stopping
     fault_at_rest
@@ -107,6 +108,7 @@ scenes! {
     lock_comes_back
     locked
     locked_order_2
+    mains_ripple
     many_parts
     new_target
     no_common_chaos

@@ -302,17 +302,28 @@ impl Outcome {
         words.join(" / ")
     }
 
-    /// What one part really does at the end, told from its impacts alone.
+    /// What one part really does at the end, told from its impacts alone: over the longest of some windows
+    /// that tells it, as a part may have come to it only just now.
     fn regime_of(&self, part: u8) -> Regime {
-        let Ok(mut classifier) = Classifier::<256>::build(JITTER) else {
-            return Regime::Undecided;
-        };
-        for strike in self.late(part, HEARD) {
-            let cycle = (strike.time >> 32) as u32;
-            classifier.impact(cycle, Phase::from_bits(strike.time as u32));
+        for window in HEARD {
+            let Ok(mut classifier) = Classifier::<256>::build(JITTER) else {
+                break;
+            };
+            let mut impacts = 0;
+            for strike in self.late(part, window) {
+                let cycle = (strike.time >> 32) as u32;
+                classifier.impact(cycle, Phase::from_bits(strike.time as u32));
+                impacts += 1;
+            }
+            classifier.cycle(self.record.cycles());
+            let regime = classifier.verdict().regime;
+            // A window without an impact is too short to call that rest if a longer one had some.
+            let silent = impacts == 0 && window < HEARD[0];
+            if regime != Regime::Undecided && !silent {
+                return regime;
+            }
         }
-        classifier.cycle(self.record.cycles());
-        classifier.verdict().regime
+        Regime::Undecided
     }
 
     /// Mean phase at which the parts strike where they are locked, in rad.

@@ -7,9 +7,10 @@ use super::outcome::Watch;
 
 /// Time over which the end of a scene is judged, in s.
 pub(super) const END: f64 = 1.0;
-/// Time over which the parts' impacts are listened to, in s: the last three tell rest from silence at
-/// the slowest hopping, and hold enough impacts to tell chaos.
-pub(super) const HEARD: f64 = 6.0;
+/// Times over which the parts' impacts are listened to, in s: the last three seconds tell rest from
+/// silence at the slowest hopping, six hold enough impacts to tell chaos, and in one and a half a lock of
+/// order 8 repeats often enough.
+pub(super) const HEARD: [f64; 3] = [6.0, 3.0, 1.5];
 
 /// An event with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,7 +73,7 @@ impl Record {
                 report: moment.report,
             });
         }
-        if moment.time > self.duration - HEARD {
+        if moment.time > self.duration - HEARD[0] {
             let stamped = strikes.iter().map(|strike| (moment.time, *strike));
             self.late.extend(stamped);
             if moment.time > self.duration - END {

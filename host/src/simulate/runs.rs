@@ -119,7 +119,10 @@ impl Runs {
         let z = 1.959_964;
         let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
         let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-        (p, (centre - half).max(0.0), (centre + half).min(1.0))
+        // At the ends the interval reaches them, whatever rounding says.
+        let low = if p == 0.0 { 0.0 } else { centre - half };
+        let high = if p == 1.0 { 1.0 } else { centre + half };
+        (p, low.max(0.0), high.min(1.0))
     }
 }
 

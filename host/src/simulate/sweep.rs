@@ -287,8 +287,16 @@ impl Sweep {
             "{count} runs a point, target {}",
             super::describe(file.scene.target)
         ));
-        let axis = |axis: &Axes| {
+        let axis = |axis: &Axes, cells: bool| {
             let (low, high) = bounds(&axis.values);
+            // A cell has its value in its middle.
+            let room = 0.5 * (high - low) / (axis.values.len().max(2) - 1) as f64;
+            let room = if cells && axis.values.len() > 1 {
+                room
+            } else {
+                0.0
+            };
+            let (low, high) = (low - room, high + room);
             let unit = match unit(&axis.key) {
                 "" => Unit::NONE,
                 unit => Unit::new(unit),
@@ -311,11 +319,12 @@ impl Sweep {
                 }
                 let scale = Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 100.0);
                 picture.panel(
-                    Panel::new(axis(first), axis(second)).heat(Grid::new(columns, cells), scale),
+                    Panel::new(axis(first, true), axis(second, true))
+                        .heat(Grid::new(columns, cells), scale),
                 )
             }
             axes => {
-                let shares = Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 105.0);
+                let shares = Axis::new("runs in the wanted state", Unit::new("%"), -5.0, 105.0);
                 let Some(first) = axes.first() else {
                     return picture;
                 };
@@ -325,7 +334,7 @@ impl Sweep {
                     let (_, low, high) = point.runs.share();
                     (at(point), 100.0 * low, 100.0 * high)
                 });
-                let mut panel = Panel::new(axis(first), shares);
+                let mut panel = Panel::new(axis(first, false), shares);
                 if count > 1 {
                     panel = panel.between("95 % interval", 1, band.collect());
                 }

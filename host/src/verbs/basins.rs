@@ -62,14 +62,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let velocity = move |row: usize| top * (row as f64 + 0.5) / side as f64;
     Map::state(0.0, top)?;
     let rows = desk.map("basins", side, |row| {
-        (0..side)
-            .map(|column| {
-                endings.of(State {
-                    phase: phase(column),
-                    velocity: velocity(row),
-                })
-            })
-            .collect::<Vec<_>>()
+        let start = |column| State {
+            phase: phase(column),
+            velocity: velocity(row),
+        };
+        endings.of_all(&(0..side).map(start).collect::<Vec<_>>())
     })?;
     let ends: Arc<[Regime]> = rows.into_iter().flatten().collect();
     let mut counts: Vec<(Regime, usize)> = Vec::new();

@@ -2,15 +2,17 @@
 
 use kband::regime::cascade::{Cascade, End, FEIGENBAUM, HIGHEST_DOUBLINGS};
 
-use crate::arguments::{self, Printed};
+use crate::arguments::{self, Drawn, Printed};
 use crate::desk::Desk;
+use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table};
+use crate::report::{Column, Report, Table, number};
 
 /// Where the locked orbit doubles its period, and doubles again, down to chaos.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband cascade --restitution 0.2 --order 1 --doublings 6
+  kband cascade --restitution 0.2 --out cascade.svg
   kband cascade --restitution 0.5 --order 2 --doublings 5 --format json
 
 JSON has flips (k of the 1->2, 2->4, ... flips), ratios of their gaps and k_infinity.")]
@@ -29,17 +31,69 @@ pub struct Arguments {
 
     #[command(flatten)]
     printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
 }
 
-/// Prints the flips.
+/// Prints the flips and draws them.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.drawn.output()?;
     let cascade = Cascade::locate(
         arguments.restitution,
         arguments.order as u32,
         arguments.doublings,
     )?;
-    report(arguments, &cascade)?.print(arguments.printed.format)?;
+    let report = report(arguments, &cascade)?;
+    report.print(arguments.printed.format)?;
+    output.write(&report, || picture(arguments, &cascade))?;
     Ok(Exit::Done)
+}
+
+/// Where each flip lies, and how fast their gaps shrink.
+fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
+    let flips = cascade.flips();
+    let last = flips.len() as f64 + 0.5;
+    let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", Unit::NONE, 0.5, last);
+    let points: Vec<(f64, f64)> = flips
+        .iter()
+        .enumerate()
+        .map(|(n, k)| ((n + 1) as f64, *k))
+        .collect();
+    let mut places = Panel::new(
+        numbered(),
+        Axis::around("k = g cos α / (b ω²)", Unit::NONE, flips.iter().copied()),
+    )
+    .height(230.0)
+    .line("", 0, points.clone())
+    .markers("flips", 0, points);
+    if let Some(limit) = cascade.k_infinity() {
+        places = places.level(limit.value, "chaos begins");
+    }
+    let gaps: Vec<(f64, f64)> = flips
+        .windows(2)
+        .enumerate()
+        .map(|(n, pair)| ((n + 2) as f64, pair[0] - pair[1]))
+        .collect();
+    let mut picture = Picture::new("Period doublings down to chaos")
+        .caption(format!(
+            "R = {}, lock of order {}",
+            number(arguments.restitution, 6),
+            arguments.order
+        ))
+        .panel(places);
+    if let (Some(first), Some(end)) = (gaps.first().copied(), gaps.last().copied()) {
+        // Feigenbaum's law through the last gap, which has come closest to it.
+        let law = gaps.iter().map(|(n, _)| (*n, end.1 * FEIGENBAUM.powf(end.0 - n)));
+        let axis = Axis::new("gap to the flip before", Unit::NONE, 0.4 * end.1, 2.5 * first.1);
+        picture = picture.panel(
+            Panel::new(numbered(), axis.logarithmic())
+                .height(230.0)
+                .line("shrinking by Feigenbaum's 4.669", 1, law.collect())
+                .markers("gaps", 0, gaps),
+        );
+    }
+    picture
 }
 
 fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Report, Refusal> {

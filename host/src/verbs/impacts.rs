@@ -1,20 +1,23 @@
 //! `kband impacts`: the map itself, impact by impact.
 
+use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State};
 
-use crate::arguments;
+use crate::arguments::{self, Drawn};
 use crate::desk::Desk;
 use crate::file;
+use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Report, Table};
+use crate::report::{Column, Format, Report, Table, number};
 
 /// Consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
+  kband impacts --k 0.35 --restitution 0.2 --phase 0.4 --velocity 0.4 --count 20000 --out portrait.svg
   kband impacts --from states.csv --arithmetic f64 --format csv
 
 A file has the columns k,restitution,phase,velocity (others are ignored); each row gives
@@ -51,6 +54,9 @@ pub struct Arguments {
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
+
+    #[command(flatten)]
+    drawn: Drawn,
 }
 
 /// The number systems in which the map exists.
@@ -70,9 +76,10 @@ pub enum Arithmetic {
     Batch,
 }
 
-/// Prints the impacts.
+/// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let table = match arguments.arithmetic {
+    let output = arguments.drawn.output()?;
+    let (table, states) = match arguments.arithmetic {
         Arithmetic::F64 => table::<Map>(arguments, desk, one_by_one)?,
         Arithmetic::F64Exact => table::<Exact>(arguments, desk, one_by_one)?,
         Arithmetic::Hybrid => table::<Hybrid>(arguments, desk, one_by_one)?,
@@ -83,8 +90,31 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             table::<Map>(arguments, desk, |rows| in_blocks(&mut block, rows))?
         }
     };
-    Report::new(table.plain_header()).print(arguments.format)?;
+    let report = Report::new(table.plain_header());
+    report.print(arguments.format)?;
+    output.write(&report, || portrait(arguments, states))?;
     Ok(Exit::Done)
+}
+
+/// Phase and velocity of the state after each impact.
+type States = Vec<(f64, f64)>;
+
+/// The phase portrait: the state after each impact.
+fn portrait(arguments: &Arguments, states: States) -> Picture {
+    let fastest = states.iter().fold(0.0_f64, |high, state| high.max(state.1));
+    let panel = Panel::new(
+        Axis::new("phase t of the drive after the impact", Unit::RADIANS, 0.0, TAU).in_pi(),
+        Axis::new("velocity ψ after the impact", Unit::VELOCITY, 0.0, 1.05 * fastest),
+    )
+    .height(460.0);
+    let map = match (arguments.k, arguments.restitution) {
+        (Some(k), Some(r)) => format!("k = {}, R = {}; ", number(k, 6), number(r, 6)),
+        _ => String::new(),
+    };
+    let count = states.len();
+    Picture::new("Phase portrait")
+        .caption(format!("{map}{count} impacts"))
+        .panel(panel.markers("impacts", 0, states))
 }
 
 /// A map and the state it is applied to.
@@ -119,7 +149,8 @@ fn table<K: Kernel>(
     arguments: &Arguments,
     desk: &Desk,
     mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
-) -> Result<Table, Refusal> {
+) -> Result<(Table, States), Refusal> {
+    let mut states = Vec::new();
     if let Some(path) = &arguments.from {
         let rows = read_rows::<K>(path, &file::read_text(path)?)?;
         let mut table = Table::new(&[
@@ -129,13 +160,14 @@ fn table<K: Kernel>(
         ]);
         for impact in impacts(&rows) {
             let next = K::observe(impact.next);
+            states.push((next.phase, next.velocity));
             table.push([
                 impact.flight.into(),
                 next.phase.into(),
                 next.velocity.into(),
             ]);
         }
-        return Ok(table);
+        return Ok((table, states));
     }
     // clap has seen to it that all four are there.
     let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
@@ -156,6 +188,7 @@ fn table<K: Kernel>(
         for impact in impacts(&row) {
             row[0].state = impact.next;
             let next = K::observe(impact.next);
+            states.push((next.phase, next.velocity));
             table.push([
                 n.into(),
                 next.phase.into(),
@@ -164,7 +197,7 @@ fn table<K: Kernel>(
             ]);
         }
     }
-    Ok(table)
+    Ok((table, states))
 }
 
 /// All rows of the file, each within the range of the arithmetic; the first that is not is refused

@@ -173,8 +173,8 @@ impl ImpactEar {
             return (None, sum);
         }
         let since = sample.saturating_sub(self.memory_at);
-        // After 600 samples 5e-10 of it is left.
-        let mut memory = if since < 600 {
+        // After 250 samples 1.4e-4 of it is left: less than the noise of any ringing that a board can read.
+        let mut memory = if since < 250 {
             self.memory * libm::exp(FORGETTING * since as f64)
         } else {
             0.0

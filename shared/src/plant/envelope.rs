@@ -110,16 +110,16 @@ impl EnvelopePlant {
             .begin(self.output(f64::from(output), step, middle), step);
         let samples = self.drive.samples();
         self.move_parts();
-        let clipped = self.drive.loudest() + self.ringing() + 4.0 * f64::from(self.sensor.noise)
-            > self.headroom();
+        let loudest = self.drive.loudest();
+        let clipped =
+            loudest + self.ringing() + 4.0 * f64::from(self.sensor.noise) > self.headroom();
         let mut cycle = Cycle {
             samples: samples as u16,
             ..Cycle::default()
         };
         // What is only heard in the cycle that follows has the phases of this one.
         let readings = clipped.then(|| self.clip(&mut cycle));
-        let loudest = self.drive.loudest();
-        let struck = self.listen();
+        let struck = self.listen(loudest);
         let found = self.drive.end();
         let found = readings.unwrap_or(Demodulated {
             in_phase: found.in_phase + struck.re,
@@ -257,11 +257,11 @@ impl EnvelopePlant {
     }
 
     /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
-    fn listen(&mut self) -> Complex {
+    fn listen(&mut self, loudest: f64) -> Complex {
         self.ear.tune(f64::from(self.drive.step()) * (TAU / TURN));
         let factor = f64::from(self.sensor.sensitivity);
         let rms = self.ear.residual(self.white()) * factor;
-        let leak = self.ear.leak() * self.drive.loudest() * factor;
+        let leak = self.ear.leak() * loudest * factor;
         let level = libm::sqrt(rms * rms + 0.5 * leak * leak);
         let floor = 1.0 / self.codes_per_acceleration;
         // A running median moves by 1/1024 of itself a sample at most.

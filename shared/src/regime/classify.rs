@@ -313,6 +313,9 @@ impl<const N: usize> Classifier<N> {
             if agree > best.0 {
                 best = (agree, cycles as u32);
             }
+            if agree == filled - impacts {
+                break;
+            }
         }
         (best.0 as f32 / (filled - impacts) as f32, best.1)
     }

@@ -117,6 +117,9 @@ pub(super) fn clipped(
     (!outside).then(|| (clip(a), clip(b)))
 }
 
+/// More markers than this are drawn small.
+const MANY: usize = 120;
+
 pub(super) fn marks(
     theme: Theme,
     series: usize,
@@ -147,12 +150,18 @@ pub(super) fn marks(
             (-1.0, -1.0),
         ],
     };
-    let piece = |(x, y): &(f64, f64)| shape.iter().map(|(a, b)| (x + a, y + b)).collect();
+    // Many markers lie over each other: smaller and without an edge none wipes out its neighbour.
+    let many = places.len() > MANY;
+    let size = if many { 0.55 } else { 1.0 };
+    let piece = |(x, y): &(f64, f64)| {
+        let moved = shape.iter().map(|(a, b)| (x + size * a, y + size * b));
+        moved.collect()
+    };
     Shape::Path {
         pieces: places.iter().map(piece).collect(),
         closed: true,
         fill: Some(colour),
-        stroke: Some(Stroke {
+        stroke: (!many).then(|| Stroke {
             colour: theme.background(),
             width: 0.6,
             dash: &[],
