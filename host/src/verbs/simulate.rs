@@ -147,19 +147,18 @@ impl Arguments {
         }
     }
 
-    /// Fidelity of a single run.
+    /// Fidelity of a single run: a scope needs samples, whatever the scene says.
     fn fidelity(&self, file: &SceneFile) -> Result<Fidelity, Refusal> {
-        let asked = self.fidelity.or(file.fidelity);
-        if self.scope.is_some() && asked == Some(Fidelity::Envelope) {
-            return Err(Refusal::value(
+        match (self.fidelity, &self.scope) {
+            (Some(Fidelity::Envelope), Some(_)) => Err(Refusal::value(
                 "--scope",
-                "(with fidelity envelope)",
-                "fidelity waveform, which has samples",
-                "leave --fidelity and the scene's fidelity out, or say waveform",
-            ));
+                "(with --fidelity envelope)",
+                "--fidelity waveform, which has samples",
+                "leave --fidelity out, or say waveform",
+            )),
+            (_, Some(_)) => Ok(Fidelity::Waveform),
+            (asked, None) => Ok(asked.or(file.fidelity).unwrap_or_default()),
         }
-        let scoped = self.scope.is_some().then_some(Fidelity::Waveform);
-        Ok(asked.or(scoped).unwrap_or_default())
     }
 }
 
