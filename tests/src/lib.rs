@@ -2,12 +2,14 @@
 //! a kernel and the oracle that judges it.
 
 pub mod broken;
+pub mod certificate;
 pub mod day;
 pub mod desk;
 pub mod emulator;
 pub mod footprint;
 pub mod images;
 pub mod oracle;
+pub mod soak;
 pub mod states;
 pub mod terminal;
 pub mod verdict;

@@ -1,8 +1,11 @@
 //! An independent impact map: slow, simple, unable to jump over an impact.
 //!
 //! It shares no code and no idea with the kernels: it evaluates sines where it stands, and steps by a
-//! lower bound of the gap. `|u'''| = |cos| <= 1`, so `u + u' h + u'' h^2/2 - h^3/6` is below `u(d + h)`:
-//! stepping to the first root of the bound passes no impact (physics, section 3).
+//! lower bound of the gap. Its fourth derivative is within -1..1, so its Taylor series to the third
+//! power less `h^4/24` is below `u(d + h)`: stepping up to the first root of that passes no impact.
+
+/// Longest step in rad.
+const STRIDE: f64 = 2.0;
 
 /// A flight's first impact as the oracle sees it.
 #[derive(Clone, Copy, Debug)]
@@ -56,18 +59,7 @@ pub fn rounding(k: f64, phase: f64, velocity: f64, d: f64) -> f64 {
 #[must_use]
 pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
     let (s, c) = phase.sin_cos();
-    let excess = s - k;
-    // First step: psi h + (s - k) h^2/2 - h^3/6 > 0; at lift-off itself only cos t lifts the part.
-    let root = (excess * excess + 8.0 / 3.0 * velocity).sqrt();
-    let mut d = if excess < 0.0 {
-        4.0 * velocity / (root - excess)
-    } else {
-        1.5 * (excess + root)
-    };
-    if velocity == 0.0 && c > 0.0 {
-        // psi = 0: u >= (s - k) d^2/2 + c d^3/6 - d^4/24.
-        d = d.max(2.0 * c);
-    }
+    let mut d = 0.999 * clear_of_launch(k, phase, velocity, STRIDE);
     let mut clearance = f64::INFINITY;
     let launch = velocity + c;
     let leaving = launch * launch - 2.0 * k * (1.0 - s);
@@ -75,13 +67,15 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
         d = d.max((launch + leaving.sqrt()) / k);
     }
     let mut shrinking = f64::INFINITY;
-    for _ in 0..100_000 {
-        let [height, slope, curvature] = gap(k, phase, velocity, d);
+    for n in 0..10_000 {
+        let at = gap(k, phase, velocity, d);
+        let height = at[0];
         if height <= 0.0 {
             break;
         }
-        let h = root_of_bound(height, slope, curvature);
-        if h <= 2e-16 * d {
+        let h = clear_from(at, phase, d, STRIDE);
+        // Near the flat top of a track with k within rounding of 1 every step is so small.
+        if h <= 2e-16 * d || (n > 300 && h < 1e-6 * d && height < rounding(k, phase, velocity, d)) {
             break;
         }
         // Steps that shrink and grow again passed a near touch.
@@ -118,35 +112,53 @@ fn sagitta(d: f64) -> f64 {
     (1.0 - x * sum) / 6.0
 }
 
-/// Smallest positive root of `u + v h + a h^2/2 - h^3/6` for u > 0, from below.
-fn root_of_bound(u: f64, v: f64, a: f64) -> f64 {
-    let value = |h: f64| u + h * (v + h * (0.5 * a - h / 6.0));
-    let mut low = 0.0;
-    let mut high = 1.0;
-    let turning = a * a + 2.0 * v;
-    // The local minimum, where the bound has one.
-    let valley = a - turning.max(0.0).sqrt();
-    if v < 0.0 && a > 0.0 && turning > 0.0 && value(valley) <= 0.0 {
-        high = valley;
-    } else {
-        if v < 0.0 && a > 0.0 && turning > 0.0 {
-            low = valley;
-            high = 2.0 * valley;
-        }
-        while value(high) > 0.0 {
-            high *= 2.0;
-        }
-    }
-    for _ in 0..1200 {
-        let middle = 0.5 * (low + high);
-        if high - low <= 1e-4 * high || middle <= low || middle >= high {
+/// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w > 0.
+///
+/// Up to the stride the last two terms are above a quadratic one, whose root is closed; the stride is
+/// shortened until it is near that root.
+fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
+    let mut clear = 0.0_f64;
+    for _ in 0..40 {
+        let bend = a + (b - w * stride).min(0.0) * stride;
+        let square = v * v - 4.0 * bend * u;
+        let zero = if bend >= 0.0 && (v >= 0.0 || square < 0.0) {
+            stride
+        } else if v < 0.0 {
+            2.0 * u / (square.max(0.0).sqrt() - v)
+        } else {
+            (v + square.sqrt()) / (-2.0 * bend)
+        };
+        clear = clear.max(zero.min(stride));
+        if clear > 0.3 * stride {
             break;
         }
-        if value(middle) > 0.0 {
-            low = middle;
-        } else {
-            high = middle;
-        }
+        stride = (0.125 * stride).max(1.2 * clear);
     }
-    low
+    clear
+}
+
+/// How long the gap stays positive from `d` on, at least, up to `stride`; `at` is the gap there.
+#[must_use]
+pub fn clear_from(at: [f64; 3], phase: f64, d: f64, stride: f64) -> f64 {
+    // The fourth derivative is within -1..1; the phase rounds.
+    let cosine = (phase + d).cos() - 2.0 * f64::EPSILON * (phase + d);
+    clear_for(
+        [at[0], at[1], 0.5 * at[2], cosine / 6.0, 1.0 / 24.0],
+        stride,
+    )
+}
+
+/// How long the gap stays positive from launch, at least, up to `stride`.
+#[must_use]
+pub fn clear_of_launch(k: f64, phase: f64, velocity: f64, stride: f64) -> f64 {
+    let (s, c) = phase.sin_cos();
+    // u/d = psi + (s - k) d/2 + c d^2/6 - s d^3/24 - ...
+    let quotient = [velocity, 0.5 * (s - k), c / 6.0, -s / 24.0, 1.0 / 120.0];
+    let clear = clear_for(quotient, stride);
+    if velocity == 0.0 && c > 0.0 {
+        // At lift-off, whatever the rounding of sin t - k, cos t lifts the part.
+        clear.max(2.0 * c)
+    } else {
+        clear
+    }
 }

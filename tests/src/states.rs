@@ -1,6 +1,8 @@
 //! Launch states that try a kernel: ordinary ones and the hardest that were thought of.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use kband::impact::State;
 
 /// A launch: what is put into a kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +15,17 @@ pub struct Launch {
     pub phase: f64,
     /// Velocity relative to the track.
     pub velocity: f64,
+}
+
+impl Launch {
+    /// Phase and velocity.
+    #[must_use]
+    pub fn state(&self) -> State {
+        State {
+            phase: self.phase,
+            velocity: self.velocity,
+        }
+    }
 }
 
 /// A small reproducible generator of random numbers (SplitMix64).
@@ -69,11 +82,13 @@ pub enum Kind {
     Wrap,
     /// k log-uniform in 0.005..3, psi log-uniform in 1e-30..100.
     Wide,
+    /// k within 1e-16..1e-2 of 1, phases as near to the top of the stroke or anywhere.
+    Flat,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::High,
         Self::Low,
         Self::Chatter,
@@ -81,6 +96,7 @@ impl Kind {
         Self::Grazing,
         Self::Wrap,
         Self::Wide,
+        Self::Flat,
     ];
 
     /// A random launch of this kind.
@@ -127,6 +143,17 @@ impl Kind {
                 k = random.scale(0.005, 3.0);
                 random.scale(1e-30, 100.0)
             }
+            Self::Flat => {
+                k = 1.0 + random.sign() * random.scale(1e-16, 1e-2);
+                if random.sign() > 0.0 {
+                    phase = FRAC_PI_2 + random.sign() * random.scale(1e-16, 1e-1);
+                }
+                match random.bits() % 4 {
+                    0 => 0.0,
+                    1 => random.between(0.0, 10.0),
+                    _ => random.scale(1e-30, 1.0),
+                }
+            }
         };
         let phase = phase.rem_euclid(TAU);
         Launch {
@@ -147,10 +174,23 @@ fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
         let (s, c) = touch.sin_cos();
         let gap = |past: f64| s - c * past - 0.5 * k * past * past - (touch - past).sin();
         let mut past = random.between(0.05, 12.0);
-        let Some(bracket) = (0..2000).find_map(|_| {
+        // Above height 1 it meets no track.
+        let leaving = c * c - 2.0 * k * (1.0 - s);
+        if leaving > 0.0 && c < 0.0 && s - c * past - 0.5 * k * past * past > 1.0 {
+            past = past.max((leaving.sqrt() - c) / k - 0.1);
+        }
+        let mut before = gap(past);
+        let mut bracket = None;
+        // Below height -1 there is no track either.
+        while bracket.is_none() && s - c * past - 0.5 * k * past * past >= -1.0 {
             past += 0.05;
-            (gap(past - 0.05) > 0.0 && gap(past) <= 0.0).then_some((past - 0.05, past))
-        }) else {
+            let now = gap(past);
+            if before > 0.0 && now <= 0.0 {
+                bracket = Some((past - 0.05, past));
+            }
+            before = now;
+        }
+        let Some(bracket) = bracket else {
             continue;
         };
         let (mut near, mut far) = bracket;

@@ -1,6 +1,9 @@
-//! The golden impacts and hops (25 digits) against the map in f64 and its exact mode.
+//! The golden impacts and hops (25 digits) against the map in every arithmetic.
 
-use kband::impact::{Exact, Kernel, Map};
+use std::f64::consts::TAU;
+
+use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, Single};
+use kband_tests::oracle;
 
 /// One row: what goes in, what comes out.
 struct Golden {
@@ -123,4 +126,103 @@ fn the_exact_mode_rounds_phases_correctly() {
     }
     assert!(counted > 900, "{counted}");
     println!("{beyond_half} of {counted} phases are not the nearest f64");
+}
+
+/// A step of the phase, and half a step of a velocity in integers.
+const STEP: f64 = TAU / 4_294_967_296.0;
+const HALF: f64 = 0.5 / 67_108_864.0;
+
+/// Impacts and hops in a microcontroller's arithmetic, but for those that it flags as grazing or whose root
+/// its rounding merges with another: the largest error over what roundings of `velocity` (of the launch) and of `height` (relative
+/// to the terms of the gap, and to 1) move the root, and how many were tried.
+fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> (f64, u32, u32) {
+    let (mut worst, mut tried, mut merged) = (0.0_f64, 0, 0);
+    for golden in impacts().chain(hops()) {
+        let Golden { k, phase, .. } = golden;
+        let kernel = K::build(k, golden.restitution).unwrap();
+        let impact = kernel.impact(K::state(phase, golden.velocity).unwrap());
+        let next = K::observe(impact.next);
+        let flight = number(golden.flight);
+        let [_, slope, curvature] = oracle::gap(k, phase, golden.velocity, flight);
+        // The gap moves by d for the velocity and by at most 2 d for the phase, which is rounded to half
+        // a step.
+        let terms = oracle::rounding(k, phase, golden.velocity, flight) / (0.5 * f64::EPSILON);
+        let moved = flight * (STEP + velocity(golden.velocity))
+            + relative * terms
+            + height * flight.min(1.0);
+        if impact.grazes || slope * slope < 8.0 * curvature.abs() * moved {
+            merged += 1;
+            continue;
+        }
+        let allowed = moved / slope.abs() + STEP;
+        let error = (impact.flight - flight).abs() / allowed;
+        assert!(
+            error < 6.0,
+            "{} {error}: k {k:e} {phase:e} {:e}: {flight} {impact:?}",
+            K::NAME,
+            golden.velocity
+        );
+        let expected = number(golden.next_velocity);
+        let off = (next.velocity - expected).abs();
+        let room = golden.restitution
+            * (4.0 * allowed * curvature.abs() + 2.0 * (STEP + moved / flight))
+            + 4.0 * velocity(expected);
+        assert!(
+            off <= room,
+            "{} {off:e} of {room:e}: k {k:e} {phase:e} {:e}: {expected} {impact:?}",
+            K::NAME,
+            golden.velocity
+        );
+        worst = worst.max(error);
+        tried += 1;
+    }
+    (worst, tried, merged)
+}
+
+#[test]
+fn golden_impacts_hold_in_the_microcontrollers_arithmetic() {
+    // Hybrid: sine and height to 2^-30; integer: also the cosine, which moves the gap by the flight time;
+    // f32: every term of the gap to 2^-24.
+    let results = [
+        golden::<Hybrid>(|_| HALF, [0.0, 3e-9]),
+        golden::<Integer>(|_| HALF + 4e-9, [0.0, 3e-9]),
+        golden::<Single>(|v| 6e-8 * v, [6e-8, 0.0]),
+    ];
+    for (worst, tried, merged) in results {
+        println!("worst {worst:.2} of what rounding moves, {tried} tried, {merged} merged");
+        assert!(tried > 2_300, "{tried}");
+    }
+}
+
+/// The residual of `kernel` in roundings of the gap's terms, by the exact mode's 30 digits.
+#[test]
+fn the_residual_of_f64_is_within_sixteen_roundings() {
+    use kband_tests::states::{Kind, Random};
+    for kind in [Kind::High, Kind::Low, Kind::Chatter, Kind::Edge] {
+        let mut random = Random::new(77);
+        let (mut worst, mut sum, mut count) = (0.0_f64, 0.0, 0.0);
+        for _ in 0..40_000 {
+            let launch = kind.draw(&mut random);
+            let map = Map::build(launch.k, 1.0).unwrap();
+            let exact = Exact::build(launch.k, 1.0).unwrap().refine(launch.state());
+            let impact = map.impact(launch.state());
+            if exact.grazes || impact.flight == 0.0 || exact.velocity[0] == 0.0 {
+                continue;
+            }
+            let off = ((impact.flight - exact.flight[0]) - exact.flight[1]).abs();
+            // Half an ulp of the flight itself, and of each term of the gap.
+            let gap = oracle::rounding(launch.k, launch.phase, launch.velocity, impact.flight);
+            let roundings = off * exact.velocity[0]
+                / (gap + 0.5 * f64::EPSILON * impact.flight * exact.velocity[0]);
+            worst = worst.max(roundings);
+            sum += roundings;
+            count += 1.0;
+            assert!(
+                roundings <= 16.0,
+                "{kind:?} {roundings}: {launch:?} {impact:?} {exact:?}"
+            );
+        }
+        println!("{kind:?}: worst {worst:.2}, mean {:.3}", sum / count);
+        assert!(count > 20_000.0);
+    }
 }

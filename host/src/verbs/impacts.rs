@@ -21,7 +21,8 @@ use crate::report::{Column, Format, Report, Table, number};
   kband impacts --from states.csv --arithmetic f64 --format csv
 
 A file has the columns k,restitution,phase,velocity (others are ignored); each row gives
-flight,next_phase,next_velocity. Phases are in rad, velocities in units of b w.")]
+flight,next_phase,next_velocity; they are empty, and standard error tells, where only the arithmetic
+cannot hold the row. Phases are in rad, velocities in units of b w.")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, value_parser = arguments::number, required_unless_present = "from")]
@@ -152,20 +153,29 @@ fn table<K: Kernel>(
 ) -> Result<(Table, States), Refusal> {
     let mut states = Vec::new();
     if let Some(path) = &arguments.from {
-        let rows = read_rows::<K>(path, &file::read_text(path)?)?;
+        let Rows { held, places, left } = read_rows::<K>(path, &file::read_text(path)?)?;
         let mut table = Table::new(&[
             Column::new("flight", "rad").digits(17),
             Column::new("next_phase", "rad").digits(17),
             Column::new("next_velocity", "b w").digits(17),
         ]);
-        for impact in impacts(&rows) {
-            let next = K::observe(impact.next);
-            states.push((next.phase, next.velocity));
+        let impacts = impacts(&held);
+        for place in places {
+            let impact = place.and_then(|place| impacts.get(place));
+            let next = impact.map(|impact| K::observe(impact.next));
+            if let Some(next) = &next {
+                states.push((next.phase, next.velocity));
+            }
             table.push([
-                impact.flight.into(),
-                next.phase.into(),
-                next.velocity.into(),
+                impact.map(|impact| impact.flight).into(),
+                next.map(|next| next.phase).into(),
+                next.map(|next| next.velocity).into(),
             ]);
+        }
+        if let Some((count, first)) = left {
+            let first = first.to_string();
+            let first = first.trim_start_matches("error: ");
+            eprintln!("left empty, as arithmetic {} cannot hold them: {count} row(s), the first in {first}", K::NAME);
         }
         return Ok((table, states));
     }
@@ -186,9 +196,18 @@ fn table<K: Kernel>(
             desk.go_on()?;
         }
         for impact in impacts(&row) {
-            row[0].state = impact.next;
             let next = K::observe(impact.next);
             states.push((next.phase, next.velocity));
+            row[0].state = K::state(next.phase, next.velocity).map_err(|refused| {
+                Refusal::value(
+                    refused.parameter,
+                    refused.value,
+                    format!("{} (arithmetic {})", refused.accepted, K::NAME),
+                    "ask for fewer impacts, or choose another --arithmetic",
+                )
+                .at(format!("after impact {n}"))
+            })?;
+            row[0].state = impact.next;
             table.push([
                 n.into(),
                 next.phase.into(),
@@ -200,9 +219,19 @@ fn table<K: Kernel>(
     Ok((table, states))
 }
 
-/// All rows of the file, each within the range of the arithmetic; the first that is not is refused
-/// with its line and column, before anything is printed.
-fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Vec<Row<K>>, Refusal> {
+/// The rows of a file.
+struct Rows<K: Kernel> {
+    /// Those that the arithmetic holds.
+    held: Vec<Row<K>>,
+    /// For each row its place among those, if it is one of them.
+    places: Vec<Option<usize>>,
+    /// How many it does not hold, and what it says of the first.
+    left: Option<(usize, Refusal)>,
+}
+
+/// All rows of the file. The first that is no launch at all is refused with its line and column, before
+/// anything is printed; a launch that only this arithmetic cannot hold is left out.
+fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Rows<K>, Refusal> {
     const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
     let name = path.display();
     let mut lines = text
@@ -224,7 +253,11 @@ fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Vec<Row<K>>, Refusal>
             )
         })?;
     }
-    let mut rows = Vec::new();
+    let mut rows = Rows {
+        held: Vec::new(),
+        places: Vec::new(),
+        left: None,
+    };
     for (line, text) in lines {
         let fields: Vec<&str> = text.split(',').map(str::trim).collect();
         let mut values = [0.0; 4];
@@ -245,12 +278,28 @@ fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Vec<Row<K>>, Refusal>
             )
             .at(format!("{name}, line {line}"))
         };
-        rows.push(Row {
-            kernel: K::build(k, restitution).map_err(refused)?,
-            state: K::state(phase, velocity).map_err(refused)?,
-        });
+        let launch = K::build(k, restitution)
+            .and_then(|kernel| K::state(phase, velocity).map(|state| Row { kernel, state }));
+        match launch {
+            Ok(row) => {
+                rows.places.push(Some(rows.held.len()));
+                rows.held.push(row);
+            }
+            Err(cause) => {
+                let cause = refused(cause);
+                if Map::build(k, restitution).is_err() || Map::state(phase, velocity).is_err() {
+                    return Err(cause);
+                }
+                rows.places.push(None);
+                let (count, first) = rows.left.take().unwrap_or((0, cause));
+                rows.left = Some((count + 1, first));
+            }
+        }
     }
-    if rows.is_empty() {
+    if let (true, Some((_, first))) = (rows.held.is_empty(), &rows.left) {
+        return Err(first.clone());
+    }
+    if rows.held.is_empty() {
         return Err(Refusal::new(
             format!("{name} has no rows"),
             "give at least one row below the header k,restitution,phase,velocity",
@@ -290,9 +339,22 @@ mod tests {
     }
 
     #[test]
+    fn a_row_that_only_the_arithmetic_cannot_hold_is_left_out() {
+        let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
+        let rows = read_rows::<Hybrid>(Path::new("a.csv"), text).unwrap();
+        assert_eq!(rows.places, [None, Some(0), None]);
+        let (count, first) = rows.left.unwrap();
+        assert_eq!(count, 2);
+        assert!(first.to_string().contains("line 2: velocity = 70"), "{first}");
+        // Where nothing is left, it is refused.
+        let none = read_rows::<Hybrid>(Path::new("a.csv"), "k,restitution,phase,velocity\n0.4,0.2,1,70\n");
+        assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
+    }
+
+    #[test]
     fn columns_may_come_in_any_order_among_others() {
         let text = "class,velocity,phase,restitution,k\nhigh,2,1,0.5,0.4\n";
-        let rows = read_rows::<Map>(Path::new("a.csv"), text).unwrap_or_default();
+        let rows = read_rows::<Map>(Path::new("a.csv"), text).unwrap().held;
         assert_eq!((rows.len(), rows[0].kernel.k(), rows[0].state.velocity), (1, 0.4, 2.0));
     }
 }

@@ -196,7 +196,8 @@ fn survives<K: Kernel>(top: f64, tolerance: f64) {
         let (held, next) = (K::observe(state), K::observe(impact.next));
         assert!(impact.flight >= 0.0, "{k:e} {state:?} {impact:?}");
         assert!(
-            (0.0..=top).contains(&next.velocity),
+            // What a launch at the top may gain.
+            (0.0..=top + 2.5).contains(&next.velocity),
             "{k:e} {state:?} {impact:?}"
         );
         let expected = Map::build(k, restitution).unwrap().impact(held);
@@ -248,9 +249,9 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
     (near < 60.0 && (0.0..20.0).contains(&velocity)).then_some(((k, phase - near, velocity), near))
 }
 
-/// Tries flights with gaps of at least `limit` over a hump, either sign; the decision must be right. A
-/// cosine rounded at launch moves the height by the flight time, so the limit grows with that.
-fn decides<K: Kernel>(limit: f64) {
+/// Tries flights with gaps of at least a limit over a hump, either sign; the decision must be right. The
+/// limit depends on the flight time where the cosine is rounded at launch.
+fn decides<K: Kernel>(limit: fn(f64) -> f64) {
     let mut random = Random(9);
     let (mut narrow, mut flagged) = (0, 0);
     for _ in 0..60_000 {
@@ -268,7 +269,7 @@ fn decides<K: Kernel>(limit: f64) {
             d -= slope / (libm::sin(held.phase + d) - k);
         }
         let gap = (c + held.velocity) * d - 0.5 * k * d * d - libm::sin(held.phase + d) + s;
-        let limit = limit * d.max(1.0);
+        let limit = limit(d);
         if !((d - time).abs() < 0.1 && gap.abs() < 10.0 * limit) {
             continue;
         }
@@ -293,9 +294,9 @@ fn decides<K: Kernel>(limit: f64) {
 
 #[test]
 fn grazing_flights_are_decided_down_to_rounding() {
-    decides::<Hybrid>(1e-8);
-    decides::<Integer>(1e-7);
-    decides::<Single>(1e-5);
+    decides::<Hybrid>(|_| 1e-8);
+    decides::<Integer>(|d| 1e-7 * d.max(1.0));
+    decides::<Single>(|d| 1e-5 * d.max(1.0));
 }
 
 #[test]

@@ -81,6 +81,8 @@ pub(crate) struct Shape {
     pub k: f32,
     half_k: f32,
     inverse: f32,
+    /// What of k is above 1.
+    excess: f32,
     flank: f32,
     hump_length: f32,
     /// The least square of the speed at height 0 of a high flight.
@@ -95,6 +97,7 @@ impl Shape {
             k: set_up.k as f32,
             half_k: (0.5 * set_up.k) as f32,
             inverse: (1.0 / set_up.k) as f32,
+            excess: (set_up.k - 1.0).max(0.0) as f32,
             flank: set_up.flank as f32,
             hump_length: (f64::from(set_up.hump) * (TAU / 4_294_967_296.0)) as f32,
             // 1 for the track, and what rounding may take.
@@ -108,6 +111,23 @@ impl Shape {
     #[inline(always)]
     pub fn throws(&self, phase: u32) -> bool {
         phase.wrapping_sub(self.entry) < self.hump
+    }
+
+    /// `k - sin` where the difference of the rounded ones is small: by the distance from the nearer end
+    /// of a hump, to which half a step of the phase is all that rounds.
+    #[inline(never)]
+    pub fn pull_near_edge(&self, phase: u32) -> f32 {
+        let after_begin = phase.wrapping_sub(self.entry) as i32 as f32 * STEP;
+        let before_end =
+            self.entry.wrapping_add(self.hump).wrapping_sub(phase) as i32 as f32 * STEP;
+        let d = if abs(after_begin) < abs(before_end) {
+            after_begin
+        } else {
+            before_end
+        };
+        let z = d * d;
+        let rise = self.flank * d * (1.0 - z * (1.0 / 6.0)) - self.k * z * (0.5 - z * (1.0 / 24.0));
+        self.excess - rise
     }
 }
 
@@ -143,8 +163,9 @@ pub(crate) trait Flight {
     fn above_k(&self, steps: i64, nearly: f32) -> f32;
     /// Flights below this many rad keep more digits in the deflated form than on a node.
     const SHORT: f32;
-    /// A gap over a hump below this is within rounding.
+    /// A gap over a hump below this, and what is added to it for each rad of flight, is within rounding.
     const ROUNDING: f32;
+    const DRIFT: f32;
     /// Rounding of the pull.
     const PULL: f32;
     /// Householder's step that ends the fall of a high flight, in rad.
@@ -311,28 +332,36 @@ fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
     (if under != 0.0 { over / under } else { 0.0 }, square)
 }
 
-/// The first root from `offset` near a node, also where two roots nearly meet.
+/// The first root from `offset` near a node, also where two roots nearly meet; and whether it is doubtful.
 #[inline(never)]
-pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> Settled {
+pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> (Settled, bool) {
+    // The search came nearer than this, but where three roots nearly meet within rounding.
+    const FAR: f32 = 0.02;
+    let mut doubtful = false;
     let mut round = 0;
     loop {
         let (height, gain, b2) = expand(shape.k, &local, offset);
         let slope = local.slope + gain;
-        if slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope {
+        let simple = slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope;
+        let (mut e, square) = if simple {
             let newton = height / slope;
-            let e = -newton * (1.0 + b2 * newton / slope);
-            return finished(&local, offset, gain, b2, e);
-        }
-        let (mut e, square) = down_crossing(height, slope, b2);
+            (-newton * (1.0 + b2 * newton / slope), 0.0)
+        } else {
+            down_crossing(height, slope, b2)
+        };
         if square > 0.0 {
             let cubic = e * e * e * local.cosine * (1.0 / 6.0) / square;
             if abs(cubic) < 0.25 * abs(e) {
                 e += cubic;
             }
         }
+        if abs(e) > FAR {
+            e = smaller(larger(e, -FAR), FAR);
+            doubtful = true;
+        }
         round += 1;
-        if abs(e) < 2e-4 || round >= 4 {
-            return finished(&local, offset, gain, b2, e);
+        if (simple && abs(e) < 2e-3) || abs(e) < 2e-4 || round >= 8 {
+            return (finished(&local, offset, gain, b2, e), doubtful);
         }
         offset += e;
     }
@@ -375,7 +404,7 @@ enum Start {
 fn start(launch: &Launch, limit: f32, rounding: f32) -> Start {
     // At the top of the track with k near 1, pull and cosine vanish together.
     if launch.sine > 0.96 && abs(launch.cosine) < limit && abs(launch.pull) < 0.3 * limit * limit {
-        return flat_start(*launch, limit);
+        return flat_start(*launch, limit, rounding);
     }
     // u/d = psi - a1 d + a2 d^2 - ...
     let a1 = 0.5 * launch.pull;
@@ -398,19 +427,30 @@ fn start(launch: &Launch, limit: f32, rounding: f32) -> Start {
 
 /// The first root below `limit` of `u/d` where its cubic term decides.
 #[inline(never)]
-fn flat_start(launch: Launch, limit: f32) -> Start {
+fn flat_start(launch: Launch, limit: f32, rounding: f32) -> Start {
     let a1 = 0.5 * launch.pull;
     let a2 = launch.cosine * (1.0 / 6.0);
     let a3 = launch.sine * (1.0 / 24.0);
-    let valley = (a2 - root(a2 * a2 - 3.0 * a1 * a3)) / (3.0 * a3);
+    let square = a2 * a2 - 3.0 * a1 * a3;
+    let valley = if a2 > 0.0 && square > 0.0 {
+        a1 / (a2 + root(square))
+    } else {
+        (a2 - root(square)) / (3.0 * a3)
+    };
     // Newton's steps do not overshoot from launch down a convex slope into the valley (or to the
     // inflection where there is none), nor from the right of the last root.
-    let mut x = if valley > 0.0 && deflated(&launch, smaller(valley, limit)).0 <= 0.0 {
+    let least = if valley > 0.0 {
+        deflated(&launch, smaller(valley, limit)).0
+    } else {
+        1.0
+    };
+    let grazes = abs(least) < rounding * valley + 4e-7 * launch.velocity;
+    let mut x = if least <= 0.0 {
         0.0
     } else if deflated(&launch, limit).0 <= 0.0 {
         limit
     } else if launch.pull > 0.0 && launch.cosine > 0.0 {
-        return Start::Clears { grazes: false };
+        return Start::Clears { grazes };
     } else {
         return Start::Open;
     };
@@ -429,7 +469,7 @@ fn flat_start(launch: Launch, limit: f32) -> Start {
             break;
         }
     }
-    simple_hop(x)
+    Start::Hop { near: x, grazes }
 }
 
 #[inline(always)]
@@ -739,7 +779,7 @@ fn lowest<F: Flight>(
         high: time,
         start: time - root(-2.0 * lowest / curvature),
     });
-    (bracket, abs(lowest) < F::ROUNDING)
+    (bracket, abs(lowest) < F::ROUNDING + F::DRIFT * time)
 }
 
 /// The root in `bracket`, nearly. The bracket holds one down-crossing, so that any step that converges

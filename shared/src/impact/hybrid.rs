@@ -18,6 +18,17 @@ pub struct HybridState {
     pub velocity: Velocity,
 }
 
+impl HybridState {
+    /// The state with at most this velocity.
+    #[inline(always)]
+    pub(super) fn held_below(self, top: u32) -> Self {
+        Self {
+            velocity: Velocity::from_bits(self.velocity.bits().min(top)),
+            ..self
+        }
+    }
+}
+
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
 ///
 /// Phase and velocity are integers; the height at a table node is computed in 64-bit integers, exactly
@@ -32,11 +43,12 @@ pub struct HybridState {
 /// | launches within 0.1 rad of lift-off | 7e-10 | 2.4e-8 | 6.3e-6 | 4.4e-8 |
 ///
 /// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
-/// hump (times the flight time, where that is above 1); nearer it is flagged. About 360 instructions an
+/// hump, at any flight time; nearer it is flagged. About 360 instructions an
 /// impact on a Cortex-M4F, at most 480 on any locked or chaotic orbit tried.
 ///
-/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60; an orbit that would leave it (only with a
-/// restitution above 0.96) is held at the top.
+/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
+/// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it, and a
+/// launch from it is held at 60.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hybrid {
     shape: Shape,
@@ -52,6 +64,8 @@ pub struct Hybrid {
 
 const TOP: f64 = 60.0;
 const TOP_BITS: u32 = 60 << 26;
+/// A launch at the top arrives at most 2 faster.
+const FASTEST: u32 = 63 << 26;
 const PER_30: f32 = 1.0 / 1_073_741_824.0;
 const PER_26: f32 = 1.0 / 67_108_864.0;
 const PER_24: f32 = 1.0 / 16_777_216.0;
@@ -63,6 +77,7 @@ impl Hybrid {
     #[must_use]
     #[inline]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
+        let state = state.held_below(TOP_BITS);
         let (sine, cosine, fine) = sine_cosine_fine(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
@@ -126,12 +141,13 @@ impl Hybrid {
                 {
                     return self.impact_at(&flight, node, slope, settled, grazes);
                 }
-                let settled = settle_carefully(&self.shape, local, offset);
+                let (settled, doubtful) = settle_carefully(&self.shape, local, offset);
+                let grazes = grazes || doubtful;
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
                     let steps =
                         flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32);
-                    return self.landing(flight.phase, steps, 0, true);
+                    return self.landing(flight.phase, steps.max(0), 0, true);
                 }
                 self.impact_at(&flight, node, slope, settled, grazes)
             }
@@ -160,13 +176,19 @@ impl Hybrid {
     /// The state after an impact at `speed`, steps of 2^-26.
     #[inline(always)]
     fn landing(&self, phase: u32, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
+        // No arrival is so fast: it was rounded below 0 at a graze.
+        let (speed, grazes) = if speed > FASTEST {
+            (0, true)
+        } else {
+            (speed, grazes)
+        };
         let product = u64::from(speed) * u64::from(self.restitution) + (1 << 31);
         let velocity = (product >> 32) as u32;
         Landing {
             steps,
             next: HybridState {
                 phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
-                velocity: Velocity::from_bits(velocity.min(TOP_BITS)),
+                velocity: Velocity::from_bits(velocity),
             },
             grazes,
         }
@@ -236,6 +258,7 @@ impl Flight for Ballistic<'_> {
     const NEAR: f32 = 1e-3;
     const PULL: f32 = 2e-9;
     const ROUNDING: f32 = 1e-8;
+    const DRIFT: f32 = 3e-11;
 
     fn local(&self, node: i32) -> Local {
         let local = self.exact(node).0;

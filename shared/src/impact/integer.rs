@@ -28,8 +28,9 @@ use crate::feeder::{OutOfRange, accept};
 /// the flight time, where that is above 1); nearer it is flagged. About 2300 instructions an impact on a
 /// Cortex-M0, at most 3500 on any locked or chaotic orbit tried.
 ///
-/// State and range as [`Hybrid`](super::Hybrid), but for the velocity: 0..=29; an orbit that would leave
-/// it (only with a restitution above 0.93) is held at the top.
+/// State and range as [`Hybrid`](super::Hybrid), but for the velocity: 0..=29. An impact may leave faster
+/// (by at most 2.5, and only with a restitution above 0.93): its velocity is then right,
+/// `Integer::state` refuses it, and a launch from it is held at 29.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integer {
     /// Phase where a hump begins, and its length.
@@ -53,6 +54,9 @@ pub struct Integer {
 const TOP: f64 = 29.0;
 const TOP_BITS: u32 = 29 << 26;
 const ONE: i32 = 1 << 30;
+/// A height, steps of 2^-30, below which the lowest point over a hump is looked for, though its middle
+/// is under the track: the flight may graze.
+const BARELY: i32 = 1 << 17;
 /// 2 pi, steps of 2^-28.
 const TURN: i32 = 1_686_629_713;
 /// 1 / (2 pi), steps of 2^-32: turns in a radian.
@@ -129,6 +133,20 @@ impl Near {
         )
     }
 
+    /// Newton's step from `d` to where `d G` reaches 2 psi, for a slope above 0.
+    #[inline(always)]
+    fn newton(&self, d: i32, mean: i32, slope: i32) -> i32 {
+        let reciprocal = Reciprocal::coarse(slope as u32);
+        let rest = self.twice - wide_signed(d, mean);
+        // So that the shortest hops from rest keep their digits.
+        if rest == i64::from(rest as i32) {
+            return reciprocal.times(rest as i32, 0);
+        }
+        // Steps of 2^-40; a saturated one still leads towards the root.
+        let rest = (rest >> 24).clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
+        reciprocal.times(rest, 24)
+    }
+
     /// The hop where `d G` reaches 2 psi, by Newton's steps from near it, or from its left on a concave
     /// or its right on a convex `d G`.
     #[inline(always)]
@@ -139,10 +157,7 @@ impl Near {
             if slope <= 0 {
                 return self.before_end();
             }
-            // 2 psi - d G, steps of 2^-40; a saturated one still leads towards the root.
-            let rest = (self.twice - wide_signed(d, mean)) >> 24;
-            let rest = rest.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
-            let step = Reciprocal::coarse(slope as u32).times(rest, 24);
+            let step = self.newton(d, mean, slope);
             d = d.saturating_add(step).max(0);
             if d >= ONE {
                 return self.before_end();
@@ -190,9 +205,7 @@ impl Near {
             if slope <= 0 {
                 break;
             }
-            let rest = (self.twice - wide_signed(d, mean)) >> 24;
-            let rest = rest.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
-            let step = Reciprocal::coarse(slope as u32).times(rest, 24);
+            let step = self.newton(d, mean, slope);
             d = (d + step).max(0);
             if step.unsigned_abs() <= (d >> 12).unsigned_abs() {
                 break;
@@ -250,6 +263,7 @@ impl Integer {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
+        let state = state.held_below(TOP_BITS);
         let (sine, cosine) = sine_cosine_integer(state.phase);
         let phase = state.phase.bits();
         let velocity = state.velocity.bits();
@@ -511,7 +525,7 @@ impl Ballistic<'_> {
             } else {
                 let middle = begin + i64::from(kernel.hump >> 1);
                 let (over_top, top_velocity) = self.over(middle, ONE);
-                if over_top <= 0 {
+                if over_top <= -BARELY {
                     Some((middle, middle))
                 } else if slope < 0
                     && end_velocity + kernel.flank > 0
@@ -521,7 +535,7 @@ impl Ballistic<'_> {
                     grazes |= touches;
                     poke
                 } else {
-                    None
+                    (over_top <= 0).then_some((middle, middle))
                 }
             };
             if let Some((high_end, farthest)) = high_end {
@@ -627,7 +641,9 @@ impl Ballistic<'_> {
         let d = (left + right) / 2;
         let powers = Powers::of(d);
         let height = self.height(&local, d, &powers);
-        let touches = height.unsigned_abs() < 11;
+        // The cosine at launch, rounded to 4e-9, moves the height by that times the flight.
+        let drift = (self.steps_to(node) >> 27) as u32;
+        let touches = height.unsigned_abs() < 11 + drift;
         let place = (self.steps_to(node) + i64::from(high(d, TURNS) >> 2)).clamp(begin, end);
         ((height <= 0).then_some((place, place)), touches)
     }
@@ -732,12 +748,13 @@ impl Ballistic<'_> {
             };
             let small = step.unsigned_abs() < 1 << 22;
             d = d.saturating_add(step);
-            if d.abs() > REACH && round < 6 {
-                let jump = if d > 0 { 1 } else { -1 };
+            if d.abs() > REACH && round < 10 {
+                // From far along a long fall by several nodes at once.
+                let jump = (high(d, TURNS) + (1 << 25)) >> 26;
                 node += jump;
                 local = self.local(node);
                 d = (d - jump * SPACING).clamp(-REACH, REACH);
-            } else if small || round >= 6 {
+            } else if small || round >= 10 {
                 d = d.clamp(-REACH, REACH);
                 let last = high(curvature, step) >> 4;
                 let speed = -(slope + last);
@@ -759,7 +776,7 @@ impl Ballistic<'_> {
             steps,
             next: HybridState {
                 phase: Phase::from_bits(self.phase.wrapping_add(steps as u32)),
-                velocity: Velocity::from_bits(velocity.min(TOP_BITS)),
+                velocity: Velocity::from_bits(velocity),
             },
             grazes,
         }

@@ -32,8 +32,9 @@ pub struct SingleState {
 /// that is above 1); nearer it is flagged. About 240 instructions an impact on a Cortex-M4F, at most 340
 /// on any locked or chaotic orbit tried.
 ///
-/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60; an orbit that would leave it (only with a
-/// restitution above 0.96) is held at the top.
+/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
+/// only with a restitution above 0.96): its velocity is then right, `Single::state` refuses it, and a
+/// launch from it is held at 60.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
     shape: Shape,
@@ -47,6 +48,10 @@ impl Single {
     #[must_use]
     #[inline]
     pub fn land(&self, state: SingleState) -> Landing<SingleState> {
+        let state = SingleState {
+            velocity: smaller(state.velocity, TOP as f32),
+            ..state
+        };
         let (sine, cosine) = sine_cosine_single(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
@@ -76,12 +81,15 @@ impl Single {
                 grazes: false,
             };
         }
+        let mut pull = self.shape.k - sine;
+        if pull < 1e-3 && pull > -1e-3 {
+            pull = self.shape.pull_near_edge(phase);
+        }
         // At lift-off itself the pull must not be rounded against the phase, nor to 0.
-        let pull = self.shape.k - sine;
         launch.pull = if throws {
-            smaller(pull, -1e-9)
+            smaller(pull, -1e-20)
         } else {
-            larger(pull, 1e-9)
+            larger(pull, 1e-20)
         };
         self.low(flight, launch)
     }
@@ -108,7 +116,8 @@ impl Single {
                 if simple && let Some(settled) = settle::<Ballistic>(&self.shape, &local, offset) {
                     return self.impact_at(flight.phase, node, &local, settled, grazes);
                 }
-                let settled = settle_carefully(&self.shape, local, offset);
+                let (settled, doubtful) = settle_carefully(&self.shape, local, offset);
+                let grazes = grazes || doubtful;
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
                     let steps = steps_to(flight.phase, node)
@@ -136,16 +145,11 @@ impl Single {
 
     #[inline(always)]
     fn landing(&self, phase: u32, steps: i64, speed: f32, grazes: bool) -> Landing<SingleState> {
-        let velocity = speed * self.restitution;
         Landing {
             steps,
             next: SingleState {
                 phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
-                velocity: if velocity < TOP as f32 {
-                    velocity
-                } else {
-                    TOP as f32
-                },
+                velocity: speed * self.restitution,
             },
             grazes,
         }
@@ -172,6 +176,7 @@ impl Flight for Ballistic {
     const NEAR: f32 = 5e-3;
     const PULL: f32 = 1.2e-7;
     const ROUNDING: f32 = 1e-5;
+    const DRIFT: f32 = 1e-6;
 
     #[inline(always)]
     fn local(&self, node: i32) -> Local {

@@ -1,48 +1,94 @@
-//! Random and adversarial launches against the oracle, for as long as asked: `soak [MILLIONS] [SEED]`.
+//! Random and adversarial launches in every arithmetic against the oracle, for as long as asked.
 
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use kband_tests::states::{Kind, Random};
-use kband_tests::verdict::{Verdict, judge};
+use kband_tests::soak::{Tally, replay, soak};
+use kband_tests::states::{Kind, Launch};
+
+const USAGE: &str = "usage: soak [MILLIONS [SEED]]
+       soak --replay K RESTITUTION PHASE VELOCITY";
+
+/// Wrong impacts that are printed.
+const PRINTED: u64 = 40;
 
 fn main() -> ExitCode {
-    let mut arguments = std::env::args().skip(1);
-    let mut number = |default: f64| {
-        arguments
-            .next()
-            .map_or(Some(default), |text| text.parse::<f64>().ok())
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let numbers = |texts: &[String]| -> Option<Vec<f64>> {
+        texts.iter().map(|text| text.parse().ok()).collect()
     };
-    let (Some(millions), Some(seed)) = (number(100.0), number(1.0)) else {
-        eprintln!("soak: not a number; usage: soak [MILLIONS] [SEED]");
-        return ExitCode::from(2);
+    let (replayed, texts) = match arguments.split_first() {
+        Some((first, rest)) if first == "--replay" => (true, rest),
+        _ => (false, &arguments[..]),
     };
-    let mut failed = 0_u64;
-    for kind in Kind::ALL {
-        let count = (millions * 1e6 / Kind::ALL.len() as f64) as u64;
-        let mut random = Random::new(seed as u64);
-        let (mut flagged, mut worst) = (0_u64, 0.0_f64);
-        for _ in 0..count {
-            let launch = kind.draw(&mut random);
-            match judge(&launch) {
-                Ok(Verdict::First(deviation)) => worst = worst.max(deviation),
-                Ok(Verdict::Flagged) => flagged += 1,
-                Ok(Verdict::Rests) => {}
-                Err(cause) => {
-                    failed += 1;
-                    if failed <= 20 {
-                        println!("{kind:?}: {cause}");
-                    }
-                }
-            }
+    match (replayed, numbers(texts).as_deref()) {
+        (true, Some(&[k, restitution, phase, velocity])) => once(&Launch {
+            k,
+            restitution,
+            phase,
+            velocity,
+        }),
+        (false, Some([])) => run(100.0, 1),
+        (false, Some(&[millions])) => run(millions, 1),
+        (false, Some(&[millions, seed])) => run(millions, seed as u64),
+        _ => {
+            eprintln!("soak: {arguments:?} is not understood\n{USAGE}");
+            ExitCode::from(2)
         }
+    }
+}
+
+fn once(launch: &Launch) -> ExitCode {
+    match replay(launch) {
+        Ok(text) => {
+            println!("{text}");
+            ExitCode::SUCCESS
+        }
+        Err(text) => {
+            println!("{text}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(millions: f64, seed: u64) -> ExitCode {
+    // A round has some of every kind, so that a soak that is cut short has tried them all.
+    let rounds = (millions / 5.0).ceil().max(1.0);
+    let count = (millions * 1e6 / (rounds * Kind::ALL.len() as f64)).ceil() as u64;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let printed = AtomicU64::new(0);
+    let mut tallies = Kind::ALL.map(|kind| (kind, Tally::default()));
+    for round in 0..rounds as u64 {
+        let seen = soak(count, seed << 16 | round, threads, |cause| {
+            if printed.fetch_add(1, Ordering::Relaxed) < PRINTED {
+                println!("{cause}");
+            }
+        });
+        for ((_, total), (_, tally)) in tallies.iter_mut().zip(&seen) {
+            total.add(tally);
+        }
+        let sum = |count: fn(&Tally) -> u64| -> u64 { tallies.iter().map(|(_, t)| count(t)).sum() };
         println!(
-            "{kind:?}: {count} launches, {flagged} flagged as grazing, worst deviation {worst:.1} roundings"
+            "{} launches, {} wrong",
+            sum(|tally| tally.launches),
+            sum(|tally| tally.wrong)
         );
     }
-    if failed > 0 {
-        println!("{failed} wrong");
+    let (mut launches, mut wrong) = (0, 0);
+    for (kind, tally) in tallies {
+        println!(
+            "{kind:?}: {} launches, {} at rest, {} flagged as grazing, {} left open by the oracle, worst deviation {:.1} roundings, {} wrong",
+            tally.launches, tally.rests, tally.flagged, tally.undecided, tally.worst, tally.wrong
+        );
+        launches += tally.launches;
+        wrong += tally.wrong;
+    }
+    if wrong > 0 {
+        println!(
+            "{wrong} of {launches} launches wrong; soak --replay K RESTITUTION PHASE VELOCITY repeats one"
+        );
         return ExitCode::FAILURE;
     }
-    println!("every impact is the first");
+    println!("every impact of {launches} launches is the first, in every arithmetic");
     ExitCode::SUCCESS
 }

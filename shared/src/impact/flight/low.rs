@@ -19,6 +19,10 @@ const BEND: f64 = 0.4177;
 /// Flights shorter than this are left to the search, which keeps their relative accuracy.
 const SHORTEST: f64 = 0.125;
 
+/// Slower arrivals are left to the search too: where three roots nearly meet the last step is too long
+/// for its series.
+const SLOWEST: f64 = 0.03;
+
 /// Largest `f u''/u'^2` of a step that ends near the impact.
 const FAIR: f64 = 0.24;
 
@@ -284,7 +288,10 @@ pub(crate) fn landing<L: Lane>(
     let (landing, exact) = finish(track, launch, close);
     (
         landing,
-        stretch.certain & exact & L::splat(SHORTEST).below(landing.flight),
+        stretch.certain
+            & exact
+            & L::splat(SHORTEST).below(landing.flight)
+            & L::splat(SLOWEST).below(landing.arrival),
     )
 }
 

@@ -85,7 +85,7 @@ pub(crate) fn landing<L: Lane>(
         );
         d = L::select(open, d + step, d);
         // Third order: the next step would be the fourth power of this one, relative to d.
-        open = open & !step.abs().below(d * L::splat(2e-5));
+        open = open & !step.abs().below(d * L::splat(2e-6));
         if !L::any(open) {
             break;
         }

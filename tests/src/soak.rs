@@ -1,0 +1,186 @@
+//! The soak: launches of every kind through every arithmetic, each impact judged.
+
+use std::fmt::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::Duration;
+
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{Kernel, Map};
+
+use crate::states::{Kind, Launch, Random};
+use crate::verdict::{Verdict, judge_all};
+
+/// How often the watch looks at the threads, and how often it may find one at the same launch before its
+/// search counts as endless: two minutes, in which the watch itself ran, of a machine that may be busy or
+/// asleep.
+const WATCH: Duration = Duration::from_millis(5);
+const PATIENCE: u32 = 24_000;
+
+/// What a soak saw of one kind of launch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    /// Launches tried.
+    pub launches: u64,
+    /// Impacts that differ from the oracle's and are flagged as grazing.
+    pub flagged: u64,
+    /// Touches that the oracle's own rounding leaves open.
+    pub undecided: u64,
+    /// Parts at rest.
+    pub rests: u64,
+    /// Largest deviation of an f64 impact, in roundings scaled by the condition.
+    pub worst: f64,
+    /// Wrong impacts.
+    pub wrong: u64,
+}
+
+impl Tally {
+    /// Adds what was seen elsewhere.
+    pub fn add(&mut self, other: &Self) {
+        self.launches += other.launches;
+        self.flagged += other.flagged;
+        self.undecided += other.undecided;
+        self.rests += other.rests;
+        self.worst = self.worst.max(other.worst);
+        self.wrong += other.wrong;
+    }
+}
+
+/// The launches of block `number` of a kind: always the same for the same seed.
+fn launches(kind: Kind, seed: u64, number: u64) -> Vec<Launch> {
+    let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
+    let mut random = Random::new(seeds.bits());
+    (0..LANES).map(|_| kind.draw(&mut random)).collect()
+}
+
+/// Judges one launch; a panic of a kernel is an error as well.
+fn judged(launch: &Launch) -> Result<Verdict, String> {
+    catch_unwind(AssertUnwindSafe(|| judge_all(launch)))
+        .unwrap_or_else(|_| Err("a kernel panicked".into()))
+        .map_err(|cause| format!("{launch:?}\n    {cause}"))
+}
+
+/// Tries one block of launches in every arithmetic; `current` always tells which launch is tried.
+fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl Fn(&str)) -> Tally {
+    let mut tally = Tally::default();
+    let launches = launches(kind, seed, number);
+    let mut lanes = Block::new();
+    for (lane, launch) in launches.iter().enumerate() {
+        if let Ok(map) = Map::build(launch.k, launch.restitution) {
+            // There is a lane for every launch.
+            let _ = lanes.put(lane, &map, launch.state());
+        }
+    }
+    lanes.advance(1);
+    for (lane, launch) in launches.iter().enumerate() {
+        current.store(lane, Ordering::Relaxed);
+        tally.launches += 1;
+        let mut verdict = judged(launch);
+        if let (Some(lane), Ok(map)) =
+            (lanes.impact(lane), Map::build(launch.k, launch.restitution))
+        {
+            let alone = map.impact(launch.state());
+            if lane != alone && lane.flight > 0.0 {
+                verdict = Err(format!(
+                    "{launch:?}\n    batch gave {lane:?}, f64 {alone:?}"
+                ));
+            }
+        }
+        match verdict {
+            Ok(Verdict::First(deviation)) => tally.worst = tally.worst.max(deviation),
+            Ok(Verdict::Flagged) => tally.flagged += 1,
+            Ok(Verdict::Undecided) => tally.undecided += 1,
+            Ok(Verdict::Rests) => tally.rests += 1,
+            Err(cause) => {
+                tally.wrong += 1;
+                tell(&format!("{kind:?}: {cause}"));
+            }
+        }
+    }
+    tally
+}
+
+/// Tries `count` launches of every kind on `threads` threads, telling of wrong impacts as they come; a
+/// search that does not end ends the process, its launch told. The launches depend on the seed alone.
+#[must_use]
+pub fn soak(
+    count: u64,
+    seed: u64,
+    threads: usize,
+    tell: impl Fn(&str) + Sync,
+) -> Vec<(Kind, Tally)> {
+    let blocks = count.div_ceil(LANES as u64).max(1);
+    Kind::ALL
+        .map(|kind| (kind, one_kind(kind, blocks, seed, threads.max(1), &tell)))
+        .into()
+}
+
+fn one_kind(
+    kind: Kind,
+    blocks: u64,
+    seed: u64,
+    threads: usize,
+    tell: &(impl Fn(&str) + Sync),
+) -> Tally {
+    let next = AtomicU64::new(0);
+    let total = Mutex::new(Tally::default());
+    let places: Vec<(AtomicU64, AtomicUsize)> = (0..threads).map(|_| Default::default()).collect();
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = places
+            .iter()
+            .map(|(number, current)| {
+                let (next, total) = (&next, &total);
+                scope.spawn(move || {
+                    loop {
+                        let n = next.fetch_add(1, Ordering::Relaxed);
+                        if n >= blocks {
+                            return;
+                        }
+                        number.store(n, Ordering::Relaxed);
+                        let tally = block(kind, seed, n, current, tell);
+                        if let Ok(mut total) = total.lock() {
+                            total.add(&tally);
+                        }
+                    }
+                })
+            })
+            .collect();
+        let mut seen = vec![(u64::MAX, usize::MAX, 0_u32); threads];
+        while !workers
+            .iter()
+            .all(std::thread::ScopedJoinHandle::is_finished)
+        {
+            std::thread::sleep(WATCH);
+            for ((number, current), seen) in places.iter().zip(&mut seen) {
+                let now = (
+                    number.load(Ordering::Relaxed),
+                    current.load(Ordering::Relaxed),
+                );
+                if (seen.0, seen.1) != now {
+                    *seen = (now.0, now.1, 0);
+                }
+                seen.2 += 1;
+                if seen.2 > PATIENCE {
+                    tell(&format!(
+                        "{kind:?}: no end of the search from {:?}",
+                        launches(kind, seed, now.0).get(now.1)
+                    ));
+                    std::process::exit(1);
+                }
+            }
+        }
+    });
+    total.into_inner().unwrap_or_default()
+}
+
+/// What every arithmetic makes of one launch, and the verdict.
+pub fn replay(launch: &Launch) -> Result<String, String> {
+    let mut text = String::new();
+    let _ = writeln!(text, "{launch:?}");
+    let truth = crate::oracle::first_impact(launch.k, launch.phase, launch.velocity);
+    let _ = writeln!(text, "oracle {truth:?}");
+    judged(launch)
+        .map(|verdict| format!("{text}{verdict:?}"))
+        .map_err(|cause| format!("{text}{cause}"))
+}
