@@ -34,6 +34,7 @@ impl Exchange {
                 amplitude: 0.0,
                 step: 0,
                 immediate: true,
+                fold: None,
             })),
             signal: Mutex::new(Cell::new(None)),
             news: AtomicU8::new(0),

@@ -232,6 +232,7 @@ async fn answer<'a>(
         }
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
+        Request::Identification => Response::Identification(station.identification()),
     }
 }
 

@@ -5,7 +5,8 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::control::{
-    Controller, Cycle, Fault, Inputs, Report, Settings, Signal, Start, State, Target,
+    Controller, Cycle, Fault, Identification, Inputs, Report, Settings, Signal, Start, State,
+    Target,
 };
 use kband::feeder::OutOfRange;
 use kband::wire::Record;
@@ -198,6 +199,12 @@ impl Station {
     /// Takes a new target; refused, with the old one kept, where its number is out of range.
     pub fn set_target(&self, target: Target) -> Result<(), OutOfRange> {
         self.controller.borrow_mut().set_target(target)
+    }
+
+    /// How far the identification of the parts' restitution has come.
+    #[must_use]
+    pub fn identification(&self) -> Identification {
+        self.controller.borrow().identification()
     }
 
     /// The settings in use.

@@ -54,6 +54,9 @@ fn parts(change: &Change) -> bool {
 fn deaf(cycle: &mut Cycle) {
     cycle.heard_count = 0;
 }
+fn unfolded(cycle: &mut Cycle) {
+    cycle.folded.heights = [0.01; 2];
+}
 fn unsaturated(cycle: &mut Cycle) {
     cycle.saturated = 0;
 }
@@ -85,7 +88,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 53] = [
+const PROOFS: [(&str, Shows, Break); 55] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -131,6 +134,12 @@ const PROOFS: [(&str, Shows, Break); 53] = [
     ),
     ("from_rest", Listening, Seen(deaf)),
     ("gain_drift", Listening, Done(uncontrolled)),
+    ("identification", Listening, Seen(unfolded)),
+    (
+        "identification_without_parts",
+        Obeying,
+        Told(another_target),
+    ),
     ("link_lost", Shows::Limit(Limits::LINK_LOST), Hidden(link)),
     (
         "link_lost_in_capture",

@@ -18,6 +18,7 @@ pub struct Expectation {
     regime: Option<String>,
     k: Option<(f64, f64)>,
     speed: Option<(f64, f64)>,
+    restitution: Option<(f64, f64)>,
     limits: Option<Vec<String>>,
     within: Option<f64>,
 }
@@ -61,7 +62,11 @@ impl Expectation {
             })?;
             expected.limits = Some(list);
         }
-        for (key, slot) in [("k", &mut expected.k), ("speed", &mut expected.speed)] {
+        for (key, slot) in [
+            ("k", &mut expected.k),
+            ("speed", &mut expected.speed),
+            ("restitution", &mut expected.restitution),
+        ] {
             if let Some(value) = section.take(key) {
                 *slot =
                     Some(pair(&value).ok_or_else(|| {
@@ -129,6 +134,13 @@ impl Expectation {
         for (name, range, value) in [
             ("k", self.k, outcome.k()),
             ("speed in mm/s", self.speed, outcome.speed() * 1e3),
+            (
+                "restitution identified",
+                self.restitution,
+                outcome
+                    .identified()
+                    .map_or(f64::NAN, |found| f64::from(found.restitution)),
+            ),
         ] {
             if let Some((low, high)) = range
                 && !(low..=high).contains(&value)

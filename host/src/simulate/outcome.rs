@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use kband::arithmetic::Phase;
-use kband::control::{Controller, Event, Limits, NoSetpoint, Report, Start, State, Target};
+use kband::control::{
+    Controller, Event, Identification, Identified, Limits, NoSetpoint, Report, Start, State, Target,
+};
 use kband::feeder::Restitution;
 use kband::plant::{Change, Moment, Sample, Strike};
 use kband::regime::band::BandError;
@@ -375,6 +377,15 @@ impl Outcome {
         // That a lot has no chaos of its own is only known once it was searched for.
         let why = self.controller.no_setpoint().unwrap_or(NoSetpoint::Chaos);
         held.then(|| why.to_string())
+    }
+
+    /// The restitution that was identified, if one was.
+    #[must_use]
+    pub fn identified(&self) -> Option<Identified> {
+        match self.last().identification {
+            Identification::Found(found) => Some(found),
+            _ => None,
+        }
     }
 
     /// Names of the limits that hold the drive back at the end.

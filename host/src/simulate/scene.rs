@@ -266,15 +266,15 @@ pub fn describe(target: Target) -> String {
         Target::K(k) => format!("k = {k}"),
         Target::Amplitude(b) => format!("amplitude = {b} mm"),
         Target::Speed(v) => format!("speed = {v} mm/s"),
+        Target::Identify => "identify".into(),
     }
 }
 
-const TARGETS: &str =
-    "exactly one of locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s";
+const TARGETS: &str = "exactly one of locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true";
 
 fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut found = None;
-    for key in ["locked", "chaotic", "k", "amplitude", "speed"] {
+    for key in ["locked", "chaotic", "k", "amplitude", "speed", "identify"] {
         let Some(value) = section.take(key) else {
             continue;
         };
@@ -288,7 +288,8 @@ fn read_target(section: &mut Section) -> Result<Target, Refusal> {
             },
             ("locked", _) => return Err(refused("a whole number of drive cycles, 1..8")),
             ("chaotic", Value::Boolean(true)) => Target::Chaotic,
-            ("chaotic", _) => return Err(refused("true, or leave it out")),
+            ("identify", Value::Boolean(true)) => Target::Identify,
+            ("chaotic" | "identify", _) => return Err(refused("true, or leave it out")),
             (_, value) => {
                 let number = number(value).ok_or_else(|| refused("a number"))? as f32;
                 match key {

@@ -433,6 +433,15 @@ fn told(
             number(f64::from(heard.confidence), 2)
         ));
     }
+    if let Some(found) = outcome.identified() {
+        say(format!(
+            "restitution      {} identified, standard error {}, {} hops at k {}",
+            number(f64::from(found.restitution), 3),
+            number(f64::from(found.deviation), 1),
+            found.hops,
+            number(f64::from(found.k), 3)
+        ));
+    }
     if let Some(phase) = outcome.lock_phase() {
         let expected = outcome
             .expected_phase()
@@ -482,6 +491,7 @@ fn told(
         "regime": outcome.regime(),
         "lock_phase_rad": outcome.lock_phase(),
         "speed_mm_s": outcome.speed() * 1e3,
+        "restitution_identified": outcome.identified().map(|found| found.restitution),
         "not_as_expected": unmet,
         "picture": path(written.picture),
         "trace": written.trace.map(path),

@@ -14,7 +14,9 @@ use core::ops::{Add, AddAssign, Sub};
 /// assert_eq!(quarter.radians(), core::f64::consts::FRAC_PI_2);
 /// assert_eq!(quarter + quarter + quarter + quarter, Phase::ZERO);
 /// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize,
+)]
 pub struct Phase(u32);
 
 impl Phase {

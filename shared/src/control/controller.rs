@@ -7,6 +7,7 @@ use super::angle::{phase_of, radians_of};
 use super::capture::{Capture, Planned, Progress, Search};
 use super::chaos::ChaosSearch;
 use super::hearing::Hearing;
+use super::identify::{self, Identification, Identifier, Step};
 use super::resonance::Resonance;
 use super::setpoint::{Choice, Level, LockAt, NoSetpoint, Target};
 use super::settings::Settings;
@@ -74,6 +75,8 @@ pub struct Report {
     pub confidence: f32,
     /// Kicks begun for the present target.
     pub attempts: u8,
+    /// How far the identification of the parts' restitution has come.
+    pub identification: Identification,
     /// What the controller is doing.
     pub state: State,
     /// What stopped it.
@@ -178,6 +181,7 @@ pub struct Controller {
     hearing: Hearing,
     capture: Capture,
     search: Search,
+    identifier: Identifier,
     /// Amplitude commanded for the last cycle of a kick, in m.
     commanded: f32,
     /// Lead of the track at the last cycle that could be trusted, in rad.
@@ -235,6 +239,7 @@ impl Controller {
             hearing: Hearing::default(),
             capture: Capture::new(settings.capture_attempts as u8),
             search: Search::default(),
+            identifier: Identifier::new(),
             commanded: 0.0,
             lead: 0.0,
             news: Events::default(),
@@ -304,6 +309,11 @@ impl Controller {
         self.given_up = false;
         self.forget_parts();
         self.capture.stop();
+        if target == Target::Identify {
+            self.identifier.begin();
+        } else {
+            self.identifier.stop();
+        }
         self.news.push(Event::TargetSet);
         self.set_level(choice.level);
         if matches!(choice.level, Level::None(_)) {
@@ -391,6 +401,13 @@ impl Controller {
         self.lock.map(|lock| lock.order)
     }
 
+    /// How far the identification of the parts' restitution has come ([`Target::Identify`]). A result is
+    /// offered here and applied nowhere; it stays until the next identification.
+    #[must_use]
+    pub fn identification(&self) -> Identification {
+        self.identifier.result()
+    }
+
     /// The target.
     #[must_use]
     pub fn target(&self) -> Target {
@@ -436,6 +453,7 @@ impl Controller {
                 self.follow_resonance(measured);
             }
             self.progress(goal, measured, &mut events);
+            self.identify(cycle, goal, measured, &mut events);
         }
         if !held_back && !self.limits.is_empty() {
             events.push(Event::Limited);
@@ -457,6 +475,7 @@ impl Controller {
             concentration: self.hearing.concentration(),
             confidence: self.confidence(),
             attempts: self.capture.attempts(),
+            identification: self.identifier.result(),
             regime: self.regime,
             frequency: self.resonance.frequency(),
             state: self.state,
@@ -467,6 +486,7 @@ impl Controller {
                 amplitude: self.output,
                 step: phase_step(self.resonance.frequency()),
                 immediate: !self.running(),
+                fold: self.identifier.fold(),
             },
         }
     }
@@ -477,7 +497,7 @@ impl Controller {
         if self.search.step() {
             return true;
         }
-        self.chaos.as_mut().is_some_and(ChaosSearch::step)
+        self.chaos.as_mut().is_some_and(ChaosSearch::step) || self.identifier.step()
     }
 
     /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
@@ -507,6 +527,7 @@ impl Controller {
         self.capture.stop();
         self.limits = Limits::default();
         self.back_to_lock();
+        self.identifier.interrupt();
     }
 
     /// A cycle of the search for the resonance, at the output that gives the safe amplitude there.
@@ -654,6 +675,10 @@ impl Controller {
                 self.arrived = 0;
                 self.expected = 0.0;
                 events.push(Event::Started);
+                if self.target == Target::Identify {
+                    self.identifier.begin();
+                    self.set_level(Level::K(identify::FIRST));
+                }
                 if self.resonance.tracks() {
                     self.resonance.begin();
                     self.retune();
@@ -753,6 +778,35 @@ impl Controller {
         match self.lock {
             Some(lock) => self.hearing.lock_confidence(lock.order),
             None => 0.0,
+        }
+    }
+
+    /// A cycle of the identification, where one is under way.
+    fn identify(&mut self, cycle: &Cycle, goal: f32, measured: f32, events: &mut Events) {
+        if !self.identifier.listens() {
+            return;
+        }
+        if self.state != State::Holding {
+            self.identifier.interrupt();
+            return;
+        }
+        let near = self.reference == goal && (measured - goal).abs() < 0.01 * goal;
+        let (k, least) = (self.k(measured), self.k(self.reach()));
+        let step = self.identifier.cycle(
+            near,
+            f64::from(k),
+            phase_of(self.lead),
+            cycle,
+            f64::from(least),
+        );
+        match step {
+            Step::Going => {}
+            Step::At(k) => {
+                self.forget_parts();
+                self.set_level(Level::K(k));
+            }
+            Step::Done(true) => events.push(Event::Identified),
+            Step::Done(false) => events.push(Event::NotIdentified),
         }
     }
 

@@ -67,11 +67,23 @@ impl Ear {
     /// begins.
     #[inline]
     pub fn sample(&mut self, acceleration: f32) -> Option<f32> {
+        let height = self.residual(acceleration);
+        self.hears(height)
+    }
+
+    /// Takes the acceleration of one sample in m/s^2; the height of the residual.
+    #[inline]
+    pub fn residual(&mut self, acceleration: f32) -> f32 {
         self.low[0] += CORNER * (acceleration - self.low[0]);
         let once = acceleration - self.low[0];
         self.low[1] += CORNER * (once - self.low[1]);
         let residual = once - self.low[1];
-        let height = if residual < 0.0 { -residual } else { residual };
+        if residual < 0.0 { -residual } else { residual }
+    }
+
+    /// Takes the height of the residual of one sample in m/s^2, and gives it back where an impact begins.
+    #[inline]
+    pub fn hears(&mut self, height: f32) -> Option<f32> {
         let step = self.median * (1.0 / 1024.0);
         if height > self.median {
             self.median += step;

@@ -13,6 +13,7 @@
 //! | target | what the user wants of the parts |
 //! | lead | phase of the track before the output |
 //! | kick | a rise of the amplitude that throws parts onto the wanted orbit |
+//! | fold | what is heard of many cycles, summed by phase |
 //! | limit | it is holding back |
 //! | fault | it stopped |
 
@@ -20,8 +21,11 @@ mod amplitude;
 mod angle;
 mod capture;
 mod chaos;
+mod chatter;
 mod controller;
+mod fold;
 mod hearing;
+mod identify;
 mod listen;
 mod resonance;
 mod setpoint;
@@ -34,7 +38,9 @@ pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
 pub use capture::Planned;
 pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start};
+pub use fold::Folded;
 pub use hearing::Hearing;
+pub use identify::{Identification, Identified, Unidentified};
 pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
 pub use setpoint::{NoSetpoint, Target};
 pub use settings::{Key, Settings};

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use super::angle::phase_of;
+use super::identify;
 use super::settings::Settings;
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, Restitution, Track, TrackSettings, accept};
@@ -27,6 +28,9 @@ pub enum Target {
     Amplitude(f32),
     /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
     Speed(f32),
+    /// To find the restitution of the parts by listening to them hop and rest
+    /// ([`Identification`](super::Identification)): a step of commissioning.
+    Identify,
 }
 
 /// Why a target has no setpoint.
@@ -120,6 +124,7 @@ impl Choice {
                 within("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 Ok(Self::level(Level::K(f64::from(k))))
             }
+            Target::Identify => Ok(Self::level(Level::K(identify::FIRST))),
             Target::Amplitude(b) => {
                 let accepts = (0.0..=settings.amplitude_limit).contains(&b);
                 within("target amplitude", b, accepts, "0..amplitude_limit mm")?;

@@ -1,5 +1,6 @@
 //! The signal path of one sample: drive phase, demodulation, listening, drive output.
 
+use super::fold::{Fold, Folded, HANDED};
 use super::listen::{Ear, HEARD_PER_CYCLE, Heard};
 use super::settings::Settings;
 use crate::arithmetic::{Phase, sine_cosine_single};
@@ -21,6 +22,9 @@ pub struct Command {
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
+    /// Phase of the output from which on, for half a turn, the height of the residual is summed over
+    /// cycles, from the next cycle on; `None` ends that and has the sums handed over.
+    pub fold: Option<Phase>,
 }
 
 /// Advance of the phase per sample for a frequency in Hz, 0..5000: error at most 2.4e-6 Hz or 1.2e-7
@@ -53,6 +57,8 @@ pub struct Cycle {
     pub heard: [Heard; HEARD_PER_CYCLE],
     /// Impacts heard, [`HEARD_PER_CYCLE`] and beyond included.
     pub heard_count: u8,
+    /// A part of what was folded ([`Command::fold`]) until a cycle before.
+    pub folded: Folded,
 }
 
 impl Cycle {
@@ -95,6 +101,7 @@ pub struct Signal {
     running: Cycle,
     finished: Cycle,
     ear: Ear,
+    fold: Fold,
 }
 
 impl Signal {
@@ -117,6 +124,7 @@ impl Signal {
                 amplitude: 0.0,
                 step,
                 immediate: false,
+                fold: None,
             },
             mean: 0.0,
             cosines: 0.0,
@@ -126,6 +134,7 @@ impl Signal {
             running: Self::EMPTY,
             finished: Self::EMPTY,
             ear: Ear::new(scale),
+            fold: Fold::EMPTY,
         })
     }
 
@@ -143,6 +152,10 @@ impl Signal {
             strength: 0.0,
         }; HEARD_PER_CYCLE],
         heard_count: 0,
+        folded: Folded {
+            bin: 0,
+            heights: [0.0; HANDED],
+        },
     };
 
     /// Takes the reading of one sample, gives the output to hold until the next.
@@ -153,6 +166,7 @@ impl Signal {
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
+        let height = self.ear.residual(acceleration);
         let swing = acceleration - self.mean;
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
@@ -173,6 +187,7 @@ impl Signal {
             self.sines += by_sine;
             self.accelerations += acceleration;
             self.weight += 1.0;
+            self.fold.add(self.phase, height * height);
         }
         let cycle = &mut self.running;
         cycle.samples = cycle.samples.wrapping_add(1);
@@ -185,7 +200,7 @@ impl Signal {
         if code.0 == 0 || code.0 >= self.full {
             cycle.saturated = cycle.saturated.wrapping_add(1);
         }
-        if let Some(strength) = self.ear.sample(acceleration) {
+        if let Some(strength) = self.ear.hears(height) {
             let index = usize::from(cycle.heard_count);
             if let Some(slot) = cycle.heard.get_mut(index) {
                 // The ringing rises over the threshold within its first two samples: half of them on average.
@@ -205,6 +220,7 @@ impl Signal {
     fn finish(&mut self) {
         let inverse = 1.0 / self.weight;
         self.finished = self.running;
+        self.finished.folded = self.fold.finish(self.pending.fold);
         self.finished.in_phase = 2.0 * self.cosines * inverse;
         self.finished.quadrature = 2.0 * self.sines * inverse;
         self.finished.mean = self.accelerations * inverse;

@@ -162,6 +162,10 @@ pub enum Event {
     Stopped = 18,
     /// The sweep found the resonance.
     ResonanceFound = 19,
+    /// The restitution of the parts was identified.
+    Identified = 20,
+    /// The restitution of the parts could not be identified.
+    NotIdentified = 21,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -215,7 +219,8 @@ named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetS
     KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
     Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
     Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped",
-    ResonanceFound = "resonance found");
+    ResonanceFound = "resonance found", Identified = "restitution identified",
+    NotIdentified = "restitution not identified");
 
 #[cfg(test)]
 mod tests {
@@ -226,7 +231,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..20));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..22));
         let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         names.sort_unstable();
         names.dedup();

@@ -53,6 +53,8 @@ pub enum Request<'a> {
         /// With the last reading of a drive cycle: the inputs at its end.
         end: Option<SimulatedInputs>,
     },
+    /// How far the identification of the parts' restitution has come ([`Target::Identify`]).
+    Identification,
 }
 
 /// The inputs of a simulated board.
@@ -157,6 +159,8 @@ pub enum Response<'a> {
         /// What the controller saw and did.
         report: control::Report,
     },
+    /// How far the identification has come; a result is offered here and applied nowhere.
+    Identification(control::Identification),
 }
 
 /// Why a request was refused.
@@ -211,6 +215,8 @@ pub enum Target {
     Amplitude(f32),
     /// A conveying speed in mm/s.
     Speed(f32),
+    /// To find the restitution of the parts.
+    Identify,
 }
 
 impl From<control::Target> for Target {
@@ -221,6 +227,7 @@ impl From<control::Target> for Target {
             control::Target::K(k) => Self::K(k),
             control::Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             control::Target::Speed(speed) => Self::Speed(speed),
+            control::Target::Identify => Self::Identify,
         }
     }
 }
@@ -233,6 +240,7 @@ impl From<Target> for control::Target {
             Target::K(k) => Self::K(k),
             Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             Target::Speed(speed) => Self::Speed(speed),
+            Target::Identify => Self::Identify,
         }
     }
 }

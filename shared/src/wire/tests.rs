@@ -7,6 +7,7 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
+use crate::control::{Identification, Identified, Unidentified};
 
 fn requests() -> Vec<Request<'static>> {
     std::vec![
@@ -23,6 +24,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::K(0.41)),
         Request::Target(Target::Amplitude(0.25)),
         Request::Target(Target::Speed(12.5)),
+        Request::Target(Target::Identify),
         Request::Enable(true),
         Request::Telemetry(5),
         Request::Event(300),
@@ -47,6 +49,7 @@ fn requests() -> Vec<Request<'static>> {
                 stack_low: false,
             }),
         },
+        Request::Identification,
     ]
 }
 
@@ -111,6 +114,15 @@ fn responses() -> Vec<Response<'static>> {
             outputs: 0x0102_0304,
             report: crate::control::Report::default(),
         },
+        Response::Identification(Identification::Idle),
+        Response::Identification(Identification::Listening { hops: 16 }),
+        Response::Identification(Identification::Found(Identified {
+            restitution: 0.3,
+            deviation: 0.01,
+            k: 0.55,
+            hops: 64,
+        })),
+        Response::Identification(Identification::NotFound(Unidentified::Quiet)),
     ]
 }
 
