@@ -183,17 +183,33 @@ impl Feeder {
         )
     }
 
+    /// k at an amplitude in mm, within the range of the map.
+    fn k_of(&self, amplitude: f64) -> Result<f64, Refusal> {
+        let k = self.track.k(1e-3 * amplitude);
+        match Map::build(k, self.restitution) {
+            Ok(_) => Ok(k),
+            Err(_) => Err(Refusal::value(
+                "--b",
+                format!("{} mm", number(amplitude, 6)),
+                format!(
+                    "{}..{} mm, which is k = 1000..0.001 at this frequency and incline",
+                    number(self.amplitude(1e3), 3),
+                    number(self.amplitude(1e-3), 3)
+                ),
+                "give an amplitude in this range",
+            )),
+        }
+    }
+
     /// The one k that was asked for.
     fn single_k(&self, arguments: &Arguments) -> Result<f64, Refusal> {
         let given = arguments.k.or(arguments.b);
         match given {
             Some(range) if range.count == 1 => {
-                let k = match arguments.b {
-                    Some(b) => self.track.k(1e-3 * b.low),
-                    None => range.low,
-                };
-                Map::build(k, self.restitution)?;
-                Ok(k)
+                match arguments.b {
+                    Some(b) => self.k_of(b.low),
+                    None => Ok(range.low),
+                }
             }
             Some(range) => Err(Refusal::value(
                 if arguments.b.is_some() { "--b" } else { "--k" },

@@ -128,11 +128,8 @@ impl Over {
         };
         let k: Vec<f64> = values
             .iter()
-            .map(|value| if amplitude { feeder.track.k(1e-3 * value) } else { *value })
-            .collect();
-        for k in &k {
-            Map::build(*k, feeder.restitution)?;
-        }
+            .map(|value| if amplitude { feeder.k_of(*value) } else { Ok(*value) })
+            .collect::<Result<_, Refusal>>()?;
         Ok(Self { amplitude, low: range.low, high: range.high, k, shown })
     }
 
