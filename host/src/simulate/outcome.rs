@@ -285,7 +285,12 @@ impl Outcome {
 
     /// The impacts of one part in the last `time` s.
     fn late(&self, part: u8, time: f64) -> impl Iterator<Item = &Strike> {
-        let from = self.file.duration - time;
+        let mut from = self.file.duration - time;
+        if self.last().state == State::Locked {
+            // What the parts did before the lock is no part of it.
+            let locked = self.reached(State::Locked).unwrap_or(from);
+            from = from.max(locked.min(self.file.duration - END));
+        }
         let late = self.record.late().iter();
         late.filter(move |(time, strike)| *time > from && strike.part == part)
             .map(|(_, strike)| strike)

@@ -205,7 +205,8 @@ impl SceneFile {
         let named = |refused: OutOfRange| {
             Refusal::value(
                 refused.parameter,
-                refused.value,
+                // The controller computes in f32: its digits are those that were written.
+                refused.value as f32,
                 refused.accepted,
                 format!("change {} in the scene", refused.parameter),
             )

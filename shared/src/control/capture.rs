@@ -8,8 +8,9 @@ use crate::regime::capture::{
     Drive, DriveSettings, Kick, Lot, Plan, PlanSettings, Planner, Progress as Planning,
 };
 
-/// Impacts that one slice of planning computes: about 0.2 million instructions.
-const SLICE: u32 = 128;
+/// Impacts that one slice of planning computes: at most 0.2 million instructions, which 300 drive cycles a
+/// second leave time for.
+const SLICE: u32 = 20;
 /// Highest amplitude of a kick over the setpoint that is planned.
 const HIGHEST: f32 = 2.5;
 /// Share of the lot below which a plan is called uncertain.

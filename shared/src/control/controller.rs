@@ -19,7 +19,7 @@ use crate::regime::capture::PlanSettings;
 use crate::regime::classify::{Classifier, HearingSettings, Regime, Verdict};
 
 /// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
-pub const PLAN_SLICES: usize = 8;
+pub const PLAN_SLICES: usize = 16;
 
 /// Why the controller starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
