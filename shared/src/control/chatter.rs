@@ -137,8 +137,9 @@ fn smooth(energies: &mut [f32; BINS]) {
         let slot = &mut last[bin % WINDOW];
         sum += new - *slot;
         *slot = new;
-        if let Some(out) = bin.checked_sub(AVERAGED) {
-            energies[out] = (sum * (1.0 / WINDOW as f32)).max(0.0);
+        let out = bin.checked_sub(AVERAGED);
+        if let Some(energy) = out.and_then(|out| energies.get_mut(out)) {
+            *energy = (sum * (1.0 / WINDOW as f32)).max(0.0);
         }
     }
 }
@@ -231,7 +232,9 @@ impl Fit {
                     for shift in -SHIFTS..=SHIFTS {
                         let energies = chatter.energies(0.75 * f32::from(shift), decay);
                         let difference = self.difference(energies);
-                        self.running[index] = self.running[index].min(difference);
+                        if let Some(running) = self.running.get_mut(index) {
+                            *running = running.min(difference);
+                        }
                     }
                 }
             }
