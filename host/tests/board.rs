@@ -333,6 +333,19 @@ fn a_board_is_monitored_recorded_and_replayed() {
     run(folder.path(), words, &[]).refused(words, &["none.kband", "--record"]);
 }
 
+#[test]
+fn an_identification_that_has_no_result_yet_changes_nothing() {
+    let folder = folder();
+    let words = "settings commission --within 2 --flash-image board.flash";
+    kband(folder.path(), words).refused(words, &["after 2 s", "no result", "--within"]);
+    let words = "settings commission --apply --within 2";
+    kband(folder.path(), words).refused(words, &["no flash", "--flash-image"]);
+    assert_eq!(
+        std::fs::read(folder.path().join("board.flash")).unwrap(),
+        [0xff; 8192]
+    );
+}
+
 /// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.
 #[cfg(unix)]
 fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {

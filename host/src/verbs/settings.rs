@@ -1,5 +1,7 @@
 //! `kband settings`: the settings of a board.
 
+mod commission;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -87,10 +89,23 @@ enum Action {
         #[arg(long)]
         save: bool,
     },
+    /// Have the board listen to its parts, and print the interval of restitution that it offers.
+    ///
+    /// With parts of one kind on the track and the enable input given, the board shakes them so that they chatter and hears their
+    /// restitution; it needs about half a minute. Nothing is changed without --apply.
+    #[command(after_help = "Example:\n  kband settings commission --on /dev/ttyACM0")]
+    Commission {
+        /// Take and keep the interval; the drive is brought to rest for it.
+        #[arg(long)]
+        apply: bool,
+        /// Give up after so many seconds.
+        #[arg(long, value_name = "S", default_value = "300", value_parser = arguments::within(1.0, 86_400.0, "s"))]
+        within: f64,
+    },
 }
 
 /// Does it.
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let address = &arguments.address;
     // What can be refused without a board is refused first.
     let text = match &arguments.action {
@@ -103,13 +118,20 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     };
     let keeps = matches!(
         arguments.action,
-        Action::Save | Action::Set { save: true, .. } | Action::Import { save: true, .. }
+        Action::Save
+            | Action::Set { save: true, .. }
+            | Action::Import { save: true, .. }
+            | Action::Commission { apply: true, .. }
     );
     if keeps && address.is_emulated() && address.flash_image.is_none() {
         return Err(Refusal::new(
             "the emulated board has no flash to keep settings in",
             "name a file for it: --flash-image board.flash",
         ));
+    }
+    if let Action::Commission { apply, within } = arguments.action {
+        commission::run(address, apply, within, arguments.format, desk)?;
+        return Ok(Exit::Done);
     }
     let mut line = address.open(Emulated::AtRest)?;
     let mut settings = BoardSettings::read(&mut line)?;
@@ -160,6 +182,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
             ];
             list(changed, &notes)?.print(arguments.format)?;
         }
+        // Done above: it needs the drive to run.
+        Action::Commission { .. } => {}
     }
     Ok(Exit::Done)
 }

@@ -1,0 +1,215 @@
+//! `kband settings commission`: the restitution of the parts, heard by the board.
+
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use kband::control::{Identification, Identified, State, Unidentified};
+use kband::wire::{Request, Response, Target, Telemetry};
+
+use super::kept;
+use crate::board::{Address, BoardSettings, Emulated, Line, Unasked};
+use crate::desk::{Desk, Progress};
+use crate::refusal::Refusal;
+use crate::report::{Column, Format, Report, Table, shortest};
+
+/// Time between two questions how far it has come; the board takes them for a sign of life too.
+const LOOK: Duration = Duration::from_millis(300);
+/// Time in which a drive that was told so has come to rest.
+const REST: Duration = Duration::from_secs(120);
+/// Half of the narrowest interval offered: what the identification is good for.
+const NARROWEST: f32 = 0.02;
+/// Hops on which a result stands, for the progress bar.
+const HOPS: u64 = 64;
+
+/// Lets the board listen to its parts, and prints the interval of restitution that it offers; with
+/// `apply` the board takes and keeps it.
+pub(super) fn run(
+    address: &Address,
+    apply: bool,
+    within: f64,
+    format: Format,
+    desk: &Desk,
+) -> Result<(), Refusal> {
+    let mut line = address.open(Emulated::Running)?;
+    let mut settings = BoardSettings::read(&mut line)?;
+    line.tell(&Request::Target(Target::Identify))?;
+    let found = listen(&mut line, Duration::from_secs_f64(within), desk);
+    // Found or not, the board goes on with the target that it starts with.
+    line.tell(&Request::Target(Target::Locked(1)))?;
+    let found = found?;
+    let (low, high) = offered(&found);
+    let mut notes = vec![format!(
+        "offered: restitution_low = {low}, restitution_high = {high} (twice the deviation, {NARROWEST} at least)"
+    )];
+    if apply {
+        rest(&mut line)?;
+        let wanted = [("restitution_low".to_string(), low), ("restitution_high".to_string(), high)];
+        let taken = settings.change(&mut line, &wanted).and_then(|()| kept(&mut line, true, address));
+        line.tell(&Request::Enable(true))?;
+        notes.push(taken?);
+    } else {
+        notes.push("nothing was changed; to take it, with the drive at rest:".into());
+        notes.extend(commands(&settings, low, high, address));
+    }
+    let mut table = Table::new(&[
+        Column::new("restitution", "").digits(3),
+        Column::new("deviation", "").digits(2),
+        Column::new("k", "").digits(4),
+        Column::new("hops", ""),
+    ]);
+    table.push([
+        shortest(found.restitution).into(),
+        shortest(found.deviation).into(),
+        shortest(found.k).into(),
+        u32::from(found.hops).into(),
+    ]);
+    notes
+        .iter()
+        .fold(Report::new(table), |report, note| report.note(note.as_str()))
+        .json(&json!({
+            "restitution": shortest(found.restitution),
+            "deviation": shortest(found.deviation),
+            "k": shortest(found.k),
+            "hops": found.hops,
+            "restitution_low": shortest(low),
+            "restitution_high": shortest(high),
+            "applied": apply,
+        }))?
+        .print(format)
+}
+
+/// Waits for the result.
+fn listen(line: &mut Line, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
+    let progress = Progress::new("listening", HOPS);
+    let begun = Instant::now();
+    let mut heard = 0;
+    while begun.elapsed() < within {
+        desk.go_on()?;
+        let come = line.ask(&Request::Identification, |response| match response {
+            Response::Identification(come) => Some(come),
+            _ => None,
+        })?;
+        match come {
+            Some(Identification::Found(found)) => {
+                progress.finish();
+                return Ok(found);
+            }
+            Some(Identification::NotFound(why)) => {
+                return Err(Refusal::new(
+                    format!(
+                        "the restitution was not identified: {}",
+                        match why {
+                            Unidentified::Quiet => "no impact is heard that repeats every cycle",
+                            Unidentified::Dead => {
+                                "the parts bounce so little that the ringing of an impact hides the next"
+                            }
+                            Unidentified::Unlike => "what is heard is not the chatter of parts of one restitution",
+                        }
+                    ),
+                    "put parts of one kind on the track, a dozen or so, and try again",
+                ));
+            }
+            Some(Identification::Listening { hops }) => {
+                let more = u64::from(hops).saturating_sub(heard);
+                progress.advance(more);
+                heard += more;
+            }
+            Some(Identification::Idle) | None => {}
+        }
+        if let Some(off) = why_off(line)? {
+            return Err(off);
+        }
+    }
+    Err(Refusal::new(
+        format!("after {} s the board has heard {heard} hops and has no result", within.as_secs()),
+        "give it longer with --within S; it needs half a minute of its own time",
+    ))
+}
+
+/// Refused where the drive does not run, for then nothing will be heard.
+fn why_off(line: &mut Line) -> Result<Option<Refusal>, Refusal> {
+    let Some(last) = cycle(line)? else {
+        return Ok(None);
+    };
+    let off = last.state == State::Off.number();
+    let fault = last.state == State::Fault.number();
+    Ok((off || fault).then(|| {
+        Refusal::new(
+            format!("{} does not run its drive{}", line.name(), if fault { ": it stopped in a fault" } else { "" }),
+            "give the enable input (after a fault withdraw it first); kband monitor says which fault",
+        )
+    }))
+}
+
+/// The last of the drive cycles that come in a while.
+fn cycle(line: &mut Line) -> Result<Option<Telemetry>, Refusal> {
+    line.tell(&Request::Telemetry(1))?;
+    let said = line.listen(LOOK)?;
+    line.tell(&Request::Telemetry(0))?;
+    Ok(said.into_iter().rev().find_map(|said| match said {
+        Unasked::Telemetry(telemetry) => Some(telemetry),
+        Unasked::Started(_) => None,
+    }))
+}
+
+/// Brings the drive to rest, as settings need it.
+fn rest(line: &mut Line) -> Result<(), Refusal> {
+    line.tell(&Request::Enable(false))?;
+    let begun = Instant::now();
+    while begun.elapsed() < REST {
+        if cycle(line)?.is_some_and(|cycle| cycle.state == State::Off.number()) {
+            return Ok(());
+        }
+    }
+    line.tell(&Request::Enable(true))?;
+    Err(Refusal::new(
+        format!("{} did not come to rest; nothing was changed", line.name()),
+        "withdraw the enable input and try again",
+    ))
+}
+
+/// The interval that is offered, in hundredths, outwards.
+fn offered(found: &Identified) -> (f32, f32) {
+    let half = (2.0 * found.deviation).max(NARROWEST);
+    // What lies a rounding error above a hundredth is that hundredth.
+    let low = ((found.restitution - half) * 100.0 + 1e-3).floor() / 100.0;
+    let high = ((found.restitution + half) * 100.0 - 1e-3).ceil() / 100.0;
+    (low.max(0.0), high.min(1.0))
+}
+
+/// The commands that do by hand what `--apply` does, in an order that the board takes.
+fn commands(settings: &BoardSettings, low: f32, high: f32, address: &Address) -> [String; 2] {
+    let now = settings.known();
+    let set = |key: &str, value: f32, save: &str| {
+        format!("  kband settings set {key} {value}{save}{}", address.options())
+    };
+    if low <= now.restitution_high {
+        [set("restitution_low", low, ""), set("restitution_high", high, " --save")]
+    } else {
+        [set("restitution_high", high, ""), set("restitution_low", low, " --save")]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interval_offered_holds_what_was_found() {
+        for (restitution, deviation, low, high) in [
+            (0.4, 0.005, 0.38, 0.42),
+            (0.403, 0.02, 0.36, 0.45),
+            (0.01, 0.001, 0.0, 0.03),
+            (0.99, 0.01, 0.97, 1.0),
+        ] {
+            let found = Identified {
+                restitution,
+                deviation,
+                k: 0.5,
+                hops: 64,
+            };
+            assert_eq!(offered(&found), (low, high));
+        }
+    }
+}
