@@ -9,17 +9,18 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::Target;
+use kband::control::{Start, Target};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
 use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_words};
 use kband_firmware::exchange::Exchange;
+use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
     Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, drive_off,
 };
-use kband_firmware::store::Store;
+use kband_firmware::store::{Found, Store};
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
@@ -95,6 +96,24 @@ async fn supervise(mut guard: Guard) {
     }
 }
 
+/// Station and sampler in their places. They are large: made here, on a stack that is empty again before the
+/// tasks run, they take no room in the future of `main`.
+#[inline(never)]
+fn place(
+    found: &Found,
+    start: Start,
+    last_words: LastWords,
+    converter: Converter,
+    bridge: HalfBridge,
+) -> Option<&'static Station> {
+    let place = STATION.uninit();
+    let target = Target::Locked { order: 1 };
+    let (station, signal) = Station::build(found, target, start, &EXCHANGE, last_words).ok()?;
+    // SAFETY: the sample interrupt is still masked.
+    unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
+    Some(place.write(station))
+}
+
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let cause = chip::cause();
@@ -121,14 +140,12 @@ async fn main(spawner: Spawner) {
     };
     let found = memory.load().await;
     defmt::info!("settings: {} kept, {} refused", found.kept, found.refused);
-    let target = Target::Locked { order: 1 };
-    let built = Station::build(&found, target, cause.start(), &EXCHANGE, last_words);
-    let Some(((station, signal), mut core)) = built.ok().zip(cortex_m::Peripherals::take()) else {
+    let Some(station) = place(&found, cause.start(), last_words, converter, bridge) else {
         defmt::panic!("settings that were accepted are refused");
     };
-    let station = STATION.init(station);
-    // SAFETY: the sample interrupt is still masked.
-    unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
+    let Some(mut core) = cortex_m::Peripherals::take() else {
+        defmt::panic!("the core's peripherals are taken");
+    };
     let Ok(serial) = Serial::new(p.USART2, p.PA3, p.PA2, Interrupts, BUFFERS.take()) else {
         defmt::panic!("the serial port does not take its rate");
     };
