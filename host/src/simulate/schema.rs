@@ -98,6 +98,7 @@ fn target() -> Value {
         "amplitude": {"type": "number", "minimum": 0, "maximum": 100,
             "description": "Normal amplitude of the track, in mm."},
         "speed": {"type": "number", "description": "Conveying speed, in mm/s."},
+        "identify": {"const": true, "description": "Restitution by listening to the parts' chatter."},
     });
     json!({
         "type": "object",
@@ -191,6 +192,7 @@ fn expect() -> Value {
         "regime": {"type": "string", "description": "What the parts do at the end, in words."},
         "k": pair("k at the end, lowest and highest.", None, None),
         "speed": pair("Conveying speed at the end, lowest and highest, in mm/s.", None, None),
+        "restitution": pair("Restitution identified, lowest and highest.", None, None),
         "within": {"type": "number", "exclusiveMinimum": 0,
             "description": "Time within which the state must be reached, in s."},
     });

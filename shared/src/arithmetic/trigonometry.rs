@@ -71,7 +71,8 @@ pub fn sine_cosine_fixed(phase: Phase) -> (i32, i32) {
     )
 }
 
-/// As [`sine_cosine_fixed`], with the cosine also in steps of 2^-48: error at most 2e-11.
+/// As [`sine_cosine_fixed`], with the cosine also in steps of 2^-48: error at most 3.3e-11, measured
+/// 2.7e-11, RMS 2.9e-12.
 #[inline(always)]
 pub(crate) fn sine_cosine_fine(phase: Phase) -> (i32, i32, i64) {
     // 2 pi in steps of 2^-28.
@@ -217,7 +218,9 @@ mod tests {
             (libm::sin(phase.radians()), cosine)
         });
         std::println!("fine: max {largest:e} rms {rms:e}");
-        assert!(largest < 2e-11 && rms < 5e-12);
+        // Half a node's step of 2^-30 over 0.0123 of angle 5.7e-12, the angle's own step 7.3e-12 and turn 3.6e-12,
+        // three f32 roundings of at most 7.6e-5 each 1.4e-11, the fifth order left out 2.3e-12.
+        assert!(largest < 3.3e-11 && rms < 5e-12);
     }
 
     #[test]

@@ -226,7 +226,12 @@ impl Signal {
         self.finished.mean = self.accelerations * inverse;
         self.finished.noise = self.ear.noise();
         self.mean = self.finished.mean;
-        self.running = Self::EMPTY;
+        // Heard impacts are counted anew; their list need not be cleared.
+        self.running.samples = 0;
+        self.running.low = u16::MAX;
+        self.running.high = 0;
+        self.running.saturated = 0;
+        self.running.heard_count = 0;
         self.amplitude = self.pending.amplitude;
         if self.step != self.pending.step {
             self.step = self.pending.step;
