@@ -30,11 +30,17 @@ impl<T> Grid<T> {
 
 impl Pixels<'_> {
     pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)], given: usize) -> Raster {
-        let rows = (1.5 * self.plot.height) as usize;
+        // Single points must be seen: where they are few the cells are wider than a pixel.
+        let cells = if given > 1 || points.len() > 40_000 {
+            1.5
+        } else {
+            0.5
+        };
+        let rows = (cells * self.plot.height) as usize;
         let columns = if given > 1 {
             given
         } else {
-            (1.5 * self.plot.width) as usize
+            (cells * self.plot.width) as usize
         };
         let mut counts = vec![0_u32; columns * rows];
         for (x, y) in points {
