@@ -3,6 +3,7 @@
 #
 #   tests/run.sh          everything that a change must pass
 #   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map; a day of simulated operation)
+#   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
 # target/run/STEP.log, the end of it is printed where the step fails. No step can wait for ever:
