@@ -205,6 +205,13 @@ impl Panel {
         }
     }
 
+    /// Whether a map covers the whole panel.
+    fn is_covered(&self) -> bool {
+        self.items
+            .iter()
+            .any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)))
+    }
+
     /// Draws the panel with its top at `top` into `shapes`; returns where it ends.
     pub(super) fn draw(
         &self,

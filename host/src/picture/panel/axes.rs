@@ -1,6 +1,5 @@
 //! Axes, grid, words above the plot and the ribbon.
 
-use super::item::Item;
 use super::style::{frame_of, swatch, text};
 use super::{LEFT, LINE, Panel, RIBBON, RIGHT, SMALL};
 use crate::picture::font;
@@ -92,12 +91,7 @@ impl Pixels<'_> {
     }
 
     pub(super) fn draw_grid(&self, theme: Theme, shapes: &mut Vec<Shape>) {
-        let covered = self
-            .panel
-            .items
-            .iter()
-            .any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)));
-        if covered {
+        if self.panel.is_covered() {
             return;
         }
         let stroke = Stroke {
