@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use kband::feeder::Restitution;
+use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
 
 use crate::file::Target;
 use crate::picture::{Picture, Theme};
@@ -127,6 +127,31 @@ impl Range {
 impl std::fmt::Display for Range {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(formatter, "{}..{}:{}", self.low, self.high, self.count)
+    }
+}
+
+/// What turns k into an amplitude in mm.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Drive {
+    /// Drive frequency in Hz.
+    #[arg(long, value_name = "HZ", default_value = "50", value_parser = within(1.0, 1000.0, "Hz"))]
+    pub frequency: f64,
+
+    /// Incline of the track in degrees, positive where parts climb.
+    #[arg(long, value_name = "DEG", default_value = "3", value_parser = within(-60.0, 60.0, "degrees"))]
+    pub incline: f64,
+}
+
+impl Drive {
+    /// The track, for its motion normal to itself alone.
+    pub fn track(self) -> Result<Track, OutOfRange> {
+        Track::build(TrackSettings {
+            frequency: self.frequency,
+            incline: self.incline,
+            amplitude_ratio: 0.0,
+            phase_lead: 0.0,
+            gravity: STANDARD_GRAVITY,
+        })
     }
 }
 

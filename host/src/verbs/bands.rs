@@ -1,11 +1,11 @@
 //! `kband bands`: where parts lock, order by order.
 
-use kband::feeder::{Restitution, STANDARD_GRAVITY, Track, TrackSettings, throw_number};
+use kband::feeder::{Restitution, Track, throw_number};
 use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::reach::Reach;
 
-use crate::arguments::{self, Printed};
+use crate::arguments::{self, Drive, Printed};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, Value};
@@ -27,15 +27,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
     orders: usize,
 
-    /// Drive frequency in Hz.
-    #[arg(long, value_name = "HZ", default_value = "50",
-          value_parser = arguments::within(1.0, 1000.0, "Hz"))]
-    frequency: f64,
-
-    /// Incline of the track in degrees.
-    #[arg(long, value_name = "DEG", default_value = "3",
-          value_parser = arguments::within(-60.0, 60.0, "degrees"))]
-    incline: f64,
+    #[command(flatten)]
+    drive: Drive,
 
     #[command(flatten)]
     printed: Printed,
@@ -61,13 +54,7 @@ struct Row {
 
 /// Prints the bands.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let track = Track::build(TrackSettings {
-        frequency: arguments.frequency,
-        incline: arguments.incline,
-        amplitude_ratio: 0.0,
-        phase_lead: 0.0,
-        gravity: STANDARD_GRAVITY,
-    })?;
+    let track = arguments.drive.track()?;
     let rows = desk.try_map("bands", arguments.orders, |n| {
         row(arguments.restitution, n as u32 + 1)
     })?;
@@ -223,7 +210,7 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, 
     };
     let mut report = Report::new(read).heading(format!(
         "{who}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
-        arguments.frequency, arguments.incline
+        arguments.drive.frequency, arguments.drive.incline
     ));
     for row in rows {
         if let Err(BandError::Empty(none)) = Band::common(lot, row.order) {

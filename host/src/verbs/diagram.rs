@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use kband::impact::{Kernel, Map};
 use serde::Serialize;
 
-use crate::arguments::{self, Drawn, Printed, Range};
+use crate::arguments::{self, Drive, Drawn, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
@@ -41,15 +41,8 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 1000))]
     b: Option<Range>,
 
-    /// Drive frequency in Hz, for --b.
-    #[arg(long, value_name = "HZ", default_value = "50",
-          value_parser = arguments::within(1.0, 1000.0, "Hz"))]
-    frequency: f64,
-
-    /// Incline of the track in degrees, for --b.
-    #[arg(long, value_name = "DEG", default_value = "3",
-          value_parser = arguments::within(-60.0, 60.0, "degrees"))]
-    incline: f64,
+    #[command(flatten)]
+    drive: Drive,
 
     /// What is drawn upwards.
     #[arg(long, value_enum, default_value_t = Show::Phase)]

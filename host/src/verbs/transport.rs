@@ -9,7 +9,7 @@ use kband::impact::{Kernel, Map, State, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Start};
 
-use crate::arguments::{self, Drawn, Printed, Range};
+use crate::arguments::{self, Drive, Drawn, Printed, Range};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
@@ -54,15 +54,8 @@ pub struct Arguments {
           value_parser = arguments::within(-180.0, 180.0, "degrees"))]
     phase_lead: f64,
 
-    /// Incline of the track in degrees, positive where parts climb.
-    #[arg(long, value_name = "DEG", default_value = "3",
-          value_parser = arguments::within(-60.0, 60.0, "degrees"))]
-    incline: f64,
-
-    /// Drive frequency in Hz.
-    #[arg(long, value_name = "HZ", default_value = "50",
-          value_parser = arguments::within(1.0, 1000.0, "Hz"))]
-    frequency: f64,
+    #[command(flatten)]
+    drive: Drive,
 
     /// Length of a part in mm: also prints how many pass in an hour, one behind the other.
     #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
@@ -148,8 +141,8 @@ struct Feeder {
 impl Feeder {
     fn build(arguments: &Arguments) -> Result<Self, Refusal> {
         let track = Track::build(TrackSettings {
-            frequency: arguments.frequency,
-            incline: arguments.incline,
+            frequency: arguments.drive.frequency,
+            incline: arguments.drive.incline,
             amplitude_ratio: arguments.amplitude_ratio,
             phase_lead: arguments.phase_lead,
             gravity: STANDARD_GRAVITY,

@@ -1,6 +1,6 @@
 //! What the columns of a diagram stand for.
 
-use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
+use kband::feeder::Track;
 
 use super::Arguments;
 use crate::arguments::Range;
@@ -72,13 +72,7 @@ pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
     let refused = |given: String| {
         Refusal::value("the range", given, ranges, "for example --restitution 0.2 --k 0.3..0.5")
     };
-    let track = Track::build(TrackSettings {
-        frequency: arguments.frequency,
-        incline: arguments.incline,
-        amplitude_ratio: 0.0,
-        phase_lead: 0.0,
-        gravity: STANDARD_GRAVITY,
-    })?;
+    let track = arguments.drive.track()?;
     let single = restitution.low;
     match (arguments.k, arguments.b, wide(restitution)) {
         (Some(k), _, false) if wide(k) => Ok((Over::K { restitution: single }, k)),

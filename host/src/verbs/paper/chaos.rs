@@ -91,18 +91,9 @@ fn means() -> Result<Vec<Row>, Refusal> {
             printed.see((found - closed - k * interval * fall) / ends);
         }
     }
-    let row = |place, equation: &str, subject, printed: &str, recomputed: &str, verdict, worst: Worst| Row {
-        place,
-        equation: equation.into(),
-        subject,
-        printed: printed.into(),
-        recomputed: recomputed.into(),
-        verdict,
-        residual: worst.value,
-        // In units of what the ends of a finite run may differ by.
-        tolerance: 1.0,
-        printed_error: None,
-        cases: worst.cases,
+    // In units of what the ends of a finite run may differ by.
+    let row = |place, equation, subject, printed, recomputed, verdict, worst| {
+        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1.0)
     };
     let (step, missing) = (Verdict::Step, "not transcribed");
     Ok(vec![

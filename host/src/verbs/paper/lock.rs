@@ -56,18 +56,9 @@ fn period_one() -> Result<Vec<Row>, Refusal> {
             phase.see(state.phase - cosine.acos());
         }
     }
-    let row = |place, equation: &str, subject, printed: &str, recomputed: &str, verdict, worst: Worst| Row {
-        place,
-        equation: equation.into(),
-        subject,
-        printed: printed.into(),
-        recomputed: recomputed.into(),
-        verdict,
-        residual: worst.value,
-        // An attracting orbit holds its rounding, a few ulp of a flight of up to 32 rad over 1 - |mu|.
-        tolerance: 1e-11,
-        printed_error: None,
-        cases: worst.cases,
+    // An attracting orbit holds its rounding, a few ulp of a flight of up to 32 rad over 1 - |mu|.
+    let row = |place, equation, subject, printed, recomputed, verdict, worst| {
+        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1e-11)
     };
     let (step, missing) = (Verdict::Step, "not transcribed");
     Ok(vec![
@@ -345,18 +336,9 @@ fn conveying() -> Result<Vec<Row>, Refusal> {
         settings.incline_tangent = locked::critical_slope_in_phase(restitution, &settings);
         critical.see(measured(k, &lock, restitution, settings)?);
     }
-    let row = |place, equation: &str, subject, printed: &str, recomputed: &str, verdict, worst: Worst| Row {
-        place,
-        equation: equation.into(),
-        subject,
-        printed: printed.into(),
-        recomputed: recomputed.into(),
-        verdict,
-        residual: worst.value,
-        // Velocities of up to 30 on orbits known to 1e-12.
-        tolerance: 1e-10,
-        printed_error: None,
-        cases: worst.cases,
+    // Velocities of up to 30 on orbits known to 1e-12.
+    let row = |place, equation, subject, printed, recomputed, verdict, worst| {
+        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1e-10)
     };
     Ok(vec![
         row(
@@ -420,17 +402,8 @@ fn phase_lead() -> Result<Vec<Row>, Refusal> {
             critical.see(measured(k, &lock, restitution, settings)?);
         }
     }
-    let row = |place, equation: &str, subject, printed: &str, recomputed: &str, verdict, worst: Worst| Row {
-        place,
-        equation: equation.into(),
-        subject,
-        printed: printed.into(),
-        recomputed: recomputed.into(),
-        verdict,
-        residual: worst.value,
-        tolerance: 1e-10,
-        printed_error: None,
-        cases: worst.cases,
+    let row = |place, equation, subject, printed, recomputed, verdict, worst| {
+        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1e-10)
     };
     Ok(vec![
         row(

@@ -52,6 +52,30 @@ pub(super) struct Row {
 }
 
 impl Row {
+    /// A row whose printed form is not evaluated; the words are its subject, what the paper prints and what
+    /// holds.
+    pub(super) fn of(
+        place: u32,
+        equation: &str,
+        [subject, printed, recomputed]: [&'static str; 3],
+        verdict: Verdict,
+        worst: Worst,
+        tolerance: f64,
+    ) -> Self {
+        Self {
+            place,
+            equation: equation.into(),
+            subject,
+            printed: printed.into(),
+            recomputed: recomputed.into(),
+            verdict,
+            residual: worst.value,
+            tolerance,
+            printed_error: None,
+            cases: worst.cases,
+        }
+    }
+
     /// Whether the recomputation agrees with its own reference.
     pub(super) fn holds(&self) -> bool {
         self.residual <= self.tolerance

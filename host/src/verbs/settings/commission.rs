@@ -162,10 +162,10 @@ fn rest(line: &mut Line) -> Result<(), Refusal> {
             return Ok(());
         }
     }
-    line.tell(&Request::Enable(true))?;
+    // A drive that does not stop is not told to go on.
     Err(Refusal::new(
-        format!("{} did not come to rest; nothing was changed", line.name()),
-        "withdraw the enable input and try again",
+        format!("{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed", line.name(), REST.as_secs()),
+        "withdraw the enable input, see why the drive runs on, and reset the board",
     ))
 }
 
