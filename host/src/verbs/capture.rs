@@ -3,6 +3,7 @@
 mod draws;
 mod kicks;
 mod page;
+mod part;
 
 use draws::Rates;
 use kicks::Kicks;
@@ -12,14 +13,12 @@ use kband::feeder::Restitution;
 use kband::impact::Hybrid;
 use kband::regime::Band;
 use kband::regime::band::BandError;
-use kband::regime::capture::{
-    Drive, DriveSettings, Lot, Plan, PlanSettings, Planner,
-    Progress,
-};
+use kband::regime::capture::{Drive, DriveSettings, Lot, Plan, PlanSettings, Planner, Progress};
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
+use crate::report::number;
 
 /// Which kick of the amplitude brings parts from rest onto the locked orbit, for a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
@@ -161,6 +160,16 @@ impl<'a> Task<'a> {
             drive: drive(arguments.start)?,
             again: drive(1.0)?,
         })
+    }
+
+    /// The lot's restitution in words: a number, or `LO..HI`.
+    fn restitution(&self) -> String {
+        let (low, high) = (self.lot.restitution.low(), self.lot.restitution.high());
+        if low == high {
+            number(low, 6)
+        } else {
+            format!("{}..{}", number(low, 6), number(high, 6))
+        }
     }
 
     fn plan(&self, desk: &Desk) -> Result<Plan, Refusal> {

@@ -4,7 +4,7 @@ use kband::impact::Map;
 use kband::regime::capture::{Kick, Plan, Trial};
 
 use super::Task;
-use super::kicks::captures;
+use super::part::captures;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
@@ -81,10 +81,7 @@ mod tests {
 
     #[test]
     fn random_numbers_are_even_and_differ_between_runs() {
-        let mean = (0..1000)
-            .map(|run| Random::new(1, run).next())
-            .sum::<f64>()
-            / 1000.0;
+        let mean = (0..1000).map(|run| Random::new(1, run).next()).sum::<f64>() / 1000.0;
         // Standard error 0.29 / sqrt(1000) = 0.009.
         assert!((mean - 0.5).abs() < 0.04, "{mean}");
         assert_ne!(Random::new(1, 2).next(), Random::new(2, 1).next());

@@ -1,28 +1,14 @@
 //! The map of kicks: which share of a lot each of them captures.
 
-use kband::impact::{Kernel, Map};
-use kband::regime::capture::{Drive, Follow, Kick, KickSettings, Outcome, Plan, Trial};
+use kband::impact::Map;
+use kband::regime::capture::{Kick, KickSettings, Plan};
 
 use super::Task;
-use super::page::lot;
+use super::part::captures;
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
 use crate::report::number;
-
-/// Impacts after which a part counts as missed.
-pub(super) const LONGEST: u32 = 20_000;
-
-/// Whether `kick` captures a part.
-pub(super) fn captures<K: Kernel>(part: Trial, drive: Drive, kick: Kick) -> Result<bool, Refusal> {
-    let mut follow = Follow::<K>::new(part, drive, kick)?;
-    while follow.steps() < LONGEST {
-        if let Some(outcome) = follow.step() {
-            return Ok(outcome == Outcome::Locked);
-        }
-    }
-    Ok(false)
-}
 
 /// Share of the lot's parts that each kick captures, over factor and length.
 pub(super) struct Kicks {
@@ -78,7 +64,11 @@ impl Kicks {
             };
             let mut locked = 0_u32;
             for part in 0..task.arguments.parts {
-                locked += u32::from(captures::<Map>(task.lot.part(part as u32), task.drive, kick)?);
+                locked += u32::from(captures::<Map>(
+                    task.lot.part(part as u32),
+                    task.drive,
+                    kick,
+                )?);
             }
             Ok(f64::from(locked) / task.arguments.parts as f64)
         })?;
@@ -152,10 +142,18 @@ impl Kicks {
             let half = 0.5 * (last - first) / (values.len().max(2) - 1) as f64;
             (first - half, last + half)
         };
-        let lengths: Vec<f64> = self.lengths.iter().map(|length| f64::from(*length)).collect();
+        let lengths: Vec<f64> = self
+            .lengths
+            .iter()
+            .map(|length| f64::from(*length))
+            .collect();
         let (left, right) = span(&lengths);
         let (bottom, top) = span(&self.factors);
-        let words = if self.slow.is_some() { "descent of the amplitude" } else { "hold" };
+        let words = if self.slow.is_some() {
+            "descent of the amplitude"
+        } else {
+            "hold"
+        };
         let mut panel = Panel::new(
             Axis::new(words, Unit::new("drive cycles"), left, right),
             Axis::new("factor of the amplitude", Unit::NONE, bottom, top),
@@ -166,7 +164,11 @@ impl Kicks {
             Axis::new("share of the parts captured", Unit::NONE, 0.0, 1.0),
         );
         let place = |kick: KickSettings| {
-            let length = if self.slow.is_some() { kick.descent } else { kick.hold };
+            let length = if self.slow.is_some() {
+                kick.descent
+            } else {
+                kick.hold
+            };
             (f64::from(length), f64::from(kick.factor))
         };
         let planned = plan.best().map(|best| place(best.kick.settings()));
@@ -186,7 +188,7 @@ impl Kicks {
         Picture::new(format!("Kicks that capture parts in lock of order {}", task.lot.order))
             .caption(format!(
                 "R = {}, k = {}, amplitude within {} %, time constant {} cycles; {shape}; {} parts each",
-                lot(task),
+                task.restitution(),
                 number(task.lot.k, 4),
                 task.arguments.amplitude_error,
                 task.arguments.time_constant,

@@ -8,17 +8,12 @@ use super::kicks::Kicks;
 use crate::refusal::Refusal;
 use crate::report::{Column, Report, Table, number};
 
-pub(super) fn lot(task: &Task<'_>) -> String {
-    let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
-    if low == high {
-        number(low, 6)
-    } else {
-        format!("{}..{}", number(low, 6), number(high, 6))
-    }
-}
-
-pub(super) fn spelled(kick: KickSettings) -> String {
-    let mut words = format!("factor {} for {} cycles", number(kick.factor.into(), 4), kick.hold);
+fn spelled(kick: KickSettings) -> String {
+    let mut words = format!(
+        "factor {} for {} cycles",
+        number(kick.factor.into(), 4),
+        kick.hold
+    );
     if kick.descent > 0 {
         words.push_str(&format!(
             ", falling to {} within {} more",
@@ -29,7 +24,12 @@ pub(super) fn spelled(kick: KickSettings) -> String {
     words
 }
 
-pub(super) fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Report, Refusal> {
+pub(super) fn report(
+    task: &Task<'_>,
+    plan: &Plan,
+    map: &Kicks,
+    rates: &Rates,
+) -> Result<Report, Refusal> {
     let mut table = Table::new(&[
         Column::new("attempt", ""),
         Column::new("factor", "").digits(4),
@@ -62,7 +62,7 @@ pub(super) fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -
     }
     let mut report = Report::new(table).heading(format!(
         "R = {}, order {}, k = {:.4} in the band {:.4}..{:.4}; {} runs, seed {}",
-        lot(task),
+        task.restitution(),
         task.lot.order,
         task.lot.k,
         task.band.low(),
