@@ -25,9 +25,10 @@ fn main() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let memory = match env::var_os("CARGO_FEATURE_STM32G474RE") {
         Some(_) => root.join("firmware/stm32g474re.x"),
-        None => root.join("memory.x"),
+        None => root.join("firmware/stm32f405rg.x"),
     };
     println!("cargo:rerun-if-changed={}", memory.display());
+    // No file of this name may lie at the workspace's root: the linker runs there, and looks there first.
     fs::copy(&memory, out.join("memory.x")).expect("the board's memory is described");
     fs::write(out.join("layout.x"), LAYOUT).expect("OUT_DIR is writable");
     println!("cargo:rustc-link-search={}", out.display());

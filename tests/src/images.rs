@@ -47,17 +47,69 @@ pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) ->
     compile(package, bin, machine, Some(features))
 }
 
+/// The folder in which a build for `machine` left a file of this name for its linker; the newest, where
+/// there are several.
+///
+/// # Panics
+/// Where nothing was built yet.
+#[must_use]
+pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
+    let builds = target_folder()
+        .join(machine.target())
+        .join("firmware/build");
+    let entries = std::fs::read_dir(&builds).expect("something was built");
+    let written = |folder: &PathBuf| {
+        folder
+            .join(name)
+            .metadata()
+            .and_then(|file| file.modified())
+    };
+    entries
+        .flatten()
+        .map(|entry| entry.path().join("out"))
+        .filter(|folder| folder.join(name).is_file())
+        .max_by_key(|folder| written(folder).ok())
+        .unwrap_or_else(|| panic!("no {name} in {}", builds.display()))
+}
+
+/// Compiles one source file for `machine` and links it with these scripts, looked for in `folders` in
+/// their order.
+///
+/// # Panics
+/// Where the target is missing: one line that names the command which brings it.
+#[must_use]
+pub fn link(source: &Path, machine: Machine, folders: &[PathBuf], scripts: &[&str]) -> Output {
+    limited("120", "rustc", |rustc| {
+        rustc.args(toolchain(machine.target())).arg(source);
+        rustc.args(["--edition", "2024", "--target", machine.target()]);
+        rustc.args(["-C", "panic=abort", "-C", "opt-level=1"]);
+        rustc.arg("-o").arg(source.with_extension("elf"));
+        for folder in folders {
+            rustc.arg("-L").arg(folder);
+        }
+        for script in scripts {
+            rustc.arg("-C").arg(format!("link-arg={script}"));
+        }
+        rustc.env_remove("RUSTFLAGS");
+    })
+}
+
+/// The words that choose a toolchain which compiles for `target`.
+fn toolchain(target: &str) -> Option<String> {
+    if compiles_for(&[], target) {
+        return None;
+    }
+    let linked = format!("+{LINKED}");
+    assert!(
+        compiles_for(&[&linked], target),
+        "no Rust target {target} here; run tests/setup.sh"
+    );
+    Some(linked)
+}
+
 fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let target = machine.target();
-    let mut arguments = Vec::new();
-    if !compiles_for(&[], target) {
-        let linked = format!("+{LINKED}");
-        assert!(
-            compiles_for(&[&linked], target),
-            "no Rust target {target} here; run tests/setup.sh"
-        );
-        arguments.push(linked);
-    }
+    let mut arguments: Vec<String> = toolchain(target).into_iter().collect();
     let folder = target_folder();
     arguments.extend(["build", "--quiet", "--locked", "--profile", "firmware"].map(str::to_owned));
     for (option, value) in [("--package", package), ("--bin", bin), ("--target", target)] {

@@ -59,7 +59,7 @@ fn a_hanging_image_is_cut() {
 fn a_missing_emulator_is_named_with_the_command_that_brings_it() {
     let output = std::process::Command::new("/bin/bash")
         .arg(kband_tests::root().join("tests/emulator"))
-        .arg(kband_tests::root().join("memory.x"))
+        .arg(kband_tests::root().join("Cargo.toml"))
         .env("PATH", "/nowhere")
         .stdin(std::process::Stdio::null())
         .output()
