@@ -134,9 +134,9 @@ impl Station {
     }
 
     /// Starts a controller anew for a simulated plant, and the signal path that goes with it; the drive
-    /// stays off until the next reset. Refused while the drive runs.
+    /// stays off until the next reset. Refused while the drive runs; a simulated one is none.
     pub fn simulate(&self, target: Target, start: Start) -> Result<Signal, NotTaken> {
-        if !self.at_rest() {
+        if !self.simulated.get() && !self.at_rest() {
             return Err(NotTaken::Running);
         }
         let settings = self.settings.get();

@@ -3,7 +3,9 @@
 //! Nothing of the product knows of this: the loop of [`kband::plant::ClosedLoop`] is put together anew
 //! from its public parts, with one falsehood between two of them.
 
-use kband::control::{Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, State};
+use kband::control::{
+    Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, Start, State, Target,
+};
 use kband::plant::{Bench, Change, Moment, Scene};
 use kband_host::simulate::{Outcome, SceneFile};
 
@@ -22,6 +24,8 @@ pub enum Break {
     Seen(fn(&mut Cycle)),
     /// What the controller has the drive do is falsified.
     Done(fn(&mut Report)),
+    /// After a brown-out the controller starts as after this.
+    Restarted(Start),
 }
 
 /// The closed loop of a scene, broken.
@@ -32,6 +36,8 @@ pub struct Broken {
     bench: Bench,
     /// The feeder that the controller sees, where it is another.
     shown: Option<Bench>,
+    /// The target that the board starts with.
+    target: Target,
     how: Break,
     last: Report,
 }
@@ -68,6 +74,7 @@ impl Broken {
                 .expect("settings and a target"),
             bench: Bench::build(scene).expect("a scene"),
             shown,
+            target: told.target,
             how,
             last: Report::default(),
         }
@@ -76,6 +83,36 @@ impl Broken {
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
         self.bench.forget_strikes();
+        self.samples();
+        let shown = self.shown.as_mut().unwrap_or(&mut self.bench);
+        if shown.sagged() {
+            let start = match self.how {
+                Break::Restarted(start) => start,
+                _ => Start::Reset,
+            };
+            let settings = *self.controller.settings();
+            self.signal = Signal::build(&settings).expect("settings");
+            self.controller = Controller::build(&settings, self.target, start).expect("a target");
+            self.samples();
+        }
+        let report = self.control();
+        self.signal.command(report.command);
+        for _ in 0..PLAN_SLICES {
+            if !self.controller.plan_step() {
+                break;
+            }
+        }
+        self.last = report;
+        Moment {
+            time: self.bench.time(),
+            report,
+            strikes: self.bench.plant().strikes().len() as u32,
+            way: self.bench.plant().way(),
+        }
+    }
+
+    /// The samples of one cycle.
+    fn samples(&mut self) {
         for _ in 0..2 * SAMPLE_RATE {
             let mut code = self.bench.sample();
             if let Some(shown) = &mut self.shown {
@@ -92,20 +129,6 @@ impl Broken {
             if sampled.wrapped {
                 break;
             }
-        }
-        let report = self.control();
-        self.signal.command(report.command);
-        for _ in 0..PLAN_SLICES {
-            if !self.controller.plan_step() {
-                break;
-            }
-        }
-        self.last = report;
-        Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            way: self.bench.plant().way(),
         }
     }
 

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use kband::control::Event;
+use kband::control::{Event, Fault};
+use kband::plant::{Change, Disturbance};
 use kband_host::board::Line;
 use kband_host::desk::Desk;
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
@@ -20,13 +21,17 @@ fn image() -> std::path::PathBuf {
 fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
     let board = Terminal::start(&image(), Duration::from_secs(150));
     let mut file = SceneFile::parse(DEFAULT).unwrap();
-    // Soft start, plan, kick, judging, lock.
-    file.duration = 2.5;
+    // Soft start, plan, kick, judging, lock; then the supply sags.
+    file.duration = 2.9;
+    file.scene.disturbances[0] = Some(Disturbance {
+        at: 2.515,
+        change: Change::BrownOut(true),
+    });
     let desk = Desk::new(Some(1)).unwrap();
     let line = Line::open(&board.port().display().to_string(), None).unwrap();
     let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
     let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
-    assert_eq!(emulated.moments().len(), 125);
+    assert_eq!(emulated.moments().len(), 145);
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);
     }
@@ -35,6 +40,7 @@ fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
             .events()
             .any(|happened| happened.event == Event::Locked)
     );
+    assert_eq!(emulated.last().fault, Some(Fault::WatchdogReset));
 }
 
 /// The image that the test below holds on to, in a process of its own.

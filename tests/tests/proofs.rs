@@ -20,7 +20,7 @@ enum Shows {
     /// That the controller listens to track and parts.
     Listening,
 }
-use Break::{Done, Hidden, Never, Nothing, Seen, Told};
+use Break::{Done, Hidden, Never, Nothing, Restarted, Seen, Told};
 use Shows::{Listening, Obeying};
 
 fn enable(change: &Change) -> bool {
@@ -88,7 +88,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 55] = [
+const PROOFS: [(&str, Shows, Break); 57] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -98,6 +98,16 @@ const PROOFS: [(&str, Shows, Break); 55] = [
         "amplitude_limit",
         Shows::Limit(Limits::AMPLITUDE),
         Told(no_limits),
+    ),
+    (
+        "brown_out",
+        Shows::Fault(Fault::WatchdogReset),
+        Restarted(Start::Ordinary),
+    ),
+    (
+        "brown_out_stays_off",
+        Shows::Fault(Fault::WatchdogReset),
+        Restarted(Start::Ordinary),
     ),
     ("chaotic", Obeying, Told(another_target)),
     ("drawn_parts", Listening, Seen(deaf)),

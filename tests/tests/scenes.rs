@@ -97,6 +97,8 @@ macro_rules! scenes {
 scenes! {
     acceleration_limit
     amplitude_limit
+    brown_out
+    brown_out_stays_off
     chaotic
     drawn_parts
     empty_band

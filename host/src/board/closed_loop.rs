@@ -2,7 +2,7 @@
 
 use kband::control::{Report, SAMPLE_RATE, Settings, Signal};
 use kband::plant::{Bench, Moment, Plant, Scene};
-use kband::wire::{Request, Response, fold_output, write_reading};
+use kband::wire::{Request, Response, Start, fold_output, write_reading};
 
 use super::line::Line;
 use super::settings::tell;
@@ -21,6 +21,14 @@ pub struct BoardLoop {
     bench: Bench,
     signal: Signal,
     before: u16,
+    scene: Scene,
+}
+
+/// The readings of a cycle that are not told yet, and its outputs, folded.
+struct Run {
+    bytes: [u8; PIECE + 8],
+    used: usize,
+    check: u32,
 }
 
 impl BoardLoop {
@@ -42,13 +50,45 @@ impl BoardLoop {
             bench: Bench::build(scene)?,
             signal: Signal::build(&scene.settings)?,
             before: 0,
+            scene: *scene,
         })
     }
 
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Result<Moment, Refusal> {
         self.bench.forget_strikes();
-        let (mut bytes, mut used, mut check) = ([0; PIECE + 8], 0, 0);
+        let mut run = self.samples()?;
+        if self.bench.sagged() {
+            self.restart()?;
+            run = self.samples()?;
+        }
+        let report = self.end(&run)?;
+        self.signal.command(report.command);
+        Ok(Moment {
+            time: self.bench.time(),
+            report,
+            strikes: self.bench.plant().strikes().len() as u32,
+            way: self.bench.plant().way(),
+        })
+    }
+
+    /// The board starts anew after a brown-out.
+    fn restart(&mut self) -> Result<(), Refusal> {
+        self.signal = Signal::build(&self.scene.settings)?;
+        self.before = 0;
+        self.line.tell(&Request::Simulate {
+            target: self.scene.target.into(),
+            start: Start::Reset,
+        })
+    }
+
+    /// The samples of one cycle, all but the last of them told.
+    fn samples(&mut self) -> Result<Run, Refusal> {
+        let mut run = Run {
+            bytes: [0; PIECE + 8],
+            used: 0,
+            check: 0,
+        };
         for _ in 0..2 * SAMPLE_RATE {
             let code = self.bench.sample();
             if let Some(target) = self.bench.new_target() {
@@ -59,33 +99,27 @@ impl BoardLoop {
             let sampled = self.signal.sample(code);
             self.bench
                 .hold(sampled.output, (self.signal.phase() - before).bits());
-            check = fold_output(check, sampled.output);
-            used += write_reading(&mut bytes[used..], self.before, code.0);
+            run.check = fold_output(run.check, sampled.output);
+            run.used += write_reading(&mut run.bytes[run.used..], self.before, code.0);
             self.before = code.0;
             if sampled.wrapped {
                 break;
             }
-            if used >= PIECE {
+            if run.used >= PIECE {
                 self.line.tell(&Request::Samples {
-                    codes: &bytes[..used],
+                    codes: &run.bytes[..run.used],
                     end: None,
                 })?;
-                used = 0;
+                run.used = 0;
             }
         }
-        let report = self.end(&bytes[..used], check)?;
-        self.signal.command(report.command);
-        Ok(Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            way: self.bench.plant().way(),
-        })
+        Ok(run)
     }
 
-    fn end(&mut self, codes: &[u8], check: u32) -> Result<Report, Refusal> {
+    fn end(&mut self, run: &Run) -> Result<Report, Refusal> {
+        let check = run.check;
         let request = Request::Samples {
-            codes,
+            codes: &run.bytes[..run.used],
             end: Some(self.bench.inputs().into()),
         };
         let time = self.bench.time();

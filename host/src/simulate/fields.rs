@@ -173,7 +173,7 @@ pub const CHANGES: [Number; 6] = [
 pub type Flag = (&'static str, &'static str, fn(bool) -> Change);
 
 /// The flags that a disturbance may set.
-pub const FLAGS: [Flag; 6] = [
+pub const FLAGS: [Flag; 7] = [
     ("enable", "The enable input.", Change::Enable),
     (
         "sensor_lost",
@@ -192,4 +192,9 @@ pub const FLAGS: [Flag; 6] = [
     ),
     ("stack_low", "The stack warning.", Change::StackLow),
     ("link", "Whether the link brings frames.", Change::Link),
+    (
+        "brown_out",
+        "Whether the board's supply sags: it starts anew, its drive off until enabled anew.",
+        Change::BrownOut,
+    ),
 ];

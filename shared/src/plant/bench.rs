@@ -54,6 +54,12 @@ impl Bench {
         self.timeline.new_target()
     }
 
+    /// Whether the board's supply sagged in this cycle, once: its controller has to start anew, and the
+    /// cycle with it.
+    pub fn sagged(&mut self) -> bool {
+        self.timeline.sagged()
+    }
+
     /// Forgets the impacts so far ([`Plant::strikes`]).
     pub fn forget_strikes(&mut self) {
         self.plant.forget_strikes();

@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::feeder::Plant;
 use super::scene::{Change, Scene};
-use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal};
+use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal, Start, Target};
 use crate::feeder::OutOfRange;
 
 /// One cycle of the closed loop.
@@ -40,6 +40,8 @@ pub struct ClosedLoop {
     signal: Signal,
     controller: Controller,
     bench: Bench,
+    /// The target that the board starts with.
+    target: Target,
 }
 
 impl ClosedLoop {
@@ -49,6 +51,7 @@ impl ClosedLoop {
             signal: Signal::build(&scene.settings)?,
             controller: Controller::build(&scene.settings, scene.target, scene.start)?,
             bench: Bench::build(scene)?,
+            target: scene.target,
         })
     }
 
@@ -61,11 +64,10 @@ impl ClosedLoop {
     #[inline]
     pub fn cycle_shown(&mut self, mut show: impl FnMut(Sample)) -> Moment {
         self.bench.forget_strikes();
-        // The slowest drive has 4000 samples a cycle; the bound only keeps a broken step from hanging.
-        for _ in 0..2 * SAMPLE_RATE {
-            if self.sample(&mut show) {
-                break;
-            }
+        self.samples(&mut show);
+        if self.bench.sagged() {
+            self.restart();
+            self.samples(&mut show);
         }
         if let Some(target) = self.bench.new_target() {
             // A target out of range is refused, as over the link; the old one stays.
@@ -84,6 +86,30 @@ impl ClosedLoop {
             report,
             strikes: self.bench.plant().strikes().len() as u32,
             way: self.bench.plant().way(),
+        }
+    }
+
+    /// The samples of one cycle.
+    #[inline]
+    fn samples(&mut self, show: &mut impl FnMut(Sample)) {
+        // The slowest drive has 4000 samples a cycle; the bound only keeps a broken step from hanging.
+        for _ in 0..2 * SAMPLE_RATE {
+            if self.sample(show) {
+                break;
+            }
+        }
+    }
+
+    /// The board starts anew after a brown-out.
+    fn restart(&mut self) {
+        let settings = *self.controller.settings();
+        // What was accepted once is accepted again.
+        if let (Ok(signal), Ok(controller)) = (
+            Signal::build(&settings),
+            Controller::build(&settings, self.target, Start::Reset),
+        ) {
+            self.signal = signal;
+            self.controller = controller;
         }
     }
 

@@ -4,7 +4,7 @@ use super::closed_loop::Moment;
 use super::envelope::EnvelopePlant;
 use super::scene::{Change, Scene};
 use super::timeline::Timeline;
-use crate::control::{Command, Controller, PLAN_SLICES, phase_step};
+use crate::control::{Command, Controller, Cycle, PLAN_SLICES, Start, Target, phase_step};
 use crate::feeder::OutOfRange;
 
 /// Controller and [`EnvelopePlant`], joined as [`ClosedLoop`](super::ClosedLoop) joins controller,
@@ -17,31 +17,31 @@ pub struct EnvelopeLoop {
     /// Command of the cycle that runs next, and the one latched after it.
     running: Command,
     pending: Command,
+    /// The target that the board starts with.
+    target: Target,
 }
 
 impl EnvelopeLoop {
     /// The loop of a scene at time 0: parts at rest, drive off, enable input given.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
-        let still = Command {
-            step: phase_step(scene.settings.frequency),
-            ..Command::default()
-        };
+        let still = still(scene.settings.frequency);
         Ok(Self {
             controller: Controller::build(&scene.settings, scene.target, scene.start)?,
             plant: EnvelopePlant::build(scene)?,
             timeline: Timeline::new(scene),
             running: still,
             pending: still,
+            target: scene.target,
         })
     }
 
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
-        let [before, samples] = self.plant.samples();
-        // What happens in the first half of a cycle counts for the whole of it.
-        self.happen(before + samples / 2);
-        let cycle = self.plant.cycle(self.running.amplitude, self.running.step);
-        self.happen(self.plant.samples()[0] - 1);
+        let mut cycle = self.run();
+        if self.timeline.sagged() {
+            self.restart();
+            cycle = self.run();
+        }
         if let Some(target) = self.timeline.new_target() {
             // A target out of range is refused, as over the link; the old one stays.
             let _ = self.controller.set_target(target);
@@ -63,6 +63,27 @@ impl EnvelopeLoop {
             strikes: self.plant.strikes().len() as u32,
             way: self.plant.way(),
         }
+    }
+
+    /// The plant's next cycle.
+    fn run(&mut self) -> Cycle {
+        let [before, samples] = self.plant.samples();
+        // What happens in the first half of a cycle counts for the whole of it.
+        self.happen(before + samples / 2);
+        let cycle = self.plant.cycle(self.running.amplitude, self.running.step);
+        self.happen(self.plant.samples()[0] - 1);
+        cycle
+    }
+
+    /// The board starts anew after a brown-out.
+    fn restart(&mut self) {
+        let settings = *self.controller.settings();
+        // What was accepted once is accepted again.
+        if let Ok(controller) = Controller::build(&settings, self.target, Start::Reset) {
+            self.controller = controller;
+        }
+        self.running = still(settings.frequency);
+        self.pending = self.running;
     }
 
     fn happen(&mut self, sample: u64) {
@@ -98,5 +119,13 @@ impl EnvelopeLoop {
     #[must_use]
     pub fn plant(&self) -> &EnvelopePlant {
         &self.plant
+    }
+}
+
+/// A drive that stands still.
+fn still(frequency: f32) -> Command {
+    Command {
+        step: phase_step(frequency),
+        ..Command::default()
     }
 }

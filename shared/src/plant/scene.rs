@@ -95,6 +95,8 @@ pub enum Change {
     Link(bool),
     /// The stack warning.
     StackLow(bool),
+    /// The supply of the board sags (`true`): its controller starts anew, as after a brown-out.
+    BrownOut(bool),
 }
 
 /// A change at a time.

@@ -8,6 +8,7 @@ use crate::control::{Inputs, SAMPLE_RATE, Target};
 pub struct Timeline {
     inputs: Inputs,
     target: Option<Target>,
+    sagged: bool,
     disturbances: [Option<Disturbance>; DISTURBANCES],
     next: usize,
     /// Sample before which the next disturbance happens.
@@ -25,6 +26,7 @@ impl Timeline {
                 ..Inputs::default()
             },
             target: None,
+            sagged: false,
             disturbances: scene.disturbances,
             next: 0,
             due: 0,
@@ -60,6 +62,7 @@ impl Timeline {
             Change::OverTemperature(hot) => self.inputs.over_temperature = hot,
             Change::Link(linked) => self.inputs.link_heard = linked,
             Change::StackLow(low) => self.inputs.stack_low = low,
+            Change::BrownOut(sagged) => self.sagged |= sagged,
             change => return Some(change),
         }
         None
@@ -74,5 +77,10 @@ impl Timeline {
     /// A target that the scene sets, once.
     pub fn new_target(&mut self) -> Option<Target> {
         self.target.take()
+    }
+
+    /// Whether the board's supply sagged, once.
+    pub fn sagged(&mut self) -> bool {
+        core::mem::take(&mut self.sagged)
     }
 }
