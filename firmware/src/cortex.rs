@@ -7,6 +7,7 @@
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m_rt::exception;
 
@@ -45,6 +46,22 @@ pub fn take_last_words() -> LastWords {
     })
 }
 
+/// Marks the RAM while the board has power; what it holds after power-on is arbitrary.
+#[unsafe(link_section = ".uninit.running")]
+static RUNNING: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
+const RUNNING_MARK: [u32; 4] = [0x6b62_616e, 0x9d8a_2e51, 0x1f3c_77e0, 0xc4d1_05b9];
+
+/// Whether the RAM still knows that the board ran before this start; from now on it will.
+#[must_use]
+pub fn remembers_running() -> bool {
+    let mut known = true;
+    for (word, mark) in RUNNING.iter().zip(RUNNING_MARK) {
+        known &= word.load(Ordering::Relaxed) == mark;
+        word.store(mark, Ordering::Relaxed);
+    }
+    known
+}
+
 fn keep(words: core::fmt::Arguments<'_>) {
     // SAFETY: only called with interrupts off by handlers that never return.
     unsafe { &mut *KEPT.0.get() }.keep(words);
@@ -52,8 +69,9 @@ fn keep(words: core::fmt::Arguments<'_>) {
 
 #[panic_handler]
 fn panic(information: &PanicInfo<'_>) -> ! {
-    kband_drive_off();
+    // One instruction before the drive goes off: a sample in between could switch it on again.
     cortex_m::interrupt::disable();
+    kband_drive_off();
     match information.location() {
         Some(place) => keep(format_args!(
             "{IDENTITY}: panic at {}:{}: {}",
@@ -111,8 +129,8 @@ extern "C" fn hard_fault_report(stack: u32) -> ! {
 /// An exception or interrupt that has no handler.
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
-    kband_drive_off();
     cortex_m::interrupt::disable();
+    kband_drive_off();
     keep(format_args!("{IDENTITY}: unexpected interrupt {number}"));
     kband_halt()
 }

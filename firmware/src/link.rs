@@ -350,18 +350,19 @@ pub async fn link(
     }
     let mut bytes = [0; 64];
     loop {
-        match select(line.read(&mut bytes), station.tick()).await {
-            Either::First(count) => {
+        // The end of a cycle first: input that never ceases must not keep the link from checking in.
+        match select(station.tick(), line.read(&mut bytes)).await {
+            Either::First(()) => {
+                roll.check_in(Watched::Link);
+                if let Some(frame) = service.tick(station) {
+                    line.write(frame).await;
+                }
+            }
+            Either::Second(count) => {
                 for &byte in bytes.iter().take(count) {
                     if let Some(frame) = service.take(byte, station).await {
                         line.write(frame).await;
                     }
-                }
-            }
-            Either::Second(()) => {
-                roll.check_in(Watched::Link);
-                if let Some(frame) = service.tick(station) {
-                    line.write(frame).await;
                 }
             }
         }

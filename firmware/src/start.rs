@@ -2,13 +2,26 @@
 
 use kband::control::Start;
 
+/// What a chip shows after a reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Signs {
+    /// A watchdog asked for it.
+    pub watchdog: bool,
+    /// The firmware asked for it.
+    pub software: bool,
+    /// The supply was seen to sag.
+    pub sag: bool,
+    /// The RAM outlived the reset.
+    pub remembered: bool,
+}
+
 /// The cause of the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cause {
-    /// Power was switched on, or the reset pin was pulled.
+    /// Power was switched on.
     #[default]
     Power,
-    /// The supply fell below its limit while running.
+    /// The supply fell below its limit while running, or the reset pin was pulled.
     BrownOut,
     /// The watchdog was not fed in time.
     Watchdog,
@@ -17,6 +30,34 @@ pub enum Cause {
 }
 
 impl Cause {
+    /// The cause that the signs point to.
+    ///
+    /// A chip takes a sag below its lowest limit for power-on, and noise on its reset pin for a button.
+    /// RAM that still knows of the time before tells both from power that was really gone.
+    #[must_use]
+    pub fn of(signs: Signs) -> Self {
+        if signs.watchdog {
+            Self::Watchdog
+        } else if signs.software {
+            Self::Software
+        } else if signs.sag || signs.remembered {
+            Self::BrownOut
+        } else {
+            Self::Power
+        }
+    }
+
+    /// Its name in the log.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Power => "power-on",
+            Self::BrownOut => "brown-out",
+            Self::Watchdog => "the watchdog",
+            Self::Software => "the firmware",
+        }
+    }
+
     /// How the controller has to start.
     ///
     /// A feeder that stopped by itself must not start by itself (IEC 60204-1, 7.5): after any reset
@@ -34,6 +75,29 @@ impl Cause {
 mod tests {
     use super::*;
     use kband::control::{Controller, Cycle, Inputs, Settings, State, Target};
+
+    #[test]
+    fn only_signs_of_nothing_at_all_are_power_on() {
+        let mut times = 0;
+        for bits in 0..16_u8 {
+            let signs = Signs {
+                watchdog: bits & 1 != 0,
+                software: bits & 2 != 0,
+                sag: bits & 4 != 0,
+                remembered: bits & 8 != 0,
+            };
+            let ordinary = Cause::of(signs).start() == Start::Ordinary;
+            assert_eq!(ordinary, bits == 0, "{signs:?}");
+            times += u8::from(ordinary);
+        }
+        assert_eq!(times, 1);
+        let watchdog = Signs {
+            watchdog: true,
+            remembered: true,
+            ..Signs::default()
+        };
+        assert_eq!(Cause::of(watchdog), Cause::Watchdog);
+    }
 
     #[test]
     fn only_power_on_obeys_an_enable_input_that_was_there_before() {

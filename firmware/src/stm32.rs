@@ -10,7 +10,7 @@ use embassy_stm32::interrupt::{self, typelevel::Binding};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Mms};
+use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::peripherals::{
     ADC1, DAC1, IWDG, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, TIM1, USART2,
 };
@@ -98,6 +98,14 @@ impl HalfBridge {
         let full = pwm.get_max_duty() as f32;
         pwm.set_duty(Channel::Ch1, (0.5 * full) as u32);
         pwm.enable(Channel::Ch1);
+        // Off, both gates are driven to their off level, low, not let go. Then nothing but a reset can
+        // write the dead time, the break or this.
+        pwm.set_off_state_selection_idle(Ossi::IDLE_LEVEL);
+        timer
+            .bdtr()
+            .modify(|register| register.set_lock(Lock::LEVEL2));
+        // A core that a debugger halts sets no duty: the timer stops with it, and its outputs are off.
+        pac::DBGMCU.apb2fzr().modify(|frozen| frozen.set_tim1(true));
         let mut voltage = DacChannel::new_blocking(converter, voltage);
         voltage.set(Value::Bit12Right(MIDDLE));
         Self {

@@ -44,6 +44,20 @@ impl Trial {
         scene: running,
     };
 
+    /// The default scene up to a sag of the board's supply.
+    pub const BEFORE_SAG: Self = Self {
+        name: "before the sag",
+        cycles: 60,
+        scene: Scene::default,
+    };
+
+    /// What comes after the sag: the enable input stands, is withdrawn and given again.
+    pub const AFTER_SAG: Self = Self {
+        name: "after the sag",
+        cycles: 200,
+        scene: sagged,
+    };
+
     /// The trial of this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
@@ -74,6 +88,19 @@ fn running() -> Scene {
         *slot = Some(Disturbance {
             at: 0.0,
             change: Change::Link(false),
+        });
+    }
+    scene
+}
+
+/// The default scene with the enable input withdrawn from 1 s to 2 s.
+fn sagged() -> Scene {
+    let mut scene = Scene::default();
+    let changes = [(1.015, false), (2.015, true)];
+    for (slot, (at, enable)) in scene.disturbances.iter_mut().zip(changes) {
+        *slot = Some(Disturbance {
+            at,
+            change: Change::Enable(enable),
         });
     }
     scene

@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use kband::control::Event;
-use kband::plant::ClosedLoop;
+use kband::control::{Event, Fault, Start};
+use kband::plant::{ClosedLoop, Moment, Scene};
 use kband::wire::{FRAME_MOST, Outgoing, Request, Response, SCHEMA, VERSION, write_question};
 use kband_firmware::trial::{Line, Trial};
 use kband_host::board;
@@ -45,6 +45,12 @@ fn trace_is_the_desks(name: &'static str) {
         .find(|line| line.starts_with("stack "))
         .unwrap();
     println!("{name}: {stack}");
+    let words: Vec<u32> = stack
+        .split(' ')
+        .filter_map(|word| word.parse().ok())
+        .collect();
+    // With less than an eighth free the board takes it for a fault.
+    assert!(words[0] < words[1] - words[1] / 8, "{stack}");
 }
 
 #[test]
@@ -101,6 +107,44 @@ fn a_task_that_hangs_starves_the_watchdog() {
     assert!(lines[0].ends_with(" Power"), "{text}");
     assert_eq!(lines[1..3], ["drive off", "watchdog bites"], "{text}");
     assert!(lines[3].ends_with(" Watchdog"), "{text}");
+}
+
+#[test]
+fn after_a_sag_of_the_supply_the_drive_stays_off_until_it_is_enabled_anew() {
+    let text = virtual_feeder("sag", 40).passed();
+    let starts: Vec<&str> = text
+        .lines()
+        .filter(|line| line.starts_with("kband "))
+        .collect();
+    assert_eq!(starts.len(), 2, "{text}");
+    assert!(starts[0].ends_with(" Power"), "{text}");
+    assert!(starts[1].ends_with(" BrownOut"), "{text}");
+    let mut lines = text
+        .lines()
+        .filter(|line| line.starts_with(|first: char| first.is_ascii_digit()));
+    let mut run = |trial: Trial, start| {
+        let scene = Scene {
+            start,
+            ..trial.scene()
+        };
+        let mut desk = ClosedLoop::build(&scene).unwrap();
+        let mut cycle = || {
+            let moment = desk.cycle();
+            assert_eq!(lines.next(), Some(&*Line(&moment.report).to_string()));
+            moment
+        };
+        (0..trial.cycles).map(|_| cycle()).collect::<Vec<_>>()
+    };
+    let before = run(Trial::BEFORE_SAG, Start::Ordinary);
+    assert!(before[59].report.command.amplitude > 0.1);
+    let after = run(Trial::AFTER_SAG, Start::Reset);
+    for Moment { time, report, .. } in after {
+        if time < 1.0 {
+            assert_eq!(report.fault, Some(Fault::WatchdogReset), "{time}");
+        }
+        assert_eq!(report.command.amplitude > 0.0, time > 2.015, "{time}");
+    }
+    assert_eq!(lines.next(), None, "{text}");
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! The board's side of the link with a controller behind it, at the desk.
 
+use core::pin::pin;
+use core::task::{Context, Waker};
 use std::boxed::Box;
 use std::vec::Vec;
 
@@ -280,6 +282,41 @@ fn a_flood_is_counted_and_costs_no_more_than_its_share() {
     assert_eq!(counters.flooded, 100 - u32::from(ALLOWANCE));
     board.cycle();
     assert_eq!(board.send(&frame).len(), 1);
+}
+
+/// A line on which there is always more to read.
+struct Flood<'a>(&'a [u8]);
+
+impl Line for Flood<'_> {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        let count = bytes.len().min(self.0.len());
+        bytes[..count].copy_from_slice(&self.0[..count]);
+        count
+    }
+
+    async fn write(&mut self, _bytes: &[u8]) {}
+}
+
+#[test]
+fn input_that_never_ceases_keeps_the_link_neither_from_checking_in_nor_the_others_from_running() {
+    let board = Board::new();
+    let mut buffer = [0; FRAME_MOST];
+    let question = write_question(&mut buffer, 1).unwrap().to_vec();
+    for flood in [&question[..], b"no frame at all", b"\0"] {
+        let roll = Roll::of(&[Watched::Link]);
+        let service = Service::new(IMAGE, Memory(Settings::default()));
+        let mut task = pin!(link(service, Flood(flood), &board.station, &roll));
+        for n in 0..10 {
+            let inputs = Inputs::default();
+            board.station.cycle(&Cycle::default(), inputs);
+            // It waits for its next turn after every piece, or this would never come back.
+            for _ in 0..3 {
+                let mut context = Context::from_waker(Waker::noop());
+                assert!(task.as_mut().poll(&mut context).is_pending());
+            }
+            assert!(roll.complete(), "cycle {n} of a flood of {flood:?}");
+        }
+    }
 }
 
 /// Bytes that nobody sends on purpose: noise, cut, spliced and bent frames. None panics, none changes a

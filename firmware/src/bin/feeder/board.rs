@@ -16,6 +16,7 @@ use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_w
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
+use kband_firmware::start::Cause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
     Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, drive_off,
@@ -116,9 +117,9 @@ fn place(
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let cause = chip::cause();
+    let cause = Cause::of(chip::signs());
     let peripherals = embassy_stm32::init(chip::config());
-    defmt::info!("kband {}", IDENTITY);
+    defmt::info!("kband {}, started by {}", IDENTITY, cause.name());
     let last_words = take_last_words();
     if let Some(words) = last_words.read() {
         defmt::error!("before this reset: {}", words);
@@ -133,6 +134,7 @@ async fn main(spawner: Spawner) {
         p.PB12,
         chip::CORE_CLOCK,
     );
+    chip::watch_clock();
     let (adc, sample_time) = chip::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, sample_time);
     let Ok(mut memory) = chip::memory(p.FLASH) else {

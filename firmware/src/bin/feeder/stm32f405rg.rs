@@ -7,7 +7,8 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
-use kband_firmware::start::Cause;
+use kband_firmware::cortex::remembers_running;
+use kband_firmware::start::Signs;
 use kband_firmware::stm32::Pages;
 use kband_firmware::store::{Records, StoreFailed};
 
@@ -40,6 +41,12 @@ pub fn config() -> embassy_stm32::Config {
     config
 }
 
+/// Has the chip watch its crystal: where that stops, the bridge opens by the break of TIM1, which needs no
+/// clock, and an interrupt without a handler resets the board.
+pub fn watch_clock() {
+    pac::RCC.cr().modify(|control| control.set_csson(true));
+}
+
 /// The converter and the time it takes to sample: 56 cycles at 21 MHz, 2.7 us.
 pub fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
     (Adc::new(converter), SampleTime::CYCLES56)
@@ -57,18 +64,16 @@ pub fn memory(flash: Peri<'static, FLASH>) -> Result<Memory, StoreFailed> {
     Records::new(Pages(region), end - 2 * page..end)
 }
 
-/// Why the chip was reset; the flags are cleared for the next time.
-pub fn cause() -> Cause {
+/// What the chip shows of its last reset; the flags are cleared for the next time.
+pub fn signs() -> Signs {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|status| status.set_rmvf(true));
-    if flags.wdgrstf() || flags.wwdgrstf() {
-        Cause::Watchdog
-    } else if flags.sftrstf() {
-        Cause::Software
-    } else if flags.borrstf() && !flags.porrstf() {
-        Cause::BrownOut
-    } else {
-        Cause::Power
+    Signs {
+        watchdog: flags.wdgrstf() || flags.wwdgrstf(),
+        software: flags.sftrstf(),
+        // Power-on sets both.
+        sag: flags.borrstf() && !flags.porrstf(),
+        remembered: remembers_running(),
     }
 }
 

@@ -6,7 +6,8 @@ use embassy_stm32::flash::{Bank2Region, Blocking, Flash};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{ADC1, FLASH};
-use kband_firmware::start::Cause;
+use kband_firmware::cortex::remembers_running;
+use kband_firmware::start::Signs;
 use kband_firmware::stm32::Pages;
 use kband_firmware::store::{Records, StoreFailed};
 
@@ -34,6 +35,9 @@ pub fn config() -> embassy_stm32::Config {
     config
 }
 
+/// Nothing to watch: the chip's own oscillator starts and stops with it.
+pub fn watch_clock() {}
+
 /// The converter and the time it takes to sample: 92.5 cycles at 42.5 MHz, 2.2 us.
 pub fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
     (
@@ -54,17 +58,16 @@ pub fn memory(flash: Peri<'static, FLASH>) -> Result<Memory, StoreFailed> {
     Records::new(Pages(region), end - 2 * page..end)
 }
 
-/// Why the chip was reset; the flags are cleared for the next time.
-pub fn cause() -> Cause {
+/// What the chip shows of its last reset; the flags are cleared for the next time.
+pub fn signs() -> Signs {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|status| status.set_rmvf(true));
-    if flags.iwdgrstf() || flags.wwdgrstf() {
-        Cause::Watchdog
-    } else if flags.sftrstf() {
-        Cause::Software
-    } else {
+    Signs {
+        watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
+        software: flags.sftrstf(),
         // This chip has one flag for power-on and brown-out: the drive waits for a new enable.
-        Cause::BrownOut
+        sag: true,
+        remembered: remembers_running(),
     }
 }
 

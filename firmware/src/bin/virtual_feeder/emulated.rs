@@ -3,7 +3,9 @@
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use cortex_m::peripheral::scb::{Exception, VectActive};
 use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::register::primask;
 use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, heprintln, hio, syscall1};
 use embassy_executor::Spawner;
@@ -18,11 +20,13 @@ use kband::feeder::OutOfRange;
 use kband::plant::{Bench, Scene};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
-use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_low, stack_use, take_last_words};
+use kband_firmware::cortex::{
+    IDENTITY, Owned, remembers_running, stack_free, stack_low, stack_use, take_last_words,
+};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
-use kband_firmware::start::Cause;
+use kband_firmware::start::{Cause, Signs};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{Line, Trial};
@@ -64,10 +68,18 @@ const CAUSE_SOFTWARE: u32 = 0x534f_4654;
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_drive_off() {
+    // Where a sample may still come, the drive is not off for good; the hard fault lets none through.
+    let masked = !primask::read().is_active()
+        || SCB::vect_active() == VectActive::Exception(Exception::HardFault);
+    let words: &[u8] = if masked {
+        b"drive off\n"
+    } else {
+        b"drive off until the next sample\n"
+    };
     // A stream of its own: the one of `heprintln` has state that a fault may have left half-way.
     if let Ok(mut stream) = hio::hstderr() {
         // Nothing can be done about an emulator that does not listen.
-        let _ = stream.write_all(b"drive off\n");
+        let _ = stream.write_all(words);
     }
 }
 
@@ -114,9 +126,10 @@ impl Panel for Bed {
     }
 }
 
-/// Prints the trace and ends the run with it, or prints nothing and goes on.
+/// Prints the trace and does what comes at its end, or prints nothing and goes on.
 struct Trace {
     left: Option<u32>,
+    end: fn() -> !,
 }
 
 impl Monitor for Trace {
@@ -125,7 +138,7 @@ impl Monitor for Trace {
             heprintln!("{}", Line(report));
             *left -= 1;
             if *left == 0 {
-                finish(true);
+                (self.end)();
             }
         }
     }
@@ -183,6 +196,7 @@ static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
 
 fn sample() {
     if HUNGRY.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
+        cortex_m::interrupt::disable();
         kband_drive_off();
         heprintln!("watchdog bites");
         CAUSE.store(CAUSE_WATCHDOG, Ordering::Relaxed);
@@ -238,6 +252,15 @@ async fn supervise() {
     }
 }
 
+fn passed() -> ! {
+    finish(true)
+}
+
+/// The chip starts anew with no flag of a reset but that of power-on, as it does where its supply sags.
+fn sag() -> ! {
+    SCB::sys_reset()
+}
+
 fn finish(good: bool) -> ! {
     let (used, size) = stack_use();
     heprintln!("stack {} of {} bytes", used, size);
@@ -274,13 +297,13 @@ fn arguments(buffer: &mut [u8; 256]) -> &str {
 }
 
 fn reset_cause() -> Cause {
-    let cause = match CAUSE.load(Ordering::Relaxed) {
-        CAUSE_WATCHDOG => Cause::Watchdog,
-        CAUSE_SOFTWARE => Cause::Software,
-        _ => Cause::Power,
-    };
-    CAUSE.store(0, Ordering::Relaxed);
-    cause
+    let flags = CAUSE.swap(0, Ordering::Relaxed);
+    Cause::of(Signs {
+        watchdog: flags == CAUSE_WATCHDOG,
+        software: flags == CAUSE_SOFTWARE,
+        sag: false,
+        remembered: remembers_running(),
+    })
 }
 
 #[embassy_executor::main]
@@ -336,7 +359,7 @@ fn begin(spawner: Spawner) {
     let cause = reset_cause();
     heprintln!("kband {} {:?}", IDENTITY, cause);
     let last_words = take_last_words();
-    if cause != Cause::Power {
+    if cause != Cause::Power && word != "sag" {
         match last_words.read() {
             Some(words) => heprintln!("last words: {}", words),
             None => heprintln!("no last words"),
@@ -364,6 +387,8 @@ fn begin(spawner: Spawner) {
         "hang" | "count" => Trial::ALL.first().copied(),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
+        "sag" if cause == Cause::Power => Some(Trial::BEFORE_SAG),
+        "sag" => Some(Trial::AFTER_SAG),
         name => Trial::named(name),
     };
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
@@ -398,9 +423,11 @@ fn begin(spawner: Spawner) {
     }
     place_sampler(signal);
     let linked = matches!(word, "link" | "run");
-    BY_MILLISECOND.store(linked, Ordering::Relaxed);
+    // QEMU's TIM3 does not outlive a reset of its machine.
+    let by_millisecond = linked || word == "sag";
+    BY_MILLISECOND.store(by_millisecond, Ordering::Relaxed);
     TIME.start(&mut core.SYST);
-    if !linked {
+    if !by_millisecond {
         pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
         pac::TIM3.dier().modify(|enable| enable.set_uie(true));
         pac::TIM3.cr1().modify(|control| control.set_cen(true));
@@ -414,6 +441,10 @@ fn begin(spawner: Spawner) {
     if word != "hang" {
         let trace = Trace {
             left: (!linked).then_some(trial.cycles),
+            end: match (word, cause) {
+                ("sag", Cause::Power) => sag,
+                _ => passed,
+            },
         };
         spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
     }

@@ -13,6 +13,7 @@
 //! | `count` | counts the instructions of the sample interrupt and of the plan of the capture; needs a clock that counts them |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
+//! | `sag` | runs a while, is reset as by a sag of its supply, and runs on |
 //! | `hang` | a task never returns: the watchdog has to bite |
 //!
 //! After `link` and `run` the name of a file may follow that is the flash of the settings: whole pages of
