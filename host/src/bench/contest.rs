@@ -7,7 +7,7 @@ use std::time::Instant;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, Single, State};
 
-use super::workload::{Launch, SETTLING, SWEEP_RESTITUTIONS, Workload, sweep_start};
+use super::workload::{Launch, SETTLING, SWEEP_ORBITS, SWEEP_RESTITUTIONS, Workload, sweep_start};
 use super::{Errors, Flight, bracket, textbook};
 
 /// A flight that differs from the exact one by more than this, in rad and relative to 1 + itself, is
@@ -59,7 +59,7 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
 
 /// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
 /// after the others' turns does not count, so few that a turn is over before a busy machine interrupts it.
-pub const TURN: usize = 8 * LANES;
+pub const TURN: usize = 16 * LANES;
 
 /// The part of `all` whose turn `n` is.
 fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
@@ -289,8 +289,8 @@ impl Contestant for Blocks {
     }
 }
 
-/// The batch kernel on whole orbits: a block for each restitution, parts at rest restarted with the
-/// impact that follows their lift-off.
+/// The batch kernel on whole orbits: blocks of one restitution, parts at rest restarted with the impact
+/// that follows their lift-off.
 struct Orbits {
     blocks: Vec<(Box<Block>, Lanes)>,
 }
@@ -300,10 +300,10 @@ type Lanes = Vec<(Map, State)>;
 
 impl Orbits {
     fn new() -> Self {
-        let block = |restitution: f64| {
+        let block = |restitution: f64, first: usize| {
             let mut block = Box::new(Block::new());
             let lane = |n: usize| {
-                let (k, start) = sweep_start(n);
+                let (k, start) = sweep_start(first + n);
                 let map = Map::build(k, restitution).ok()?;
                 let thrown = State {
                     phase: k.asin(),
@@ -315,7 +315,12 @@ impl Orbits {
             let lanes: Lanes = (0..LANES).filter_map(lane).collect();
             (block, lanes)
         };
-        let mut blocks: Vec<_> = SWEEP_RESTITUTIONS.map(block).into();
+        let mut blocks = Vec::new();
+        for restitution in SWEEP_RESTITUTIONS {
+            for first in (0..SWEEP_ORBITS).step_by(LANES) {
+                blocks.push(block(restitution, first));
+            }
+        }
         for (block, lanes) in &mut blocks {
             Self::advance(block, lanes, SETTLING);
         }

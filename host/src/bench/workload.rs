@@ -32,6 +32,8 @@ pub enum Workload {
 pub const SWEEP_RESTITUTIONS: [f64; 8] = [0.5, 0.57, 0.64, 0.71, 0.78, 0.85, 0.92, 0.99];
 /// Values of k of the sweep.
 pub const SWEEP_K: usize = 64;
+/// Orbits at each restitution, where all of them are followed: eight starts for each k.
+pub const SWEEP_ORBITS: usize = 8 * SWEEP_K;
 /// Impacts before an orbit of the sweep is looked at.
 pub const SETTLING: u32 = 300;
 

@@ -5,7 +5,7 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{Lane, ROUNDER, WIDEST};
+use super::{Column, Lane, ROUNDER, WIDEST};
 use crate::arithmetic::node;
 
 /// Four f64.
@@ -158,21 +158,31 @@ impl Lane for Avx2 {
         }
     }
     #[inline(always)]
-    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4] {
-        let [a, b, c, d, ..] = rows;
-        let [a, b, c, d] = load_transposed([a, b, c, d]);
-        [Self(a), Self(b), Self(c), Self(d)]
+    fn mask(bits: u32) -> Mask {
+        // SAFETY: the CPU has AVX2, see the module.
+        Mask(unsafe {
+            let each = _mm256_setr_epi64x(1, 2, 4, 8);
+            let set = _mm256_and_si256(_mm256_set1_epi64x(i64::from(bits)), each);
+            _mm256_castsi256_pd(_mm256_cmpeq_epi64(set, each))
+        })
     }
     #[inline(always)]
-    fn rows([a, b, c, d]: [Self; 4]) -> [[f64; 4]; WIDEST] {
-        let mut rows = [[0.0; 4]; WIDEST];
-        store_transposed([a.0, b.0, c.0, d.0], &mut rows[..4]);
-        rows
-    }
-    #[inline(always)]
-    fn from_array(values: [f64; WIDEST]) -> Self {
-        // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
+    fn load(values: &[f64], at: usize) -> Self {
+        let values = &values[at..at + Self::WIDTH];
+        // SAFETY: the CPU has AVX2, see the module; the slice is as long as a register.
         Self(unsafe { _mm256_loadu_pd(values.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, values: &mut [f64], at: usize) {
+        let values = &mut values[at..at + Self::WIDTH];
+        // SAFETY: the CPU has AVX2, see the module; the slice is as long as a register.
+        unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
+    }
+    #[inline(always)]
+    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
+        let [a, b, c, d, ..] = numbers.map(|number| column[usize::from(number)]);
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_setr_pd(a, b, c, d) })
     }
     #[inline(always)]
     fn to_array(self) -> [f64; WIDEST] {
@@ -200,44 +210,5 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
         let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
         let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
         (_mm256_unpacklo_pd(ac, bd), _mm256_unpackhi_pd(ac, bd))
-    }
-}
-
-/// Four rows as four columns.
-#[inline(always)]
-pub(super) fn load_transposed([a, b, c, d]: [&[f64; 4]; 4]) -> [__m256d; 4] {
-    // SAFETY: the CPU has AVX2, see the module; each row is four f64.
-    unsafe {
-        transpose([
-            _mm256_loadu_pd(a.as_ptr()),
-            _mm256_loadu_pd(b.as_ptr()),
-            _mm256_loadu_pd(c.as_ptr()),
-            _mm256_loadu_pd(d.as_ptr()),
-        ])
-    }
-}
-
-/// Four columns as the first four of `rows`.
-#[inline(always)]
-pub(super) fn store_transposed(columns: [__m256d; 4], rows: &mut [[f64; 4]]) {
-    let transposed = transpose(columns);
-    for (row, vector) in rows.iter_mut().zip(transposed) {
-        // SAFETY: the CPU has AVX2, see the module; each row is four f64.
-        unsafe { _mm256_storeu_pd(row.as_mut_ptr(), vector) };
-    }
-}
-
-#[inline(always)]
-fn transpose([a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
-    // SAFETY: the CPU has AVX2, see the module.
-    unsafe {
-        let (ab_low, ab_high) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
-        let (cd_low, cd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
-        [
-            _mm256_permute2f128_pd::<0x20>(ab_low, cd_low),
-            _mm256_permute2f128_pd::<0x20>(ab_high, cd_high),
-            _mm256_permute2f128_pd::<0x31>(ab_low, cd_low),
-            _mm256_permute2f128_pd::<0x31>(ab_high, cd_high),
-        ]
     }
 }

@@ -6,7 +6,7 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{Lane, WIDEST, avx2};
+use super::{Column, Lane, WIDEST};
 use crate::arithmetic::node;
 
 /// Eight f64.
@@ -82,25 +82,6 @@ impl Avx512 {
             )
         }
     }
-
-    /// Two halves of four f64 each.
-    #[inline(always)]
-    fn halves(self) -> [__m256d; 2] {
-        // SAFETY: the CPU has AVX-512, see the module.
-        unsafe {
-            [
-                _mm512_castpd512_pd256(self.0),
-                _mm512_extractf64x4_pd::<1>(self.0),
-            ]
-        }
-    }
-
-    /// The register of two halves.
-    #[inline(always)]
-    fn join(low: __m256d, high: __m256d) -> Self {
-        // SAFETY: the CPU has AVX-512, see the module.
-        Self(unsafe { _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(low), high) })
-    }
 }
 
 impl Lane for Avx512 {
@@ -154,17 +135,25 @@ impl Lane for Avx512 {
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
-        // Plain loads: the gather instruction takes several times as long on some CPUs.
-        let index = rounded.index();
-        // SAFETY: the CPU has AVX-512, see the module.
-        let (low, high) = unsafe {
+        // By plain loads: the gather instruction takes several times as long on some CPUs.
+        let numbers = rounded.to_array();
+        let numbers = core::hint::black_box(&numbers);
+        let pair = |lane: usize| &node::DOUBLE[numbers[lane].to_bits() as usize % node::COUNT];
+        // SAFETY: the CPU has AVX-512, see the module; a pair is as long as what is loaded from it.
+        unsafe {
+            let load = |lane: usize| _mm_loadu_pd(pair(lane).as_ptr());
+            let four = |a: usize, b: usize, c: usize, d: usize| {
+                let low = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(load(a)), load(b));
+                let all = _mm512_castpd256_pd512(low);
+                let all = _mm512_insertf64x2::<2>(all, load(c));
+                _mm512_insertf64x2::<3>(all, load(d))
+            };
+            let (even, odd) = (four(0, 2, 4, 6), four(1, 3, 5, 7));
             (
-                _mm512_castsi512_si256(index),
-                _mm512_extracti64x4_epi64::<1>(index),
+                Self(_mm512_unpacklo_pd(even, odd)),
+                Self(_mm512_unpackhi_pd(even, odd)),
             )
-        };
-        let (low, high) = (avx2::fetch(low), avx2::fetch(high));
-        (Self::join(low.0, high.0), Self::join(low.1, high.1))
+        }
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
@@ -176,28 +165,26 @@ impl Lane for Avx512 {
         )
     }
     #[inline(always)]
-    fn gather([a, b, c, d, e, f, g, h]: [&[f64; 4]; WIDEST]) -> [Self; 4] {
-        let low = avx2::load_transposed([a, b, c, d]);
-        let high = avx2::load_transposed([e, f, g, h]);
-        [
-            Self::join(low[0], high[0]),
-            Self::join(low[1], high[1]),
-            Self::join(low[2], high[2]),
-            Self::join(low[3], high[3]),
-        ]
+    fn mask(bits: u32) -> Mask {
+        Mask(bits as __mmask8)
     }
     #[inline(always)]
-    fn rows([a, b, c, d]: [Self; 4]) -> [[f64; 4]; WIDEST] {
-        let mut rows = [[0.0; 4]; WIDEST];
-        let (a, b, c, d) = (a.halves(), b.halves(), c.halves(), d.halves());
-        avx2::store_transposed([a[0], b[0], c[0], d[0]], &mut rows[..4]);
-        avx2::store_transposed([a[1], b[1], c[1], d[1]], &mut rows[4..]);
-        rows
-    }
-    #[inline(always)]
-    fn from_array(values: [f64; WIDEST]) -> Self {
-        // SAFETY: the CPU has AVX-512, see the module; the array is as long as a register.
+    fn load(values: &[f64], at: usize) -> Self {
+        let values = &values[at..at + Self::WIDTH];
+        // SAFETY: the CPU has AVX-512, see the module; the slice is as long as a register.
         Self(unsafe { _mm512_loadu_pd(values.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, values: &mut [f64], at: usize) {
+        let values = &mut values[at..at + Self::WIDTH];
+        // SAFETY: the CPU has AVX-512, see the module; the slice is as long as a register.
+        unsafe { _mm512_storeu_pd(values.as_mut_ptr(), self.0) };
+    }
+    #[inline(always)]
+    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
+        let [a, b, c, d, e, f, g, h] = numbers.map(|number| column[usize::from(number)]);
+        // SAFETY: the CPU has AVX-512, see the module.
+        Self(unsafe { _mm512_setr_pd(a, b, c, d, e, f, g, h) })
     }
     #[inline(always)]
     fn to_array(self) -> [f64; WIDEST] {

@@ -24,6 +24,9 @@ pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
 /// Lanes of the widest register.
 pub(crate) const WIDEST: usize = 8;
 
+/// One quantity of many orbits; eight bits number them.
+pub(crate) type Column = [f64; 256];
+
 /// One or several f64 that go through the same operations.
 pub(crate) trait Lane:
     Copy
@@ -76,12 +79,14 @@ pub(crate) trait Lane:
     /// The phase of that node within its turn, as a sum: its number times [`node::SPACING_HIGH`], and
     /// times [`node::SPACING_LOW`].
     fn within_turn(rounded: Self) -> (Self, Self);
-    /// Four fields of as many rows as there are lanes, field by field.
-    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4];
-    /// What [`Lane::gather`] took apart, row by row; rows beyond the lanes are 0.
-    fn rows(columns: [Self; 4]) -> [[f64; 4]; WIDEST];
-    /// The first values of an array.
-    fn from_array(values: [f64; WIDEST]) -> Self;
+    /// Yes where the bit of the lane is set.
+    fn mask(bits: u32) -> Self::Mask;
+    /// As many of the values as there are lanes, from number `at` on.
+    fn load(values: &[f64], at: usize) -> Self;
+    /// Puts the lanes where [`Lane::load`] had them from.
+    fn store(self, values: &mut [f64], at: usize);
+    /// The first of these numbers of a column.
+    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self;
     /// The lanes, followed by 0.
     fn to_array(self) -> [f64; WIDEST];
 }

@@ -1,6 +1,6 @@
 //! One f64: what the lanes of a wider register do, alone.
 
-use super::{Lane, WIDEST};
+use super::{Column, Lane, WIDEST};
 use crate::arithmetic::{node, square_root};
 
 pub(crate) use decision::Mask;
@@ -61,18 +61,20 @@ impl Lane for f64 {
         (high, low)
     }
     #[inline(always)]
-    fn gather(rows: [&[f64; 4]; WIDEST]) -> [Self; 4] {
-        *rows[0]
+    fn mask(bits: u32) -> Mask {
+        decision::below(-f64::from(bits & 1), 0.0)
     }
     #[inline(always)]
-    fn rows(columns: [Self; 4]) -> [[f64; 4]; WIDEST] {
-        let mut rows = [[0.0; 4]; WIDEST];
-        rows[0] = columns;
-        rows
+    fn load(values: &[f64], at: usize) -> Self {
+        values[at]
     }
     #[inline(always)]
-    fn from_array(values: [f64; WIDEST]) -> Self {
-        values[0]
+    fn store(self, values: &mut [f64], at: usize) {
+        values[at] = self;
+    }
+    #[inline(always)]
+    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
+        column[usize::from(numbers[0])]
     }
     #[inline(always)]
     fn to_array(self) -> [f64; WIDEST] {

@@ -88,27 +88,16 @@ impl<L: Lane> Hump<L> {
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch<L: Lane> {
     /// Where parabola meets parabola, inside.
-    start: L,
+    pub start: L,
     /// Begin of the stretch, after launch.
-    low: L,
+    pub low: L,
     /// Its end.
-    high: L,
+    pub high: L,
     /// Whether the closed forms are certain of it.
-    certain: L::Mask,
+    pub certain: L::Mask,
 }
 
 impl<L: Lane> Stretch<L> {
-    /// A place to put one.
-    pub fn none() -> Self {
-        let zero = L::splat(0.0);
-        Self {
-            start: zero,
-            low: zero,
-            high: zero,
-            certain: zero.below(zero),
-        }
-    }
-
     /// The stretch `low..high` in the half turn, upper or lower, with its middle at `centre`.
     #[inline(always)]
     fn about(

@@ -18,20 +18,9 @@ pub(crate) const LEAVING: f64 = 3.0;
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing<L> {
     /// Time after launch.
-    time: L,
+    pub time: L,
     /// Speed downwards.
-    speed: L,
-}
-
-impl<L: Lane> Crossing<L> {
-    /// A place to put one.
-    pub fn none() -> Self {
-        let zero = L::splat(0.0);
-        Self {
-            time: zero,
-            speed: zero,
-        }
-    }
+    pub speed: L,
 }
 
 /// The crossing that a tall flight starts from.

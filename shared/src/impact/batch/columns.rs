@@ -1,0 +1,173 @@
+//! The orbits of a block, quantity by quantity.
+
+use super::LANES;
+use crate::arithmetic::lane::{Column, Lane, WIDEST};
+use crate::impact::flight::{Launch, Track};
+
+const _: () = assert!(LANES == size_of::<Column>() / size_of::<f64>());
+
+/// One quantity of many orbits; it begins with a cache line, so that no register reaches over two.
+#[derive(Clone, Debug)]
+#[repr(align(64))]
+pub(super) struct Aligned<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> Aligned<N> {
+    pub const ZERO: Self = Self([0.0; N]);
+}
+
+/// What a block knows of its orbits.
+#[derive(Clone, Debug)]
+pub(super) struct Columns {
+    phase: Aligned<LANES>,
+    velocity: Aligned<LANES>,
+    sine: Aligned<LANES>,
+    cosine: Aligned<LANES>,
+    flight: Aligned<LANES>,
+    k: Aligned<LANES>,
+    per_k: Aligned<LANES>,
+    edge: Aligned<LANES>,
+    restitution: Aligned<LANES>,
+}
+
+impl Columns {
+    pub const ZERO: Self = Self {
+        phase: Aligned::ZERO,
+        velocity: Aligned::ZERO,
+        sine: Aligned::ZERO,
+        cosine: Aligned::ZERO,
+        flight: Aligned::ZERO,
+        k: Aligned::ZERO,
+        per_k: Aligned::ZERO,
+        edge: Aligned::ZERO,
+        restitution: Aligned::ZERO,
+    };
+
+    /// Puts a lane on a track.
+    pub fn put(&mut self, lane: usize, track: &Track<f64>, restitution: f64) {
+        self.k.0[lane] = track.k;
+        self.per_k.0[lane] = track.per_k;
+        self.edge.0[lane] = track.edge;
+        self.restitution.0[lane] = restitution;
+    }
+
+    /// Phase and velocity of a lane whose sine and cosine are not known yet.
+    pub fn start(&mut self, lane: usize, phase: f64, velocity: f64) {
+        self.phase.0[lane] = phase;
+        self.velocity.0[lane] = velocity;
+        self.flight.0[lane] = 0.0;
+    }
+
+    /// Phase and velocity of a lane.
+    pub fn state(&self, lane: usize) -> [f64; 2] {
+        [self.phase.0[lane], self.velocity.0[lane]]
+    }
+
+    /// The last flight of a lane.
+    pub fn flight(&self, lane: usize) -> f64 {
+        self.flight.0[lane]
+    }
+
+    /// The launches of a register of neighbours.
+    #[inline(always)]
+    pub fn launch_at<L: Lane>(&self, at: usize) -> Launch<L> {
+        Launch {
+            phase: L::load(&self.phase.0, at),
+            velocity: L::load(&self.velocity.0, at),
+            sine: L::load(&self.sine.0, at),
+            cosine: L::load(&self.cosine.0, at),
+        }
+    }
+
+    /// k of a register of neighbours, all that a tall flight knows of its track from its crossing on.
+    #[inline(always)]
+    pub fn track_at<L: Lane>(&self, at: usize) -> Track<L> {
+        let k = L::load(&self.k.0, at);
+        Track {
+            k,
+            per_k: L::load(&self.per_k.0, at),
+            edge: L::load(&self.edge.0, at),
+            edge_cosine: Track::edge_cosine(k),
+        }
+    }
+
+    /// The restitutions of a register of neighbours.
+    #[inline(always)]
+    pub fn restitution_at<L: Lane>(&self, at: usize) -> L {
+        L::load(&self.restitution.0, at)
+    }
+
+    /// Lands those lanes of a register of neighbours that `which` holds for.
+    #[inline(always)]
+    pub fn land_at<L: Lane>(&mut self, at: usize, which: L::Mask, flight: L, next: &Launch<L>) {
+        replace(flight, which, &mut self.flight, at);
+        replace(next.phase, which, &mut self.phase, at);
+        replace(next.velocity, which, &mut self.velocity, at);
+        replace(next.sine, which, &mut self.sine, at);
+        replace(next.cosine, which, &mut self.cosine, at);
+    }
+
+    /// The launches of these lanes.
+    #[inline(always)]
+    pub fn launch<L: Lane>(&self, lanes: [u8; WIDEST]) -> Launch<L> {
+        Launch {
+            phase: L::pick(&self.phase.0, lanes),
+            velocity: L::pick(&self.velocity.0, lanes),
+            sine: L::pick(&self.sine.0, lanes),
+            cosine: L::pick(&self.cosine.0, lanes),
+        }
+    }
+
+    /// The launches of these lanes from their phases alone, which is remembered.
+    #[inline(always)]
+    pub fn launch_anew<L: Lane>(&mut self, lanes: [u8; WIDEST]) -> Launch<L> {
+        let launch = Launch::new(
+            L::pick(&self.phase.0, lanes),
+            L::pick(&self.velocity.0, lanes),
+        );
+        scatter(launch.sine, &mut self.sine, lanes);
+        scatter(launch.cosine, &mut self.cosine, lanes);
+        launch
+    }
+
+    /// The tracks of these lanes.
+    #[inline(always)]
+    pub fn track<L: Lane>(&self, lanes: [u8; WIDEST]) -> Track<L> {
+        let k = L::pick(&self.k.0, lanes);
+        Track {
+            k,
+            per_k: L::pick(&self.per_k.0, lanes),
+            edge: L::pick(&self.edge.0, lanes),
+            edge_cosine: Track::edge_cosine(k),
+        }
+    }
+
+    /// The restitutions of these lanes.
+    #[inline(always)]
+    pub fn restitution<L: Lane>(&self, lanes: [u8; WIDEST]) -> L {
+        L::pick(&self.restitution.0, lanes)
+    }
+
+    /// Lands these lanes.
+    #[inline(always)]
+    pub fn land<L: Lane>(&mut self, lanes: [u8; WIDEST], flight: L, next: &Launch<L>) {
+        scatter(flight, &mut self.flight, lanes);
+        scatter(next.phase, &mut self.phase, lanes);
+        scatter(next.velocity, &mut self.velocity, lanes);
+        scatter(next.sine, &mut self.sine, lanes);
+        scatter(next.cosine, &mut self.cosine, lanes);
+    }
+}
+
+#[inline(always)]
+fn replace<L: Lane>(values: L, which: L::Mask, column: &mut Aligned<LANES>, at: usize) {
+    let last = L::load(&column.0, at);
+    L::select(which, values, last).store(&mut column.0, at);
+}
+
+#[inline(always)]
+fn scatter<L: Lane>(values: L, column: &mut Aligned<LANES>, lanes: [u8; WIDEST]) {
+    let values = values.to_array();
+    for (lane, value) in lanes.into_iter().zip(values).take(L::WIDTH) {
+        column.0[usize::from(lane)] = value;
+    }
+}

@@ -1,0 +1,132 @@
+//! Flights of one kind, gathered from wherever their lanes stand.
+
+use super::columns::Columns;
+use super::lanes::Set;
+use super::plan::{Kind, Plan};
+use super::stages::{ROOM, Stages};
+use crate::arithmetic::lane::{Lane, WIDEST};
+use crate::impact::flight::{Launch, finish, low, search, short, tall};
+
+/// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
+/// are short, one kind alone would wait for itself.
+#[inline(always)]
+pub(super) fn advance<L: Lane>(
+    columns: &mut Columns,
+    stages: &mut Stages,
+    now: &mut Plan,
+    next: &mut Plan,
+    resting: &mut Set,
+    grazing: &mut Set,
+) {
+    let [talls, shorts, homes, lows] = &mut now.queues;
+    let mut queues = [talls, shorts, homes, lows].map(|queue| queue.registers(L::WIDTH));
+    let mut registers = [([0; WIDEST], 0); ROOM];
+    loop {
+        let mut count = 0;
+        let mut ends = [0; 4];
+        for kind in Kind::ALL {
+            while count < ROOM / L::WIDTH
+                && let Some(register) = queues[kind as usize].next()
+            {
+                registers[count] = register;
+                begin::<L>(columns, stages, kind, count, register.0);
+                count += 1;
+            }
+            ends[kind as usize] = count;
+        }
+        if count == 0 {
+            return;
+        }
+        let [talls, shorts, _, lows] = ends;
+        for n in 0..talls {
+            let close = tall::approach(
+                &stages.track::<L>(n),
+                &stages.launch(n),
+                &stages.crossing(n),
+            );
+            stages.put_close(n, close);
+        }
+        for n in shorts..lows {
+            let close = low::approach(&stages.track::<L>(n), &stages.launch(n), &stages.stretch(n));
+            stages.put_close(n, close);
+        }
+        for n in 0..talls {
+            let (landing, _) = finish(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
+            stages.put_landing(n, &landing);
+        }
+        for (n, register) in registers.iter().enumerate().take(shorts).skip(talls) {
+            let (landing, certain) =
+                short::landing(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
+            stages.put_landing(n, &landing);
+            if L::any(!certain) {
+                search_for::<L>(columns, grazing, stages, n, certain, register.0);
+            }
+        }
+        for (n, register) in registers.iter().enumerate().take(lows).skip(shorts) {
+            let (landing, certain) = low::landing(
+                &stages.track::<L>(n),
+                &stages.launch(n),
+                &stages.stretch(n),
+                stages.close(n),
+            );
+            stages.put_landing(n, &landing);
+            if L::any(!certain) {
+                search_for::<L>(columns, grazing, stages, n, certain, register.0);
+            }
+        }
+        for (n, &register) in registers[..count].iter().enumerate() {
+            let (lanes, _) = register;
+            let restitution: L = columns.restitution(lanes);
+            let landing = stages.landing::<L>(n);
+            let after = Launch::new(landing.phase, restitution * landing.arrival);
+            columns.land(lanes, landing.flight, &after);
+            next.sort(resting, &stages.track(n), restitution, &after, register);
+        }
+    }
+}
+
+/// The first stage of register `n`.
+#[inline(always)]
+fn begin<L: Lane>(
+    columns: &Columns,
+    stages: &mut Stages,
+    kind: Kind,
+    n: usize,
+    lanes: [u8; WIDEST],
+) {
+    let launch = columns.launch::<L>(lanes);
+    let track = columns.track::<L>(lanes);
+    stages.put_launch(n, &launch);
+    stages.put_track(n, &track);
+    match kind {
+        Kind::Tall => stages.put_crossing(n, &tall::crossing(&track, &launch)),
+        Kind::Short => stages.put_close(n, short::guess(&track, &launch)),
+        Kind::Home => stages.put_stretch(n, &low::home(&track, &launch)),
+        Kind::Low => stages.put_stretch(n, &low::stretch(&track, &launch)),
+    }
+}
+
+/// The landings of those lanes of register `n` of which the closed forms are not certain.
+#[inline(always)]
+fn search_for<L: Lane>(
+    columns: &Columns,
+    grazing: &mut Set,
+    stages: &mut Stages,
+    n: usize,
+    certain: L::Mask,
+    lanes: [u8; WIDEST],
+) {
+    let certain = L::bits(certain);
+    for (m, lane) in lanes.into_iter().enumerate().take(L::WIDTH) {
+        if certain >> m & 1 == 0 {
+            let all = [lane; WIDEST];
+            let (landing, grazes) = search::landing(
+                &columns.track(all),
+                &columns.launch(all),
+                search::Envelope::Skip,
+            );
+            stages.replace_landing(n * L::WIDTH + m, &landing);
+            grazing.put(lane.into(), grazes);
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Which lanes: as a set, and in a queue.
+
+use super::LANES;
+use crate::arithmetic::lane::WIDEST;
+
+/// A yes or no for each lane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Set([u64; LANES / 64]);
+
+impl Set {
+    pub const EMPTY: Self = Self([0; LANES / 64]);
+
+    #[inline(always)]
+    pub fn contains(&self, lane: usize) -> bool {
+        self.0
+            .get(lane / 64)
+            .is_some_and(|word| word >> (lane % 64) & 1 == 1)
+    }
+
+    #[inline(always)]
+    pub fn put(&mut self, lane: usize, is_in: bool) {
+        if let Some(word) = self.0.get_mut(lane / 64) {
+            *word = *word & !(1 << (lane % 64)) | u64::from(is_in) << (lane % 64);
+        }
+    }
+
+    /// What is in this set and not in the other.
+    pub fn without(&self, other: &Self) -> Self {
+        let mut rest = *self;
+        for (word, other) in rest.0.iter_mut().zip(&other.0) {
+            *word &= !other;
+        }
+        rest
+    }
+
+    /// The `width` lanes from a multiple of it on, one bit each.
+    #[inline(always)]
+    pub fn bits(&self, at: usize, width: usize) -> u32 {
+        (self.0[at / 64] >> (at % 64)) as u32 & ((1 << width) - 1)
+    }
+
+    /// Adds lanes from `at` on, one bit each.
+    #[inline(always)]
+    pub fn add(&mut self, at: usize, bits: u32) {
+        self.0[at / 64] |= u64::from(bits) << (at % 64);
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = usize> + '_ {
+        self.0.iter().enumerate().flat_map(|(n, &word)| {
+            core::iter::successors(Some(word), |&rest| Some(rest & rest.wrapping_sub(1)))
+                .take_while(|&rest| rest != 0)
+                .map(move |rest| 64 * n + rest.trailing_zeros() as usize)
+        })
+    }
+}
+
+/// Lanes in a row, and room to fill the last register.
+#[derive(Clone, Debug)]
+pub(super) struct Queue {
+    lanes: [u8; LANES + WIDEST],
+    count: usize,
+}
+
+impl Queue {
+    pub const EMPTY: Self = Self {
+        lanes: [0; LANES + WIDEST],
+        count: 0,
+    };
+
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Adds the lane if it belongs in; without a branch, as no CPU predicts which does.
+    #[inline(always)]
+    pub fn push(&mut self, lane: u8, belongs: bool) {
+        if let Some(place) = self.lanes.get_mut(self.count) {
+            *place = lane;
+            self.count += usize::from(belongs);
+        }
+    }
+
+    /// Adds lanes from `at` on, one bit each.
+    #[inline(always)]
+    pub fn push_bits(&mut self, at: usize, bits: u32) {
+        let lanes = PLACES[bits as usize % PLACES.len()] + at as u64 * (u64::MAX / 255);
+        if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
+            places.copy_from_slice(&lanes.to_le_bytes());
+            self.count += bits.count_ones() as usize;
+        }
+    }
+
+    /// The lanes by registers of `width`, and how many of each register count; one that is not full
+    /// repeats its last lane, to the same result.
+    #[inline(always)]
+    pub fn registers(&mut self, width: usize) -> impl Iterator<Item = ([u8; WIDEST], usize)> + '_ {
+        let count = self.count.min(LANES);
+        let last = count.checked_sub(1).map_or(0, |last| self.lanes[last]);
+        self.lanes[count..count + WIDEST].fill(last);
+        (0..count).step_by(width).map(move |at| {
+            let mut lanes = [0; WIDEST];
+            lanes.copy_from_slice(&self.lanes[at..at + WIDEST]);
+            (lanes, width.min(count - at))
+        })
+    }
+}
+
+/// The places of the bits that are set in the index, lowest first, a byte each.
+const PLACES: [u64; 256] = {
+    let mut places = [0; 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let (mut place, mut count) = (0, 0);
+        while place < 8 {
+            if bits >> place & 1 == 1 {
+                places[bits] |= (place as u64) << (8 * count);
+                count += 1;
+            }
+            place += 1;
+        }
+        bits += 1;
+    }
+    places
+};
