@@ -82,14 +82,38 @@ pub(crate) static FIXED: [[i32; 2]; COUNT] = {
     table
 };
 
-/// What the cosine of [`FIXED`] lacks, steps of 2^-48.
-pub(crate) static COSINE_REST: [i32; COUNT] = {
-    let mut table = [0; COUNT];
+/// A node as the kernel with an FPU and a wide multiplier reads it.
+pub(crate) struct Fine {
+    /// Sine and cosine, nearest f32.
+    pub single: [f32; 2],
+    /// Sine and cosine, nearest step of 2^-30.
+    pub fixed: [i32; 2],
+    /// Cosine, nearest step of 2^-48.
+    pub cosine: i64,
+}
+
+/// Everything of one node side by side.
+pub(crate) static FINE: [Fine; COUNT] = {
+    let mut table = [const {
+        Fine {
+            single: [0.0; 2],
+            fixed: [0; 2],
+            cosine: 0,
+        }
+    }; COUNT];
     let mut j = 0;
     while j < COUNT {
-        let cosine = NODES[j][1].high;
-        let rest = cosine - fixed(cosine) as f64 / 1_073_741_824.0;
-        table[j] = (rest * 281_474_976_710_656.0) as i32;
+        let [sine, cosine] = [NODES[j][0].high, NODES[j][1].high];
+        let scaled = cosine * 281_474_976_710_656.0;
+        table[j] = Fine {
+            single: [sine as f32, cosine as f32],
+            fixed: [fixed(sine), fixed(cosine)],
+            cosine: if scaled < 0.0 {
+                (scaled - 0.5) as i64
+            } else {
+                (scaled + 0.5) as i64
+            },
+        };
         j += 1;
     }
     table

@@ -8,33 +8,20 @@ pub(crate) fn square_root_single(x: f32) -> f32 {
 }
 
 /// Square root in f32, correctly rounded; NaN below 0.
+///
+/// `core` has no square root on stable Rust, `libm::sqrtf` is software here (about 70 instructions), and
+/// `asm!` refuses FPU registers for this target (rust-lang/rust#159976). The compiler knows C's `sqrtf`:
+/// it puts the FPU's instruction in its place and calls it for a NaN alone.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 #[inline(always)]
 pub(crate) fn square_root_single(x: f32) -> f32 {
-    // SAFETY: the function below takes and returns its f32 in s0 as the hard-float convention says,
-    // touches nothing else and is total.
-    unsafe { kband_square_root_single(x) }
+    // SAFETY: C's function, total and pure; the compiler's own library has it for this target.
+    unsafe { sqrtf(x) }
 }
-
-// `core` has no square root on stable Rust, `libm::sqrtf` is software here (about 70 instructions),
-// and `asm!` refuses FPU registers for this target (rust-lang/rust#159976).
-#[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
-core::arch::global_asm!(
-    ".section .text.kband_square_root_single,\"ax\",%progbits",
-    ".syntax unified",
-    ".thumb",
-    ".fpu fpv4-sp-d16",
-    ".global kband_square_root_single",
-    ".type kband_square_root_single,%function",
-    ".thumb_func",
-    "kband_square_root_single:",
-    "vsqrt.f32 s0, s0",
-    "bx lr",
-);
 
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 unsafe extern "C" {
-    fn kband_square_root_single(x: f32) -> f32;
+    fn sqrtf(x: f32) -> f32;
 }
 
 /// Square root in f64, correctly rounded; NaN below 0.

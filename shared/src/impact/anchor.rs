@@ -26,6 +26,8 @@ pub(crate) const PER_STEP: f32 = (4_294_967_296.0 / TAU) as f32;
 const TURN: f32 = TAU as f32;
 /// A turn in steps of a phase.
 const WHOLE: i64 = 1 << 32;
+/// No start near launch is farther, in rad: there the cubic does not tell.
+const FAR: f32 = 4.0;
 /// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer, which then stands in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
@@ -54,6 +56,13 @@ impl SetUp {
             "0..1",
         )?;
         Ok(Self::new(k))
+    }
+
+    /// The least square of the speed at height 0 of a high flight, with what rounding may take: from
+    /// there on the speed at every height h is above `sqrt(1 - h^2)`, the track's.
+    pub fn high(&self) -> f64 {
+        let k = self.k;
+        0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k }
     }
 
     fn new(k: f64) -> Self {
@@ -87,12 +96,16 @@ pub(crate) struct Shape {
     hump_length: f32,
     /// The least square of the speed at height 0 of a high flight.
     high: f32,
+    /// The steepest slope down to a hump's entry from which its near side is told by the cubic.
+    skim: f32,
     pub entry: u32,
     pub hump: u32,
 }
 
 impl Shape {
     pub fn new(set_up: &SetUp) -> Self {
+        // How far into a hump the cubic of [`Shape::clears`] holds.
+        let reach = (0.48 * set_up.flank / set_up.k).min(1.26);
         Self {
             k: set_up.k as f32,
             half_k: (0.5 * set_up.k) as f32,
@@ -100,8 +113,8 @@ impl Shape {
             excess: (set_up.k - 1.0).max(0.0) as f32,
             flank: set_up.flank as f32,
             hump_length: (f64::from(set_up.hump) * (TAU / 4_294_967_296.0)) as f32,
-            // 1 for the track, and what rounding may take.
-            high: (2.0 * set_up.k + 1.01) as f32,
+            high: set_up.high() as f32,
+            skim: (0.4 * set_up.flank * reach * reach) as f32,
             entry: set_up.entry.bits(),
             hump: set_up.hump,
         }
@@ -111,6 +124,35 @@ impl Shape {
     #[inline(always)]
     pub fn throws(&self, phase: u32) -> bool {
         phase.wrapping_sub(self.entry) < self.hump
+    }
+
+    /// Whether a down-crossing `steps` after launch at `phase` comes before the end of the next hump, and
+    /// not so soon that it may be launch itself or is settled with more digits as a short hop.
+    #[inline(always)]
+    pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
+        let to_entry = self.entry.wrapping_sub(phase).wrapping_sub(1);
+        steps >= (0.8 * F::SHORT * PER_STEP) as i64
+            && steps <= i64::from(to_entry) + i64::from(self.hump)
+    }
+
+    /// Whether a down-crossing `steps` after launch comes before the hump after the next one, and the flight
+    /// clears the next one.
+    ///
+    /// From its entry, where `u` has the height `h` and falls at `p`, `u` is above `h - p x + f x^3 / 6`
+    /// with `f = 0.8 flank`, as far as `k x / (4 flank) + x^2 / 20 <= 0.2`. The least of that, at
+    /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; from there on `u` rises.
+    #[inline(never)]
+    pub fn clears(&self, launch: &Launch, steps: i64) -> bool {
+        let to_entry = self.entry.wrapping_sub(launch.phase).wrapping_sub(1);
+        let x = to_entry as f32 * STEP;
+        let v = launch.velocity + launch.cosine;
+        let height = x * (v - self.half_k * x) - launch.pull - 1e-4;
+        let fall = larger(self.flank + self.k * x - v, 0.0) + 1e-5;
+        height > 0.0
+            && fall < self.skim
+            && 0.8 * self.flank * height * height > (8.0 / 9.0) * fall * fall * fall
+            && steps > 0
+            && steps <= i64::from(to_entry) + WHOLE
     }
 
     /// `k - sin` where the difference of the rounded ones is small: by the distance from the nearer end
@@ -168,9 +210,19 @@ pub(crate) trait Flight {
     const DRIFT: f32;
     /// Rounding of the pull.
     const PULL: f32;
-    /// Householder's step that ends the fall of a high flight, in rad.
+    /// Where an approach begins.
+    #[inline(always)]
+    fn node_of(phase: u32, x: f32) -> (i32, f32) {
+        node_of(phase, x)
+    }
+    /// The step at which an approach ends, in rad.
     const LEAP: f32;
-    /// The last correction of a settled impact that leaves an error within rounding, in rad.
+    /// An arrival at less than this speed may be a graze within rounding.
+    const SLOW: f32;
+    /// Whether the end of an approach is the impact, as near as the kernel can tell.
+    const FINAL: bool;
+    /// The last correction of a settled impact that leaves an error within rounding, in rad at an arrival
+    /// speed of 1.
     const NEAR: f32;
 }
 
@@ -233,6 +285,15 @@ fn node_of(phase: u32, x: f32) -> (i32, f32) {
     (node, angle - count * SPACING)
 }
 
+/// As [`node_of`], from the node nearest to the phase: the angle from there keeps its digits.
+#[inline(always)]
+pub(crate) fn node_from_near(phase: u32, x: f32) -> (i32, f32) {
+    let first = ((phase >> 23) + 1) >> 1;
+    let angle = phase.wrapping_sub(first << 24) as i32 as f32 * STEP + x;
+    let (jump, count) = nearest(angle * PER_RADIAN);
+    (first as i32 + jump, angle - count * SPACING)
+}
+
 #[inline(always)]
 fn sine_cosine_at(node: i32) -> (f32, f32) {
     let [sine, cosine] = node::SINGLE[(node & 255) as usize];
@@ -242,72 +303,236 @@ fn sine_cosine_at(node: i32) -> (f32, f32) {
 /// The impact of a high flight, nearly: node and offset; `None` where the flight is not high or the
 /// steps do not converge soon.
 ///
-/// High is a flight that leaves height 1 faster than the track can follow, until it comes down through
-/// it again at the same speed: the first impact is the only one after that. The square of the speed at
-/// height 1 is `v^2 - 2 k (1 - sin)`, that of the track at most 1. From the time the parabola crosses
-/// height 0, Householder's third-order step on nodes until it is short.
+/// High is a flight that passes every height h of the track faster than the track ever does there, which
+/// is at most `sqrt(1 - h^2)`: on the rise it cannot meet the track, on the fall it crosses it once. The
+/// square of its speed, `v^2 + 2 k (sin - h)`, is above `1 - h^2` for all of them where that at height 0
+/// is above `1 + k^2`, or `2 k` where k >= 1.
 #[inline(always)]
-pub(crate) fn fall<F: Flight>(shape: &Shape, launch: &Launch) -> Option<(i32, f32)> {
+pub(crate) fn fall<F: Flight>(shape: &Shape, launch: &Launch) -> Option<Approach> {
     let rise = launch.velocity + launch.cosine;
     let square = rise * rise + 2.0 * shape.k * launch.sine;
     if !(rise > 0.0 && square >= shape.high) {
         return None;
     }
     let speed = square_root_single(square);
-    let (mut node, mut offset) = node_of(launch.phase, (rise + speed) * shape.inverse);
-    // Time of the node after the crossing.
-    let mut late = -offset;
+    let x = (rise + speed) * shape.inverse;
+    let (node, offset) = F::node_of(launch.phase, x);
+    approach::<F>(shape, node, -offset, speed, 0.0)
+}
+
+/// The last of some steps on nodes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Approach {
+    /// Where it started.
+    pub node: i32,
+    /// Its length, rad.
+    pub step: f32,
+    /// Speed downwards against the track at that node, half the rate at which it grows, sine and cosine.
+    speed: f32,
+    gain: f32,
+    sine: f32,
+    cosine: f32,
+    /// The node nearest to where it ends and the distance from there.
+    pub end: (i32, f32),
+}
+
+impl Approach {
+    /// Arrival speed where it ends, near to its node.
+    #[inline(always)]
+    pub fn arrival(&self) -> f32 {
+        let bend = 0.5 * self.cosine - self.sine * (1.0 / 6.0) * self.step;
+        self.speed + self.step * (self.gain + self.gain - bend * self.step)
+    }
+}
+
+/// Householder's third-order step on nodes until it is short: from a node `late` after the part was at
+/// height `base`, going down at `speed`.
+#[inline(always)]
+fn approach<F: Flight>(
+    shape: &Shape,
+    mut node: i32,
+    mut late: f32,
+    speed: f32,
+    base: f32,
+) -> Option<Approach> {
     for _ in 0..6 {
         let (sine, cosine) = sine_cosine_at(node);
-        let u0 = late * (speed + shape.half_k * late) + sine;
+        let u0 = late * (speed + shape.half_k * late) + (sine - base);
         let u1 = speed + shape.k * late + cosine;
         let b2 = 0.5 * (shape.k - sine);
         let square = u1 * u1;
         let product = b2 * u0;
         let step = householder(u0, u1, square, product, -cosine);
         let (jump, count) = nearest(step * PER_RADIAN);
-        offset = step - count * SPACING;
-        node = node.wrapping_add(jump);
-        if abs(step) < F::LEAP {
-            return Some((node, offset));
+        let next = node.wrapping_add(jump);
+        // Householder's step is short as well where it leads to no root, but not Newton's. The steps may
+        // have led back to launch, where the part rises over the track.
+        let ends = if F::FINAL {
+            abs(u0) < F::LEAP * (u1 - F::SLOW) && abs(product) < 0.1 * square
+        } else {
+            abs(step) < F::LEAP
+        };
+        if ends {
+            return Some(Approach {
+                node,
+                step,
+                speed: u1,
+                gain: b2,
+                sine,
+                cosine,
+                end: (next, step - count * SPACING),
+            });
         }
+        node = next;
         late += count * SPACING;
     }
     None
 }
 
+/// Where the first impact of a low flight may be.
+pub(crate) enum Candidate {
+    /// A short hop: flight in rad and arrival speed, final.
+    Hop { flight: f32, arrival: f32 },
+    /// Near `offset` rad from a node, if a down-crossing there is the first.
+    Near { node: i32, offset: f32 },
+    /// At the end of an approach that is [`Flight::FINAL`], if that is the first.
+    Final(Approach),
+    /// Nowhere that is told so quickly.
+    Unknown,
+}
+
+/// A candidate from the flight near launch or the fall of the parabola.
+///
+/// Up to the end of the next hump a down-crossing is the first impact: it may lie in that hump, where `u`
+/// is convex and so above it from the entry on, and where `u` is above 0 at the entry it is above 0 on
+/// the concave stretch from launch; or it lies on that stretch, which it ends. From within a hump `u`
+/// rises to the stretch. See [`Shape::ends`].
+#[inline(always)]
+pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate {
+    let Launch {
+        velocity,
+        sine,
+        cosine,
+        pull,
+        ..
+    } = *launch;
+    // u/d = psi - a1 d + a2 d^2 - sin d^3 / 24 - cos d^4 / 120 + sin d^5 / 720 + ...
+    let a1 = 0.5 * pull;
+    let a2 = cosine * (1.0 / 6.0);
+    let discriminant = a1 * a1 - 4.0 * a2 * velocity;
+    let mut near = FAR;
+    // Below the lower bound it clears the coming hump, or nearly so.
+    let square = a1 * a1;
+    if a1 > 0.0 && discriminant > -0.06 * square {
+        let slope = root(discriminant);
+        near = 2.0 * velocity / (a1 + slope);
+        if near < F::SHORT {
+            if discriminant < 0.2 * square || sine > 0.96 && near_top::<F>(launch) {
+                return Candidate::Unknown;
+            }
+            let (flight, arrival) = hop(launch, near);
+            return Candidate::Hop { flight, arrival };
+        }
+        if near < 1.0 && discriminant > 0.02 * square {
+            let z = near * near;
+            let third = cosine * near;
+            let over = sine * (1.0 / 24.0 - z * (1.0 / 720.0)) + third * (1.0 / 120.0);
+            let steeper = slope + z * (sine * (1.0 / 8.0) + third * (1.0 / 30.0));
+            let inverse = 1.0 / steeper;
+            let newton = z * near * over * inverse;
+            let bend = (a2 - sine * (1.0 / 8.0) * near) * inverse;
+            near -= newton * (1.0 - newton * bend);
+            if !F::FINAL {
+                let (node, offset) = F::node_of(launch.phase, near);
+                return Candidate::Near { node, offset };
+            }
+        }
+    } else if a1 <= 0.0 && a2 < 0.0 {
+        near = (a1 - square_root_single(discriminant)) / (a2 + a2);
+        if near < F::SHORT {
+            return Candidate::Unknown;
+        }
+    }
+    let rise = velocity + cosine;
+    let (mut speed, mut origin, mut base) = (-rise, 0.0, sine);
+    if near >= FAR {
+        let square = rise * rise + 2.0 * shape.k * sine;
+        if !(rise > 0.0 && square > 0.1) {
+            return Candidate::Unknown;
+        }
+        speed = square_root_single(square);
+        origin = (rise + speed) * shape.inverse;
+        near = origin;
+        base = 0.0;
+    }
+    let (node, offset) = F::node_of(launch.phase, near);
+    match approach::<F>(shape, node, (near - origin) - offset, speed, base) {
+        Some(approach) if F::FINAL => Candidate::Final(approach),
+        Some(approach) => {
+            let (node, offset) = approach.end;
+            Candidate::Near { node, offset }
+        }
+        None => Candidate::Unknown,
+    }
+}
+
+/// Whether the cubic does not tell a short hop: pull and cosine vanish together at the top of the track
+/// with k near 1.
+#[inline(always)]
+fn near_top<F: Flight>(launch: &Launch) -> bool {
+    abs(launch.cosine) < F::SHORT && abs(launch.pull) < 0.3 * F::SHORT * F::SHORT
+}
+
 /// Height and slope gained over `d` from a node, and half the curvature there.
 #[inline(always)]
 fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
-    let z = d * d;
-    let versine = z * (0.5 - z * (1.0 / 24.0));
-    let sagitta = d * z * (1.0 / 6.0);
-    let arc = d - sagitta;
     let Local {
         height,
         slope,
         sine,
         cosine,
     } = *local;
+    let curvature = sine - k;
+    let third = cosine * d;
+    let fourth = sine * d * d;
+    let b2 = 0.5 * curvature + 0.5 * third;
     (
-        height + (d * (slope - 0.5 * k * d) + (sine * versine + cosine * sagitta)),
-        (sine * arc + cosine * versine) - k * d,
-        0.5 * (sine + cosine * arc - k),
+        height + d * (slope + d * (0.5 * curvature + third * (1.0 / 6.0) - fourth * (1.0 / 24.0))),
+        d * (curvature + 0.5 * third - fourth * (1.0 / 6.0)),
+        b2,
     )
 }
 
-/// A simple root from `offset` near a node by a Newton step with its quadratic correction; `None` where
-/// that is not near enough.
+/// A simple root from `offset` near a node by Newton steps with their quadratic correction, the second
+/// only where the first is not enough; `None` where that is not either, or at no down-crossing (the steps
+/// may have led back to launch), or at one so slow that it may be a graze.
 #[inline(always)]
 pub(crate) fn settle<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> Option<Settled> {
+    let (settled, left) = settle_once::<F>(shape, local, offset);
+    if left < 0.0 {
+        return Some(settled);
+    }
+    // So near to the node the expansion holds.
+    if abs(settled.offset) < 0.03 {
+        let (settled, left) = settle_once::<F>(shape, local, settled.offset);
+        return (left < 0.0).then_some(settled);
+    }
+    None
+}
+
+/// One step; and a value below 0 where it is enough.
+#[inline(always)]
+fn settle_once<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> (Settled, f32) {
     let (height, gain, b2) = expand(shape.k, local, offset);
-    let inverse = 1.0 / (local.slope + gain);
+    let slope = local.slope + gain;
+    let inverse = 1.0 / slope;
     let newton = height * inverse;
+    let e = -newton * (1.0 + b2 * newton * inverse);
     // What is left is about 2 (b2 newton / slope)^2 newton.
-    (abs(newton) < F::NEAR).then(|| {
-        let e = -newton * (1.0 + b2 * newton * inverse);
-        finished(local, offset, gain, b2, e)
-    })
+    (
+        finished(local, offset, gain, b2, e),
+        abs(newton) + F::NEAR * (slope + F::SLOW),
+    )
 }
 
 /// The state after the last step `e`.
@@ -336,7 +561,7 @@ fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 #[inline(never)]
 pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> (Settled, bool) {
     // The search came nearer than this, but where three roots nearly meet within rounding.
-    const FAR: f32 = 0.02;
+    const LONGEST: f32 = 0.02;
     let mut doubtful = false;
     let mut round = 0;
     loop {
@@ -355,8 +580,8 @@ pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> 
                 e += cubic;
             }
         }
-        if abs(e) > FAR {
-            e = smaller(larger(e, -FAR), FAR);
+        if abs(e) > LONGEST {
+            e = smaller(larger(e, -LONGEST), LONGEST);
             doubtful = true;
         }
         round += 1;
@@ -401,9 +626,9 @@ enum Start {
 }
 
 #[inline(always)]
-fn start(launch: &Launch, limit: f32, rounding: f32) -> Start {
-    // At the top of the track with k near 1, pull and cosine vanish together.
-    if launch.sine > 0.96 && abs(launch.cosine) < limit && abs(launch.pull) < 0.3 * limit * limit {
+fn start<F: Flight>(launch: &Launch) -> Start {
+    let (limit, rounding) = (F::SHORT, F::PULL);
+    if launch.sine > 0.96 && near_top::<F>(launch) {
         return flat_start(*launch, limit, rounding);
     }
     // u/d = psi - a1 d + a2 d^2 - ...
@@ -507,7 +732,7 @@ fn double_start(launch: Launch, a1: f32, a2: f32, rounding: f32) -> Start {
 
 /// A short hop from its start `x`: third-order steps on `u/d`.
 #[inline(always)]
-fn hop(launch: &Launch, mut x: f32) -> Found {
+fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
     let mut round = 0;
     loop {
         let (w, w1) = deflated(launch, x);
@@ -523,10 +748,7 @@ fn hop(launch: &Launch, mut x: f32) -> Found {
         if abs(e) <= 4e-3 * x || round >= 6 {
             // At the root u' = d w'; w'' = 2 b2 carries w' over the last step.
             let flight = x + e;
-            return Found::Short {
-                flight,
-                arrival: larger(-flight * (w1 + 2.0 * b2 * e), 0.0),
-            };
+            return (flight, larger(-flight * (w1 + 2.0 * b2 * e), 0.0));
         }
         x += e;
     }
@@ -543,12 +765,13 @@ struct Bracket {
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
 pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
-    let first = start(launch, F::SHORT, F::PULL);
+    let first = start::<F>(launch);
     let (mut guess, mut clears, mut skims) = (0.0, false, false);
     match first {
         Start::Hop { near, grazes } if near > 0.0 => {
             if near < F::SHORT {
-                return (hop(launch, near), grazes);
+                let (flight, arrival) = hop(launch, near);
+                return (Found::Short { flight, arrival }, grazes);
             }
             guess = near;
         }

@@ -1,12 +1,13 @@
 //! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
 
 use super::anchor::{
-    Flight, Found, Launch, Local, PER_STEP, SetUp, Settled, Shape, fall, search, settle,
-    settle_carefully,
+    Candidate, Flight, Found, Launch, Local, PER_STEP, SetUp, Settled, Shape, candidate, fall,
+    search, settle, settle_carefully,
 };
 use super::{Impact, Kernel, Landing, State};
+use crate::arithmetic::node::{self, Fine};
 use crate::arithmetic::trigonometry::sine_cosine_fine;
-use crate::arithmetic::{Phase, Velocity, node};
+use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
 
 /// A state of [`Hybrid`] and of the integer kernel: 8 bytes.
@@ -43,8 +44,8 @@ impl HybridState {
 /// | launches within 0.1 rad of lift-off | 7e-10 | 2.4e-8 | 6.3e-6 | 4.4e-8 |
 ///
 /// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
-/// hump, at any flight time; nearer it is flagged. About 360 instructions an
-/// impact on a Cortex-M4F, at most 480 on any locked or chaotic orbit tried.
+/// hump, at any flight time; nearer it is flagged. About 320 instructions an
+/// impact on a Cortex-M4F, at most 446 on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
 /// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it, and a
@@ -70,7 +71,7 @@ const PER_30: f32 = 1.0 / 1_073_741_824.0;
 const PER_26: f32 = 1.0 / 67_108_864.0;
 const PER_24: f32 = 1.0 / 16_777_216.0;
 /// 2 pi, steps of 2^-28.
-const TURN: i64 = 1_686_629_713;
+const TURN: i32 = 1_686_629_713;
 
 impl Hybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
@@ -78,7 +79,7 @@ impl Hybrid {
     #[inline]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
         let state = state.held_below(TOP_BITS);
-        let (sine, cosine, fine) = sine_cosine_fine(state.phase);
+        let (sine, fine) = sine_cosine_fine(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
             kernel: self,
@@ -90,13 +91,15 @@ impl Hybrid {
             phase,
             velocity: state.velocity.bits() as f32 * PER_26,
             sine: sine as f32 * PER_30,
-            cosine: cosine as f32 * PER_30,
+            cosine: (fine >> 18) as i32 as f32 * PER_30,
             pull: 0.0,
         };
-        if let Some((node, offset)) = fall::<Ballistic<'_>>(&self.shape, &launch) {
+        if let Some(approach) = fall::<Ballistic<'_>>(&self.shape, &launch) {
+            let (node, offset) = approach.end;
             let (local, slope) = flight.exact(node);
             if let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset) {
-                return self.impact_at(&flight, node, slope, settled, false);
+                let steps = steps_at(&flight, node, &settled);
+                return self.landing(phase, steps, speed(&settled, slope), false);
             }
         }
         let throws = self.shape.throws(phase);
@@ -111,25 +114,50 @@ impl Hybrid {
         let pull = self.threshold.saturating_sub(sine);
         let pull = if throws { pull.min(-1) } else { pull.max(1) };
         launch.pull = pull as f32 * PER_30 + self.excess;
-        self.low(flight, launch)
+        self.low(&flight, &launch)
+    }
+
+    #[inline(never)]
+    fn low(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
+        match candidate::<Ballistic<'_>>(&self.shape, launch) {
+            Candidate::Hop { flight, arrival } => return self.hop(launch, flight, arrival, false),
+            Candidate::Near { node, offset } => {
+                let (local, slope) = flight.exact(node);
+                if let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset) {
+                    let steps = steps_at(flight, node, &settled);
+                    if self.shape.ends::<Ballistic<'_>>(flight.phase, steps)
+                        || self.shape.clears(launch, steps)
+                    {
+                        return self.landing(flight.phase, steps, speed(&settled, slope), false);
+                    }
+                }
+            }
+            Candidate::Final(_) | Candidate::Unknown => {}
+        }
+        self.searched(*flight, *launch)
     }
 
     #[inline(always)]
-    fn low(&self, flight: Ballistic<'_>, launch: Launch) -> Landing<HybridState> {
+    fn hop(
+        &self,
+        launch: &Launch,
+        flight: f32,
+        arrival: f32,
+        grazes: bool,
+    ) -> Landing<HybridState> {
+        let steps = (flight * PER_STEP) as u32;
+        let speed = (arrival * 67_108_864.0) as u32;
+        self.landing(launch.phase, i64::from(steps), speed, grazes)
+    }
+
+    #[inline(never)]
+    fn searched(&self, flight: Ballistic<'_>, launch: Launch) -> Landing<HybridState> {
         let (found, grazes) = search(&self.shape, &launch, &flight);
         match found {
             Found::Short {
                 flight: time,
                 arrival,
-            } => {
-                let steps = (time * PER_STEP) as u32;
-                self.landing(
-                    flight.phase,
-                    i64::from(steps),
-                    (arrival * 67_108_864.0) as u32,
-                    grazes,
-                )
-            }
+            } => self.hop(&launch, time, arrival, grazes),
             Found::Near {
                 node,
                 offset,
@@ -163,25 +191,18 @@ impl Hybrid {
         settled: Settled,
         grazes: bool,
     ) -> Landing<HybridState> {
-        let steps = flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32);
-        let gain = (settled.speed_gain * 67_108_864.0) as i32;
-        self.landing(
-            flight.phase,
-            steps,
-            (gain as u32).wrapping_sub(slope),
-            grazes,
-        )
+        let speed = speed(&settled, slope);
+        let steps = steps_at(flight, node, &settled);
+        // No arrival is so fast: it was rounded below 0 at a graze.
+        if speed > FASTEST {
+            return self.landing(flight.phase, steps, 0, true);
+        }
+        self.landing(flight.phase, steps, speed, grazes)
     }
 
     /// The state after an impact at `speed`, steps of 2^-26.
     #[inline(always)]
     fn landing(&self, phase: u32, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
-        // No arrival is so fast: it was rounded below 0 at a graze.
-        let (speed, grazes) = if speed > FASTEST {
-            (0, true)
-        } else {
-            (speed, grazes)
-        };
         let product = u64::from(speed) * u64::from(self.restitution) + (1 << 31);
         let velocity = (product >> 32) as u32;
         Landing {
@@ -193,6 +214,17 @@ impl Hybrid {
             grazes,
         }
     }
+}
+
+/// Arrival speed, steps of 2^-26, above [`FASTEST`] for one below 0.
+#[inline(always)]
+fn speed(settled: &Settled, slope: u32) -> u32 {
+    ((settled.speed_gain * 67_108_864.0) as i32 as u32).wrapping_sub(slope)
+}
+
+#[inline(always)]
+fn steps_at(flight: &Ballistic<'_>, node: i32, settled: &Settled) -> i64 {
+    flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32)
 }
 
 /// A flight in integers.
@@ -220,22 +252,26 @@ impl Ballistic<'_> {
         (mean, mean.wrapping_sub(fall))
     }
 
-    /// The flight at a node, with its slope in steps of 2^-26 modulo 2^32.
+    /// The flight at a node, with its slope downwards in steps of 2^-26 modulo 2^32.
     #[inline(always)]
     fn exact(&self, node: i32) -> (Local, u32) {
         let steps = self.steps_to(node);
         let (mean, velocity) = self.velocities(steps);
         // Near an impact the height is within 2, so that only these bits of it matter.
         let turns = (product_32(steps, mean) >> 16) as i32;
-        let rise = ((i64::from(turns) * TURN) >> 30) as i32;
-        let [sine, cosine] = node::FIXED[(node & 255) as usize];
-        let slope = velocity.wrapping_sub(i64::from(cosine) << 18);
+        let rise = ((i64::from(turns) * i64::from(TURN)) >> 30) as i32;
+        let Fine {
+            single,
+            fixed,
+            cosine,
+        } = &node::FINE[(node & 255) as usize];
+        let slope = velocity.wrapping_sub(*cosine);
         (
             Local {
-                height: rise.wrapping_add(self.sine).wrapping_sub(sine) as f32 * PER_30,
+                height: rise.wrapping_add(self.sine).wrapping_sub(fixed[0]) as f32 * PER_30,
                 slope: (slope >> 24) as i32 as f32 * PER_24,
-                sine: sine as f32 * PER_30,
-                cosine: cosine as f32 * PER_30,
+                sine: single[0],
+                cosine: single[1],
             },
             (slope >> 22) as u32,
         )
@@ -245,16 +281,24 @@ impl Ballistic<'_> {
 /// `a b / 2^32`, modulo 2^64.
 #[inline(always)]
 fn product_32(a: i64, b: i64) -> i64 {
-    let (low, high) = (a as u32, a >> 32);
-    let product = (u64::from(low) * u64::from(b as u32)) >> 32;
-    (product as i64)
-        .wrapping_add(i64::from(low).wrapping_mul(b >> 32))
-        .wrapping_add(high.wrapping_mul(b))
+    let (a_low, a_high) = (a as u32, (a >> 32) as u32);
+    let (b_low, b_high) = (b as u32, (b >> 32) as u32);
+    let product = |a: u32, b: u32| u64::from(a) * u64::from(b);
+    let sum = ((product(a_low, b_low) >> 32) + product(a_low, b_high))
+        .wrapping_add(product(a_high, b_low));
+    // The upper halves are signed.
+    let signs = (b_low & (a >> 63) as u32).wrapping_add(a_low & (b >> 63) as u32);
+    let high = ((sum >> 32) as u32)
+        .wrapping_add(a_high.wrapping_mul(b_high))
+        .wrapping_sub(signs);
+    (u64::from(high) << 32 | u64::from(sum as u32)) as i64
 }
 
 impl Flight for Ballistic<'_> {
     const SHORT: f32 = 0.06;
     const LEAP: f32 = 0.25;
+    const SLOW: f32 = 1e-3;
+    const FINAL: bool = false;
     const NEAR: f32 = 1e-3;
     const PULL: f32 = 2e-9;
     const ROUNDING: f32 = 1e-8;
@@ -271,7 +315,7 @@ impl Flight for Ballistic<'_> {
             -2.0
         } else {
             // 2 pi in steps of 2^-28, to steps of 2^-26.
-            let coarse = ((turns * TURN) >> 34) as i32 + (self.sine >> 4);
+            let coarse = ((turns * i64::from(TURN)) >> 34) as i32 + (self.sine >> 4);
             let coarse = (coarse as f32) * PER_26 - local.sine;
             if !(-1.9..=1.9).contains(&coarse) {
                 coarse
@@ -285,7 +329,7 @@ impl Flight for Ballistic<'_> {
     #[inline(never)]
     fn above_k(&self, steps: i64, _: f32) -> f32 {
         let turns = (product_32(steps, self.velocities(steps).0) >> 16) as i32;
-        let rise = ((i64::from(turns) * TURN) >> 30) as i32;
+        let rise = ((i64::from(turns) * i64::from(TURN)) >> 30) as i32;
         // Within rounding of k, far from the ends of i32.
         rise.wrapping_add(self.sine)
             .wrapping_sub(self.kernel.threshold) as f32

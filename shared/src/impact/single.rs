@@ -1,8 +1,8 @@
 //! The impact map in f32.
 
 use super::anchor::{
-    Flight, Found, Launch, Local, PER_STEP, STEP, SetUp, Settled, Shape, fall, larger, search,
-    settle, settle_carefully, smaller,
+    Approach, Candidate, Flight, Found, Launch, Local, PER_STEP, STEP, SetUp, Settled, Shape,
+    candidate, fall, larger, node_from_near, search, settle, settle_carefully, smaller,
 };
 use super::{Impact, Kernel, Landing, State};
 use crate::arithmetic::{Phase, node, sine_cosine_single};
@@ -29,7 +29,7 @@ pub struct SingleState {
 /// | 3e-7..3, logarithmic | 6e-9 | 2.6e-6 | 3.9e-4 | 6.9e-5 |
 ///
 /// The first impact is the right one down to a gap of 1e-5 over a hump (times the flight time, where
-/// that is above 1); nearer it is flagged. About 240 instructions an impact on a Cortex-M4F, at most 340
+/// that is above 1); nearer it is flagged. About 220 instructions an impact on a Cortex-M4F, at most 329
 /// on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
@@ -67,11 +67,9 @@ impl Single {
             cosine,
             pull: 0.0,
         };
-        if let Some((node, offset)) = fall::<Ballistic>(&self.shape, &launch) {
-            let local = flight.local(node);
-            if let Some(settled) = settle::<Ballistic>(&self.shape, &local, offset) {
-                return self.impact_at(phase, node, &local, settled, false);
-            }
+        if let Some(approach) = fall::<Ballistic>(&self.shape, &launch) {
+            let steps = steps_after(phase, &approach);
+            return self.landing(phase, steps, approach.arrival(), false);
         }
         let throws = self.shape.throws(phase);
         if state.velocity == 0.0 && !throws {
@@ -91,22 +89,46 @@ impl Single {
         } else {
             larger(pull, 1e-20)
         };
-        self.low(flight, launch)
+        self.low(&flight, &launch)
+    }
+
+    #[inline(never)]
+    fn low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
+        match candidate::<Ballistic>(&self.shape, launch) {
+            Candidate::Hop { flight, arrival } => return self.hop(launch, flight, arrival, false),
+            Candidate::Final(approach) => {
+                let steps = steps_after(flight.phase, &approach);
+                if self.shape.ends::<Ballistic>(flight.phase, steps)
+                    || self.shape.clears(launch, steps)
+                {
+                    return self.landing(flight.phase, steps, approach.arrival(), false);
+                }
+            }
+            Candidate::Near { .. } | Candidate::Unknown => {}
+        }
+        self.searched(*flight, *launch)
     }
 
     #[inline(always)]
-    fn low(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
+    fn hop(
+        &self,
+        launch: &Launch,
+        flight: f32,
+        arrival: f32,
+        grazes: bool,
+    ) -> Landing<SingleState> {
+        let steps = (flight * PER_STEP) as u32;
+        self.landing(launch.phase, i64::from(steps), arrival, grazes)
+    }
+
+    #[inline(never)]
+    fn searched(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
         let (found, grazes) = search(&self.shape, &launch, &flight);
         match found {
             Found::Short {
                 flight: time,
                 arrival,
-            } => self.landing(
-                flight.phase,
-                i64::from((time * PER_STEP) as u32),
-                arrival,
-                grazes,
-            ),
+            } => self.hop(&launch, time, arrival, grazes),
             Found::Near {
                 node,
                 offset,
@@ -161,6 +183,11 @@ fn steps_to(phase: u32, node: i32) -> i64 {
     (i64::from(node) << 24) - i64::from(phase)
 }
 
+#[inline(always)]
+fn steps_after(phase: u32, approach: &Approach) -> i64 {
+    steps_to(phase, approach.node) + i64::from((approach.step * PER_STEP) as i32)
+}
+
 /// A flight in f32.
 #[derive(Clone, Copy)]
 struct Ballistic {
@@ -172,11 +199,18 @@ struct Ballistic {
 
 impl Flight for Ballistic {
     const SHORT: f32 = 0.25;
-    const LEAP: f32 = 0.6;
+    const LEAP: f32 = 0.03;
+    const SLOW: f32 = 0.015;
+    const FINAL: bool = true;
     const NEAR: f32 = 5e-3;
     const PULL: f32 = 1.2e-7;
     const ROUNDING: f32 = 1e-5;
     const DRIFT: f32 = 1e-6;
+
+    #[inline(always)]
+    fn node_of(phase: u32, x: f32) -> (i32, f32) {
+        node_from_near(phase, x)
+    }
 
     #[inline(always)]
     fn local(&self, node: i32) -> Local {
