@@ -22,7 +22,7 @@ pub fn lines(turns: usize) -> Vec<Line> {
     else {
         return Vec::new();
     };
-    envelope.watch_way(false);
+    envelope.watch(false);
     let mut times = [Vec::new(), Vec::new()];
     let mut turn = |cycles: [usize; 2]| {
         let begun = Instant::now();
@@ -31,8 +31,9 @@ pub fn lines(turns: usize) -> Vec<Line> {
         }
         let between = Instant::now();
         for _ in 0..cycles[1] {
-            std::hint::black_box(envelope.cycle());
+            envelope.advance();
         }
+        std::hint::black_box(envelope.moment());
         [between - begun, between.elapsed()]
     };
     turn([SETTLED; 2]);

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use kband::control::{Controller, Planned};
+use kband::control::{Controller, Events, Planned, State};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 
 use crate::board::BoardLoop;
@@ -32,49 +32,109 @@ impl Fidelity {
     }
 }
 
+/// What every run takes of a cycle; the whole [`Moment`] is put together where it is asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Glance {
+    /// Time at the end of the cycle in s.
+    pub time: f64,
+    /// What the controller is doing.
+    pub state: State,
+    /// What happened.
+    pub events: Events,
+    /// Measured amplitude b in m.
+    pub amplitude: f32,
+    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    pub reference: f32,
+    /// Measured k.
+    pub k: f32,
+}
+
+impl Glance {
+    fn at(moment: &Moment) -> Self {
+        let report = &moment.report;
+        Self {
+            time: moment.time,
+            state: report.state,
+            events: report.events,
+            amplitude: report.amplitude,
+            reference: report.reference,
+            k: report.k,
+        }
+    }
+}
+
 /// A closed loop of a scene.
 pub(super) enum Engine<'a> {
     Envelope(Box<EnvelopeLoop>),
+    /// What gives its moment with each cycle, and that of the last one.
+    Whole(Whole<'a>, Option<Moment>),
+}
+
+/// A closed loop whose every cycle is a whole moment.
+pub(super) enum Whole<'a> {
     Waveform(Box<ClosedLoop>),
     Board(Box<BoardLoop>),
     /// What somebody else makes of the scene, and the impacts of the last cycle.
     Given(&'a mut dyn FnMut() -> (Moment, Vec<Strike>), Vec<Strike>),
 }
 
+impl<'a> From<Whole<'a>> for Engine<'a> {
+    fn from(whole: Whole<'a>) -> Self {
+        Self::Whole(whole, None)
+    }
+}
+
 impl Engine<'_> {
     pub fn build(scene: &Scene, fidelity: Fidelity) -> Result<Self, Refusal> {
         Ok(match fidelity {
             Fidelity::Envelope => Self::Envelope(Box::new(EnvelopeLoop::build(scene)?)),
-            Fidelity::Waveform => Self::Waveform(Box::new(ClosedLoop::build(scene)?)),
+            Fidelity::Waveform => Whole::Waveform(Box::new(ClosedLoop::build(scene)?)).into(),
         })
     }
 
     /// Runs to the end of the next drive cycle.
     #[inline]
-    pub fn cycle(&mut self) -> Result<Moment, Refusal> {
+    pub fn cycle(&mut self) -> Result<Glance, Refusal> {
         match self {
             Self::Envelope(closed) => {
                 Plans::share(closed.controller_mut());
-                Ok(closed.cycle())
+                closed.advance();
+                let controller = closed.controller();
+                let amplitude = controller.amplitude();
+                Ok(Glance {
+                    time: closed.plant().seconds(),
+                    state: controller.state(),
+                    events: controller.events(),
+                    amplitude,
+                    reference: controller.reference(),
+                    k: controller.k(amplitude),
+                })
             }
-            Self::Waveform(closed) => {
-                Plans::share(closed.controller_mut());
-                Ok(closed.cycle())
-            }
-            Self::Board(closed) => closed.cycle(),
-            Self::Given(cycle, strikes) => {
-                let moment;
-                (moment, *strikes) = cycle();
-                Ok(moment)
+            Self::Whole(closed, last) => {
+                let moment = closed.cycle(None)?;
+                *last = Some(moment);
+                Ok(Glance::at(&moment))
             }
         }
     }
 
     /// Runs to the end of the next drive cycle and shows every sample, where there are any.
-    pub fn cycle_shown(&mut self, show: &mut dyn FnMut(Sample)) -> Result<Moment, Refusal> {
+    pub fn cycle_shown(&mut self, show: &mut dyn FnMut(Sample)) -> Result<Glance, Refusal> {
         match self {
-            Self::Waveform(closed) => Ok(closed.cycle_shown(show)),
-            _ => self.cycle(),
+            Self::Envelope(_) => self.cycle(),
+            Self::Whole(closed, last) => {
+                let moment = closed.cycle(Some(show))?;
+                *last = Some(moment);
+                Ok(Glance::at(&moment))
+            }
+        }
+    }
+
+    /// The last cycle; `None` before the first.
+    pub fn moment(&self) -> Option<Moment> {
+        match self {
+            Self::Envelope(closed) => Some(closed.moment()),
+            Self::Whole(_, last) => *last,
         }
     }
 
@@ -82,16 +142,16 @@ impl Engine<'_> {
     pub fn strikes(&self) -> &[Strike] {
         match self {
             Self::Envelope(closed) => closed.plant().strikes(),
-            Self::Waveform(closed) => closed.plant().strikes(),
-            Self::Board(closed) => closed.plant().strikes(),
-            Self::Given(_, strikes) => strikes,
+            Self::Whole(Whole::Waveform(closed), _) => closed.plant().strikes(),
+            Self::Whole(Whole::Board(closed), _) => closed.plant().strikes(),
+            Self::Whole(Whole::Given(_, strikes), _) => strikes,
         }
     }
 
-    /// Whether the parts' way is watched from now on.
-    pub fn watch_way(&mut self, watched: bool) {
+    /// Whether that is watched from now on which only the moments tell.
+    pub fn watch(&mut self, watched: bool) {
         if let Self::Envelope(closed) = self {
-            closed.watch_way(watched);
+            closed.watch(watched);
         }
     }
 
@@ -99,8 +159,28 @@ impl Engine<'_> {
     pub fn keep_plan(&self) {
         match self {
             Self::Envelope(closed) => Plans::keep(closed.controller()),
-            Self::Waveform(closed) => Plans::keep(closed.controller()),
-            Self::Board(_) | Self::Given(..) => {}
+            Self::Whole(Whole::Waveform(closed), _) => Plans::keep(closed.controller()),
+            Self::Whole(..) => {}
+        }
+    }
+}
+
+impl Whole<'_> {
+    fn cycle(&mut self, show: Option<&mut dyn FnMut(Sample)>) -> Result<Moment, Refusal> {
+        match self {
+            Self::Waveform(closed) => {
+                Plans::share(closed.controller_mut());
+                Ok(match show {
+                    Some(show) => closed.cycle_shown(show),
+                    None => closed.cycle(),
+                })
+            }
+            Self::Board(closed) => closed.cycle(),
+            Self::Given(cycle, strikes) => {
+                let moment;
+                (moment, *strikes) = cycle();
+                Ok(moment)
+            }
         }
     }
 }

@@ -12,7 +12,7 @@ use kband::regime::band::BandError;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::{Band, Lock};
 
-use super::engine::{Engine, Fidelity};
+use super::engine::{Engine, Fidelity, Whole};
 use super::record::{END, HEARD, Happened, Record};
 use super::scene::SceneFile;
 use crate::board::{BoardLoop, Line};
@@ -91,8 +91,8 @@ impl Outcome {
         file: &SceneFile,
         mut cycle: impl FnMut() -> (Moment, Vec<Strike>),
     ) -> Result<Self, Refusal> {
-        let engine = Engine::Given(&mut cycle, Vec::new());
-        Self::gather(file, engine, Watch::KEPT, &mut |_| Ok(()))
+        let given = Whole::Given(&mut cycle, Vec::new());
+        Self::gather(file, given.into(), Watch::KEPT, &mut |_| Ok(()))
     }
 
     /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
@@ -103,7 +103,7 @@ impl Outcome {
         desk: &Desk,
     ) -> Result<Self, Refusal> {
         let board = BoardLoop::start(line, &file.scene)?;
-        Self::shown(file, Engine::Board(Box::new(board)), watch, desk)
+        Self::shown(file, Whole::Board(Box::new(board)).into(), watch, desk)
     }
 
     fn shown(
@@ -135,9 +135,9 @@ impl Outcome {
     ) -> Result<Self, Refusal> {
         let cycles = cycles(file);
         let mut record = Record::new(file.duration, cycles, &watch);
-        // Who takes every cycle takes the way along the track; else only its speed at the end is told.
+        // Who takes every cycle takes all of it; else only what it comes to at the end is told.
         let mut watched = watch.cycle.is_some() || watch.kept;
-        engine.watch_way(watched);
+        engine.watch(watched);
         let began = Instant::now();
         let mut time = 0.0;
         for n in 0..cycles {
@@ -146,27 +146,27 @@ impl Outcome {
             }
             if !watched && record.ends(time) {
                 watched = true;
-                engine.watch_way(true);
+                engine.watch(true);
             }
-            let moment = match &mut watch.sample {
+            let glance = match &mut watch.sample {
                 Some(take) if n + SCOPED >= cycles => {
                     let mut taken = Ok(());
-                    let moment = engine.cycle_shown(&mut |sample| {
+                    let glance = engine.cycle_shown(&mut |sample| {
                         if taken.is_ok() {
                             taken = take(&sample);
                         }
                     })?;
                     taken?;
-                    moment
+                    glance
                 }
                 _ => engine.cycle()?,
             };
-            time = moment.time;
-            record.take(&moment, engine.strikes());
-            if let Some(take) = &mut watch.cycle {
+            time = glance.time;
+            record.take(&glance, engine.strikes(), || engine.moment());
+            if let (Some(take), Some(moment)) = (&mut watch.cycle, engine.moment()) {
                 take(&moment)?;
             }
-            if moment.report.events.iter().any(is_planned) {
+            if glance.events.iter().any(is_planned) {
                 engine.keep_plan();
             }
         }

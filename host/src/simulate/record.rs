@@ -3,6 +3,7 @@
 use kband::control::{Event, Report, State};
 use kband::plant::{Moment, Strike};
 
+use super::engine::Glance;
 use super::outcome::Watch;
 
 /// Time over which the end of a scene is judged, in s.
@@ -59,13 +60,36 @@ impl Record {
         time > self.duration - 2.0 * END
     }
 
+    /// Takes a cycle; `moment` gives the whole of it where more than a glance is kept.
     #[inline]
-    pub(super) fn take(&mut self, moment: &Moment, strikes: &[Strike]) {
+    pub(super) fn take(
+        &mut self,
+        glance: &Glance,
+        strikes: &[Strike],
+        moment: impl FnOnce() -> Option<Moment>,
+    ) {
         self.cycles += 1;
-        let state = moment.report.state;
-        if self.held.is_none_or(|(held, _)| held != state) {
-            self.held = Some((state, moment.time));
+        let time = glance.time;
+        if self.held.is_none_or(|(held, _)| held != glance.state) {
+            self.held = Some((glance.state, time));
         }
+        let late = time > self.duration - HEARD[0];
+        if late {
+            let stamped = strikes.iter().map(|strike| (time, *strike));
+            self.late.extend(stamped);
+        }
+        if let Some(sketch) = &mut self.sketch {
+            sketch.take(glance, strikes);
+        }
+        if (late || self.kept.is_some() || glance.events.iter().next().is_some())
+            && let Some(moment) = moment()
+        {
+            self.keep(&moment);
+        }
+    }
+
+    /// Keeps what of a whole cycle is wanted.
+    fn keep(&mut self, moment: &Moment) {
         for event in moment.report.events.iter() {
             self.happened.push(Happened {
                 time: moment.time,
@@ -73,18 +97,11 @@ impl Record {
                 report: moment.report,
             });
         }
-        if moment.time > self.duration - HEARD[0] {
-            let stamped = strikes.iter().map(|strike| (moment.time, *strike));
-            self.late.extend(stamped);
-            if moment.time > self.duration - END {
-                self.end.push(*moment);
-            }
+        if moment.time > self.duration - END {
+            self.end.push(*moment);
         }
         if let Some(kept) = &mut self.kept {
             kept.push(*moment);
-        }
-        if let Some(sketch) = &mut self.sketch {
-            sketch.take(moment, strikes);
         }
         self.last = Some(*moment);
     }
@@ -217,12 +234,12 @@ impl Sketch {
         }
     }
 
-    fn take(&mut self, moment: &Moment, strikes: &[Strike]) {
-        let (time, report) = (moment.time, &moment.report);
-        self.amplitude.take(time, f64::from(report.amplitude));
+    fn take(&mut self, glance: &Glance, strikes: &[Strike]) {
+        let time = glance.time;
+        self.amplitude.take(time, f64::from(glance.amplitude));
         self.reference.take(time, f64::from(self.ahead[1]));
-        self.ahead = [report.reference, self.ahead[0]];
-        self.k.take(time, f64::from(report.k));
+        self.ahead = [glance.reference, self.ahead[0]];
+        self.k.take(time, f64::from(glance.k));
         self.within += 1;
         if self.within == self.stretch {
             self.within = 0;
@@ -233,9 +250,9 @@ impl Sketch {
         if self
             .states
             .last()
-            .is_none_or(|(_, state)| *state != report.state)
+            .is_none_or(|(_, state)| *state != glance.state)
         {
-            self.states.push((self.time, report.state));
+            self.states.push((self.time, glance.state));
         }
         self.time = time;
         for strike in strikes {

@@ -115,8 +115,8 @@ impl AmplitudeLoop {
             high,
             nominal,
         } = self.tuning;
-        self.reference.rotate_right(1);
-        self.reference[0] = reference;
+        let [newest, before, oldest, _] = self.reference;
+        self.reference = [reference, newest, before, oldest];
         let before = self.model;
         self.model = keep * before + (1.0 - keep) * self.output[1];
         // The gain is learned where the output is large enough to tell it.
@@ -141,8 +141,8 @@ impl AmplitudeLoop {
         if (raw <= high || error < 0.0) && (raw >= low || error > 0.0) {
             self.integral += integral * kick;
         }
-        self.output.rotate_right(1);
-        self.output[0] = output;
+        let [newest, before, _] = self.output;
+        self.output = [output, newest, before];
         output
     }
 

@@ -161,6 +161,8 @@ pub struct Controller {
     settings: Settings,
     /// Square of the angular frequency, in 1/s^2.
     square: f32,
+    /// Advance of the phase per sample.
+    step: u32,
     /// g cos(alpha) in m/s^2.
     pull: f32,
     /// Largest amplitude that both hard limits allow, in m, and the limit that it is.
@@ -197,6 +199,8 @@ pub struct Controller {
     output: f32,
     /// Envelope that nominal gain would give, in m.
     expected: f32,
+    /// Share of it that a cycle leaves.
+    keep: f32,
     in_state: u32,
     arrived: u8,
     /// Cycles that the output has stood at its limit.
@@ -208,6 +212,18 @@ pub struct Controller {
     link_known: bool,
     suspicions: Suspicions,
     count: u32,
+    regime_watched: bool,
+    seen: Seen,
+}
+
+/// What was seen in a cycle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// Amplitude in m.
+    amplitude: f32,
+    /// Phase lead of the track before the output.
+    lead: Phase,
+    events: Events,
 }
 
 impl Controller {
@@ -222,6 +238,7 @@ impl Controller {
         let mut controller = Self {
             settings: *settings,
             square: 0.0,
+            step: 0,
             pull: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
             ceiling: 0.0,
             ceiling_limit: Limits::AMPLITUDE,
@@ -254,6 +271,7 @@ impl Controller {
             reference: 0.0,
             output: 0.0,
             expected: 0.0,
+            keep: libm::expf(-PI / settings.quality),
             in_state: 0,
             arrived: 0,
             strained: 0,
@@ -263,6 +281,8 @@ impl Controller {
             link_known: false,
             suspicions: Suspicions::default(),
             count: 0,
+            regime_watched: true,
+            seen: Seen::default(),
         };
         controller.retune();
         controller.set_target(target)?;
@@ -347,6 +367,7 @@ impl Controller {
     fn retune(&mut self) {
         let angular = TAU * self.resonance.frequency();
         self.square = angular * angular;
+        self.step = phase_step(self.resonance.frequency());
         let by_acceleration = self.settings.acceleration_limit / self.square;
         let by_amplitude = self.settings.amplitude_limit * 1e-3;
         self.ceiling = by_acceleration.min(by_amplitude);
@@ -422,6 +443,12 @@ impl Controller {
 
     /// Takes a cycle of the signal path and the board's inputs; what was seen, and what the drive is to do.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
+        self.advance(cycle, inputs);
+        self.report()
+    }
+
+    /// As [`Controller::cycle`], for who does not read each report.
+    pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
         let mut events = core::mem::take(&mut self.news);
         self.count = self.count.wrapping_add(1);
         // After 99 days at 500 Hz the count begins anew, and with it the classifier's time.
@@ -460,14 +487,25 @@ impl Controller {
         } else if held_back && self.limits.is_empty() && self.running() {
             events.push(Event::Freed);
         }
-        let keep = libm::expf(-PI / self.settings.quality);
+        let keep = self.keep;
         self.expected =
             keep * self.expected + (1.0 - keep) * self.output * self.settings.gain * 1e-3;
+        self.seen = Seen {
+            amplitude: measured,
+            lead,
+            events,
+        };
+    }
+
+    /// What was seen and done in the last cycle.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let seen = &self.seen;
         Report {
             cycle: self.count,
-            k: self.pull / (measured * self.square),
-            amplitude: measured,
-            lead: radians_of(lead),
+            k: self.k(seen.amplitude),
+            amplitude: seen.amplitude,
+            lead: radians_of(seen.lead),
             reference: self.reference,
             setpoint: self.setpoint,
             rate: self.hearing.rate(),
@@ -481,14 +519,50 @@ impl Controller {
             state: self.state,
             fault: self.fault,
             limits: self.limits,
-            events,
-            command: Command {
-                amplitude: self.output,
-                step: phase_step(self.resonance.frequency()),
-                immediate: !self.running(),
-                fold: self.identifier.fold(),
-            },
+            events: seen.events,
+            command: self.command(),
         }
+    }
+
+    /// What the drive is to do.
+    #[must_use]
+    pub fn command(&self) -> Command {
+        Command {
+            amplitude: self.output,
+            step: self.step,
+            immediate: !self.running(),
+            fold: self.identifier.fold(),
+        }
+    }
+
+    /// What the controller is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// What happened in the last cycle.
+    #[must_use]
+    pub fn events(&self) -> Events {
+        self.seen.events
+    }
+
+    /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.
+    #[must_use]
+    pub fn amplitude(&self) -> f32 {
+        self.seen.amplitude
+    }
+
+    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    #[must_use]
+    pub fn reference(&self) -> f32 {
+        self.reference
+    }
+
+    /// Whether the regime is judged where the controller does not act on it, for [`Report::regime`]: it is,
+    /// unless this says otherwise.
+    pub fn watch_regime(&mut self, watched: bool) {
+        self.regime_watched = watched;
     }
 
     /// One bounded slice of planning; whether more is to be done. Call it in idle time, at most
@@ -561,7 +635,7 @@ impl Controller {
                 .impact((time >> 32) as u32, Phase::from_bits(time as u32));
         }
         self.classifier.cycle(self.count);
-        if self.count.is_multiple_of(LOOK) {
+        if self.count.is_multiple_of(LOOK) && (self.regime_watched || self.gliding()) {
             self.regime = Some(self.classifier.verdict());
         }
     }
@@ -570,8 +644,7 @@ impl Controller {
     fn reserve(&self, amplitude: f32) -> f32 {
         // The first cycle of a step of the command from 1 to f needs an output of 1 + s (f - 1), with s
         // the step of the reference over the step of the drive's own envelope.
-        let steeper = (1.0 - libm::expf(-1.0 / self.settings.envelope))
-            / (1.0 - libm::expf(-PI / self.settings.quality));
+        let steeper = (1.0 - libm::expf(-1.0 / self.settings.envelope)) / (1.0 - self.keep);
         let strength = self.settings.output_maximum * self.settings.gain * 1e-3 / amplitude;
         (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
     }
@@ -813,7 +886,8 @@ impl Controller {
     /// Moves between the states of a running drive.
     fn progress(&mut self, goal: f32, measured: f32, events: &mut Events) {
         let near = self.reference == goal && (measured - goal).abs() < 0.01 * goal;
-        let locked = self.confidence() >= BELIEVED;
+        let confidence = self.confidence();
+        let locked = confidence >= BELIEVED;
         if self.settled_state() && self.state != State::Limiting && !self.limits.is_empty() {
             self.capture.stop();
             self.enter(State::Limiting);
@@ -871,8 +945,7 @@ impl Controller {
                 }
             },
             State::Locked => {
-                let doubted = self.confidence() < DOUBTED;
-                self.doubts = if doubted {
+                self.doubts = if confidence < DOUBTED {
                     self.doubts.saturating_add(1)
                 } else {
                     0

@@ -38,6 +38,7 @@ pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
 pub use capture::Planned;
 pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start};
+pub(crate) use fold::Fold;
 pub use fold::Folded;
 pub use hearing::Hearing;
 pub use identify::{Identification, Identified, Unidentified};

@@ -132,6 +132,11 @@ impl Ringing {
         self.state[1] += height * libm::sinf(self.angle * share);
     }
 
+    /// Nothing rings.
+    pub fn silence(&mut self) {
+        self.state = [0.0; 2];
+    }
+
     /// Acceleration now, in m/s^2.
     #[must_use]
     pub fn acceleration(&self) -> f32 {

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use num_complex::Complex64 as Complex;
 
 use super::noise::Noise;
-use super::recurrence::{exp, turn};
+use super::recurrence::{exp, exp_small, turn};
 use super::scene::SensorModel;
 use crate::control::SAMPLE_RATE;
 
@@ -15,6 +15,8 @@ const FORGETTING: f64 = -0.035_627_177_643_155_54;
 /// Samples after an impact in which its ringing is looked at: the first quarter turn of the slowest that
 /// a scene may have (500 Hz), and the first full turn of the default one.
 const LOOKED: usize = 10;
+/// Places within a sample at which a ringing's begin is tabulated.
+const SHARES: usize = 8;
 /// The ear's own constants (see [`Ear`](crate::control::Ear)): corner, memory, blind time, threshold.
 const CORNER: f64 = 0.27;
 const MEMORY: f64 = 0.965;
@@ -32,15 +34,16 @@ pub struct ImpactEar {
     response: [Complex; LOOKED],
     /// RMS of the residual over the RMS of white noise in the reading.
     noise_gain: f64,
-    /// Decay time of a ringing in samples.
-    samples_per_decay: f64,
+    /// Share of time that a ringing hides for each e-fold of its height over the noise.
+    filling: f64,
     /// What a drive's speed gives.
     tuning: Tuning,
     /// Share of time in which ringing hides the noise, over some cycles.
     hidden: f64,
-    /// Height of the last ringing that was loud, and its sample.
-    memory: f64,
-    memory_at: u64,
+    /// `e^(ringing n/8)`.
+    onset: [Complex; SHARES + 1],
+    /// The last ringing that was loud.
+    last: Ring,
     /// First sample at which another impact may be heard.
     open: u64,
 }
@@ -53,6 +56,48 @@ struct Tuning {
     sums: [Complex; 2],
     /// What both high-passes leave of the drive's own swing.
     leak: f64,
+}
+
+/// A ringing that was loud, as far as the ear's memory of it is known.
+#[derive(Clone, Copy, Debug)]
+struct Ring {
+    /// `e^(i angle)` and height at its first sample, and that sample.
+    began: Complex,
+    sample: u64,
+    /// Samples of it that the memory has.
+    known: usize,
+    memory: f64,
+    /// Least height that is loud.
+    loud: f64,
+}
+
+impl Ring {
+    const NONE: Self = Self {
+        began: Complex::new(0.0, 0.0),
+        sample: 0,
+        known: LOOKED,
+        memory: 0.0,
+        loud: 0.0,
+    };
+
+    /// The ear's memory of it at a sample. Its noise is that of the onset: what follows only says how long
+    /// an impact soon after is taken for the same ringing.
+    fn memory(&self, response: &[Complex; LOOKED], sample: u64) -> f64 {
+        let since = sample.saturating_sub(self.sample);
+        // After 250 samples 1.4e-4 of it is left: less than the noise of any ringing that a board can read.
+        if since >= 250 {
+            return 0.0;
+        }
+        let mut memory = self.memory;
+        for response in &response[self.known..] {
+            memory *= MEMORY;
+            let residual = (self.began * response).im.abs();
+            if residual > self.loud {
+                memory = memory.max(residual);
+            }
+        }
+        memory * libm::exp(FORGETTING * (since as f64 - LOOKED as f64).max(0.0))
+    }
 }
 
 /// An impact that is to be heard.
@@ -76,7 +121,7 @@ pub struct Background {
 }
 
 /// An impact heard.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeardAt {
     /// Number of the sample since the start of the scene.
     pub sample: u64,
@@ -115,11 +160,11 @@ impl ImpactEar {
             ringing,
             response,
             noise_gain: libm::sqrt(power),
-            samples_per_decay: -1.0 / ringing.re,
+            filling: -WEIGHT / ringing.re,
             tuning: Tuning::new(ringing, 0.0),
             hidden: 0.0,
-            memory: 0.0,
-            memory_at: 0,
+            onset: core::array::from_fn(|n| exp(ringing * (n as f64 / SHARES as f64))),
+            last: Ring::NONE,
             open: 200,
         }
     }
@@ -164,7 +209,7 @@ impl ImpactEar {
             height,
         } = struck;
         let Background { median, rms } = background;
-        let began = exp(self.ringing * share) * height;
+        let began = self.began(share) * height;
         let [ahead, back] = self.tuning.sums;
         let sum = (began * ahead - began.conj() * back) * Complex::new(0.0, -0.5);
         let loud = THRESHOLD * median;
@@ -172,44 +217,60 @@ impl ImpactEar {
         if height + 3.5 * rms < loud {
             return (None, sum);
         }
-        let since = sample.saturating_sub(self.memory_at);
-        // After 250 samples 1.4e-4 of it is left: less than the noise of any ringing that a board can read.
-        let mut memory = if since < 250 {
-            self.memory * libm::exp(FORGETTING * since as f64)
-        } else {
-            0.0
+        let mut ring = Ring {
+            began,
+            sample,
+            known: 0,
+            memory: self.last.memory(&self.response, sample),
+            loud,
         };
         let mut heard = None;
-        for (n, response) in self.response.iter().enumerate() {
+        for response in &self.response {
             let left = (began * response).im + rms * f64::from(noise.gauss());
             let residual = left.abs();
-            let at = sample + n as u64;
+            let at = sample + ring.known as u64;
+            let above = residual > 1.5 * ring.memory;
+            ring.known += 1;
+            ring.memory *= MEMORY;
             if residual > loud {
-                if heard.is_none() && residual > 1.5 * memory && at >= self.open {
+                ring.memory = ring.memory.max(residual);
+                if above && at >= self.open {
                     heard = Some(HeardAt {
                         sample: at,
                         strength: residual,
                     });
+                    self.open = at + BLIND;
+                    break;
                 }
-                memory = (memory * MEMORY).max(residual);
-            } else {
-                memory *= MEMORY;
             }
         }
-        self.memory = memory;
-        self.memory_at = sample + LOOKED as u64;
-        if let Some(heard) = heard {
-            self.open = heard.sample + BLIND;
-        }
-        let over = libm::logf((height / median).max(1.0) as f32);
-        self.hidden += f64::from(over) * self.samples_per_decay * WEIGHT;
+        self.last = ring;
+        self.hidden += logarithm((height / median).max(1.0) as f32) * self.filling;
         (heard, sum)
+    }
+
+    /// `e^(ringing share)`, `share` in 0..1.
+    fn began(&self, share: f64) -> Complex {
+        let nearest = (share * SHARES as f64 + 0.5) as usize;
+        let Some(node) = self.onset.get(nearest) else {
+            return exp(self.ringing * share);
+        };
+        node * exp_small(self.ringing * (share - nearest as f64 * (1.0 / SHARES as f64)))
     }
 
     /// Lets a cycle of this many samples pass.
     pub fn pass(&mut self, samples: u32) {
         self.hidden *= (1.0 - f64::from(samples) * WEIGHT).max(0.0);
     }
+}
+
+/// `ln x` within 0.007, for x of at least 1: the exponent, and a parabola through the mantissa.
+fn logarithm(x: f32) -> f64 {
+    let bits = x.to_bits();
+    let mantissa = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000);
+    let exponent = (bits >> 23) as i32 - 127;
+    let binary = exponent as f32 + (mantissa * (2.0 - mantissa * (1.0 / 3.0)) - 5.0 / 3.0);
+    f64::from(binary * core::f32::consts::LN_2)
 }
 
 impl Tuning {

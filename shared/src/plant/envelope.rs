@@ -10,6 +10,7 @@ use super::ear::{Background, HeardAt, ImpactEar, Struck};
 use super::feeder::{STRIKES, tangential};
 use super::noise::Noise;
 use super::part::{Part, Strike, Track};
+use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
 use crate::arithmetic::Phase;
@@ -34,6 +35,8 @@ pub struct EnvelopePlant {
     drive: Recurrence,
     gain: f32,
     sensor: SensorModel,
+    sense: Sense,
+    readings: Readings,
     ear: ImpactEar,
     parts: [Part; PARTS],
     part_count: usize,
@@ -47,18 +50,37 @@ pub struct EnvelopePlant {
     /// Turns of the mains in one sample.
     mains: f64,
     ripple: f32,
-    codes_per_acceleration: f64,
-    zero: f64,
-    full: f64,
     lost: bool,
     inverted: bool,
     settings: TangentialSettings,
     watched: bool,
     strikes: [Strike; STRIKES],
     strike_count: usize,
-    waiting: [Option<HeardAt>; WAITING],
+    /// Impacts heard whose cycle has not ended, in the order of time.
+    waiting: [HeardAt; WAITING],
+    waiting_count: usize,
     /// The ear's median, which follows the noise over some cycles.
     median: f64,
+}
+
+/// What the accelerometer's noise and sensitivity give, computed where they change.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sense {
+    /// Its sensitivity over the one that the controller was told.
+    pub factor: f64,
+    /// RMS of its noise in m/s^2.
+    pub noise: f64,
+    /// RMS of white noise in the reading in m/s^2, the converter's rounding included.
+    white: f64,
+    /// RMS of what the ear keeps of that, as the board reads it.
+    residual: f64,
+    /// Acceleration in m/s^2 that the converter has room for on its nearer side.
+    headroom: f64,
+    /// Acceleration in m/s^2 of a step of the converter.
+    pub floor: f64,
+    /// The converter's reading at rest, and its highest.
+    pub zero: f64,
+    pub full: f64,
 }
 
 impl EnvelopePlant {
@@ -74,10 +96,18 @@ impl EnvelopePlant {
         for (part, &restitution) in parts.iter_mut().zip(&scene.parts) {
             *part = Part::at_rest(f64::from(restitution));
         }
-        Ok(Self {
+        let sense = Sense {
+            floor: 1.0 / codes,
+            zero: f64::from(settings.sensor_zero) / volts,
+            full,
+            ..Sense::default()
+        };
+        let mut plant = Self {
             drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
             gain: 1.0,
             sensor: scene.sensor,
+            readings: Readings::new(&scene.sensor, &sense),
+            sense,
             ear: ImpactEar::new(&scene.sensor),
             parts,
             part_count: usize::from(scene.part_count),
@@ -88,22 +118,46 @@ impl EnvelopePlant {
             sample: 0,
             mains: f64::from(scene.drive.mains) / f64::from(SAMPLE_RATE),
             ripple: scene.drive.ripple,
-            codes_per_acceleration: codes,
-            zero: f64::from(settings.sensor_zero) / volts,
-            full,
             lost: false,
             inverted: false,
             settings: tangential(settings),
             watched: true,
             strikes: [Strike::default(); STRIKES],
             strike_count: 0,
-            waiting: [None; WAITING],
+            waiting: [HeardAt::default(); WAITING],
+            waiting_count: 0,
             median: 1.0 / codes,
-        })
+        };
+        plant.sense();
+        Ok(plant)
+    }
+
+    /// What the accelerometer's noise and sensitivity give.
+    fn sense(&mut self) {
+        let factor = f64::from(self.sensor.sensitivity);
+        let noise = f64::from(self.sensor.noise);
+        let Sense {
+            floor: step,
+            zero,
+            full,
+            ..
+        } = self.sense;
+        let white = libm::sqrt(noise * noise + step * step / 12.0);
+        self.sense = Sense {
+            factor,
+            noise,
+            white,
+            residual: self.ear.residual(white) * factor,
+            headroom: zero.min(full - zero) * step / factor.max(1e-9),
+            ..self.sense
+        };
     }
 
     /// Runs one drive cycle at an output amplitude (share of full) and a step of the phase.
-    pub fn cycle(&mut self, output: f32, step: u32) -> Cycle {
+    /// `fold` is what the signal path is to fold from the next cycle on ([`Command::fold`]).
+    ///
+    /// [`Command::fold`]: crate::control::Command::fold
+    pub fn cycle(&mut self, output: f32, step: u32, fold: Option<Phase>) -> Cycle {
         self.strike_count = 0;
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         self.drive
@@ -111,14 +165,14 @@ impl EnvelopePlant {
         let samples = self.drive.samples();
         self.move_parts();
         let loudest = self.drive.loudest();
-        let clipped =
-            loudest + self.ringing() + 4.0 * f64::from(self.sensor.noise) > self.headroom();
+        let clipped = loudest + self.ringing() + 4.0 * self.sense.noise > self.sense.headroom;
         let mut cycle = Cycle {
             samples: samples as u16,
             ..Cycle::default()
         };
         // What is only heard in the cycle that follows has the phases of this one.
-        let readings = clipped.then(|| self.clip(&mut cycle));
+        let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
+        let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
         let found = self.drive.end();
         let found = readings.unwrap_or(Demodulated {
@@ -127,6 +181,7 @@ impl EnvelopePlant {
         });
         self.read(&mut cycle, found, loudest, middle);
         self.tell(&mut cycle, samples);
+        self.readings.finish(fold, &mut cycle);
         self.sample += u64::from(samples);
         self.ear.pass(samples);
         cycle
@@ -155,16 +210,15 @@ impl EnvelopePlant {
         f64::from(self.sensor.ringing) * speeds.sum::<f64>()
     }
 
-    /// Acceleration in m/s^2 that the converter has room for on its nearer side.
-    fn headroom(&self) -> f64 {
-        let codes = self.zero.min(self.full - self.zero);
-        codes / (self.codes_per_acceleration * f64::from(self.sensor.sensitivity).max(1e-9))
-    }
-
     /// Samples from the one that began the cycle to the plant's state at a time of the parts: the state
     /// at a sample is reached by the output of the sample before.
     fn samples_to(&self, time: u64) -> f64 {
-        (time as i64 - self.time) as f64 / f64::from(self.drive.step())
+        (time as i64 - self.time) as f64 * self.drive.per_step()
+    }
+
+    /// The track's swing at a time of the parts.
+    fn swing(&self, time: u64) -> Swing {
+        self.drive.swing(time as i64 - self.time)
     }
 
     /// Time up to which this cycle moves the parts.
@@ -198,7 +252,7 @@ impl EnvelopePlant {
                     break;
                 }
                 from = next;
-                let swing = self.drive.swing(self.samples_to(next));
+                let swing = self.swing(next);
                 if let Some(strike) = part.event(swing, &track)
                     && let Some(slot) = self.strikes.get_mut(self.strike_count)
                 {
@@ -221,7 +275,7 @@ impl EnvelopePlant {
         let k = |swing: &Swing| {
             track.pull / (f64::from(swing.amplitude) * track.angular * track.angular)
         };
-        let began = self.drive.swing(self.samples_to(from));
+        let began = self.swing(from);
         let phase = began.phase.radians();
         if libm::sin(phase) > k(&began) {
             return Some((began, from));
@@ -232,13 +286,13 @@ impl EnvelopePlant {
         if crest > end + (1 << 30) {
             return None;
         }
-        let at_crest = k(&self.drive.swing(self.samples_to(crest)));
+        let at_crest = k(&self.swing(crest));
         if at_crest >= 1.0 {
             return None;
         }
         let mut time = crest - ahead(FRAC_PI_2 - libm::asin(at_crest)).min(crest - from);
         for _ in 0..8 {
-            let swing = self.drive.swing(self.samples_to(time));
+            let swing = self.swing(time);
             let late = libm::sin(swing.phase.radians()) - k(&swing);
             if late > 0.0 {
                 return (time <= end).then_some((swing, time));
@@ -249,21 +303,17 @@ impl EnvelopePlant {
         None
     }
 
-    /// RMS of white noise in the reading in m/s^2, the converter's rounding included.
-    fn white(&self) -> f64 {
-        let step = 1.0 / self.codes_per_acceleration;
-        let noise = f64::from(self.sensor.noise);
-        libm::sqrt(noise * noise + step * step / 12.0)
-    }
-
     /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
     fn listen(&mut self, loudest: f64) -> Complex {
         self.ear.tune(f64::from(self.drive.step()) * (TAU / TURN));
-        let factor = f64::from(self.sensor.sensitivity);
-        let rms = self.ear.residual(self.white()) * factor;
+        let Sense {
+            factor,
+            residual: rms,
+            floor,
+            ..
+        } = self.sense;
         let leak = self.ear.leak() * loudest * factor;
         let level = libm::sqrt(rms * rms + 0.5 * leak * leak);
-        let floor = 1.0 / self.codes_per_acceleration;
         // A running median moves by 1/1024 of itself a sample at most.
         let most = 1.0 + f64::from(self.drive.samples()) / 1024.0;
         self.median = self
@@ -279,48 +329,57 @@ impl EnvelopePlant {
         for index in 0..self.strike_count {
             let strike = self.strikes[index];
             let samples = self.samples_to(strike.time);
-            let whole = libm::ceil(samples);
+            let down = samples as u32;
+            let whole = down + u32::from(f64::from(down) < samples);
             let struck = Struck {
-                sample: self.sample + whole as u64,
-                share: whole - samples,
+                sample: self.sample + u64::from(whole),
+                share: f64::from(whole) - samples,
                 height: f64::from(self.sensor.ringing) * strike.speed * factor,
             };
             let (heard, ringing) = self.ear.impact(struck, background, &mut self.noise);
             sum += ringing * self.drive.at(whole);
-            if let (Some(heard), Some(slot)) =
-                (heard, self.waiting.iter_mut().find(|slot| slot.is_none()))
-            {
-                *slot = Some(heard);
+            if let Some(heard) = heard {
+                self.wait(heard);
             }
         }
-        sum * (2.0 * f64::from(self.drive.step()) / TURN / factor.max(1e-9))
+        if self.strike_count > 0 {
+            sum *= 2.0 * f64::from(self.drive.step()) / TURN / factor.max(1e-9);
+        }
+        sum
     }
 
     /// Puts what was demodulated into the readings of the board.
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
         cycle.noise = (self.median / 0.6745) as f32;
         if self.lost {
-            let code = (self.zero + 0.5) as u16;
+            let code = (self.sense.zero + 0.5) as u16;
             (cycle.low, cycle.high) = (code, code);
             return;
         }
-        let turned = if self.inverted { -1.0 } else { 1.0 };
-        let factor = turned * f64::from(self.sensor.sensitivity);
+        let Sense {
+            factor,
+            noise,
+            white,
+            floor,
+            zero,
+            full,
+            ..
+        } = self.sense;
+        let turned = if self.inverted { -factor } else { factor };
         let samples = f64::from(cycle.samples);
         // Mean of 2 n(t) e^(i phase) over N samples.
-        let scatter = self.white() * libm::sqrt(2.0 / samples.max(1.0));
+        let scatter = white * libm::sqrt(2.0 / samples.max(1.0));
         let hum = self.hum(samples, middle);
         let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
         let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
-        cycle.in_phase = (in_phase * factor) as f32;
-        cycle.quadrature = (quadrature * factor) as f32;
+        cycle.in_phase = (in_phase * turned) as f32;
+        cycle.quadrature = (quadrature * turned) as f32;
         if cycle.saturated == 0 {
             let code = |acceleration: f64| {
-                let code = self.zero + acceleration * self.codes_per_acceleration + 0.5;
-                code.clamp(0.0, self.full) as u16
+                let code = zero + acceleration / floor + 0.5;
+                code.clamp(0.0, full) as u16
             };
-            let reach =
-                (loudest + 3.0 * f64::from(self.sensor.noise)) * f64::from(self.sensor.sensitivity);
+            let reach = (loudest + 3.0 * noise) * factor;
             (cycle.low, cycle.high) = (code(-reach), code(reach));
         }
     }
@@ -343,38 +402,28 @@ impl EnvelopePlant {
         sum * f64::from(self.sensor.hum)
     }
 
-    /// The cycle sample by sample, with the converter's ends.
-    fn clip(&mut self, cycle: &mut Cycle) -> Demodulated {
-        let factor = f64::from(self.sensor.sensitivity) * self.codes_per_acceleration;
-        let samples = self.drive.samples();
-        let (mut sum, mut low, mut high) = (Complex::new(0.0, 0.0), self.full, 0.0_f64);
-        let decay = f64::from(self.sensor.ringing_decay) * 1e-3 * f64::from(SAMPLE_RATE);
-        let pitch = TAU * f64::from(self.sensor.ringing_frequency) / f64::from(SAMPLE_RATE);
-        for n in 0..samples {
-            let mut reading = self.drive.acceleration(n);
-            for strike in self.strikes() {
-                let since = f64::from(n) - self.samples_to(strike.time);
-                if since > 0.0 {
-                    reading += f64::from(self.sensor.ringing)
-                        * strike.speed
-                        * libm::exp(-since / decay)
-                        * libm::sin(pitch * since);
-                }
-            }
-            reading += f64::from(self.sensor.noise) * f64::from(self.noise.gauss());
-            let code = self.zero + reading * factor + 0.5;
-            let kept = code.clamp(0.0, self.full);
-            if kept < 1.0 || kept >= self.full {
-                cycle.saturated += 1;
-            }
-            (low, high) = (low.min(kept), high.max(kept));
-            sum += self.drive.at(f64::from(n)) * ((kept - self.zero - 0.5) / factor);
-        }
-        (cycle.low, cycle.high) = (low as u16, high as u16);
-        let mean = sum * (2.0 / f64::from(samples));
-        Demodulated {
-            in_phase: mean.re,
-            quadrature: mean.im,
+    /// Takes the cycle sample by sample; what the demodulator finds in it.
+    fn read_each(&mut self, cycle: &mut Cycle) -> Demodulated {
+        let of = Read {
+            drive: &self.drive,
+            sensor: &self.sensor,
+            sense: &self.sense,
+            strikes: &self.strikes[..self.strike_count],
+            time: self.time,
+            sample: self.sample,
+            inverted: self.inverted,
+        };
+        self.readings.read(&of, cycle, &mut self.noise)
+    }
+
+    /// Keeps what was heard for the cycle of its sample; what is too much is not heard.
+    fn wait(&mut self, heard: HeardAt) {
+        let before = &self.waiting[..self.waiting_count];
+        let at = before.partition_point(|other| other.sample <= heard.sample);
+        if self.waiting_count < WAITING {
+            self.waiting.copy_within(at..self.waiting_count, at + 1);
+            self.waiting[at] = heard;
+            self.waiting_count += 1;
         }
     }
 
@@ -385,15 +434,12 @@ impl EnvelopePlant {
         let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
-        for _ in 0..WAITING {
-            let due = self
-                .waiting
-                .iter_mut()
-                .filter(|slot| slot.is_some_and(|heard| heard.sample < end))
-                .min_by_key(|slot| slot.map_or(u64::MAX, |heard| heard.sample));
-            let Some(heard) = due.and_then(Option::take) else {
-                break;
-            };
+        let due = self.waiting[..self.waiting_count]
+            .iter()
+            .take_while(|heard| heard.sample < end);
+        let mut told = 0;
+        for heard in due {
+            told += 1;
             if self.lost {
                 continue;
             }
@@ -408,6 +454,10 @@ impl EnvelopePlant {
                 };
             }
             cycle.heard_count = cycle.heard_count.saturating_add(1);
+        }
+        if told > 0 {
+            self.waiting.copy_within(told..self.waiting_count, 0);
+            self.waiting_count -= told;
         }
         self.time += i64::from(samples) * i64::from(step);
     }
@@ -460,6 +510,7 @@ impl EnvelopePlant {
             Change::Hum(hum) => self.sensor.hum = hum,
             _ => {}
         }
+        self.sense();
     }
 }
 

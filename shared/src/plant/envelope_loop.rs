@@ -19,6 +19,8 @@ pub struct EnvelopeLoop {
     pending: Command,
     /// The target that the board starts with.
     target: Target,
+    /// Whether that is watched on which nothing else here depends.
+    watched: bool,
 }
 
 impl EnvelopeLoop {
@@ -32,11 +34,29 @@ impl EnvelopeLoop {
             running: still,
             pending: still,
             target: scene.target,
+            watched: true,
         })
     }
 
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
+        self.advance();
+        self.moment()
+    }
+
+    /// The last cycle.
+    #[must_use]
+    pub fn moment(&self) -> Moment {
+        Moment {
+            time: self.plant.seconds(),
+            report: self.controller.report(),
+            strikes: self.plant.strikes().len() as u32,
+            way: self.plant.way(),
+        }
+    }
+
+    /// As [`EnvelopeLoop::cycle`], for who does not read each [moment](EnvelopeLoop::moment).
+    pub fn advance(&mut self) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
             self.restart();
@@ -46,22 +66,16 @@ impl EnvelopeLoop {
             // A target out of range is refused, as over the link; the old one stays.
             let _ = self.controller.set_target(target);
         }
-        let report = self.controller.cycle(&cycle, &self.timeline.inputs());
+        self.controller.advance(&cycle, &self.timeline.inputs());
         self.running = self.pending;
-        self.pending = report.command;
-        if report.command.immediate {
-            self.running.amplitude = report.command.amplitude;
+        self.pending = self.controller.command();
+        if self.pending.immediate {
+            self.running.amplitude = self.pending.amplitude;
         }
         for _ in 0..PLAN_SLICES {
             if !self.controller.plan_step() {
                 break;
             }
-        }
-        Moment {
-            time: self.plant.seconds(),
-            report,
-            strikes: self.plant.strikes().len() as u32,
-            way: self.plant.way(),
         }
     }
 
@@ -70,7 +84,10 @@ impl EnvelopeLoop {
         let [before, samples] = self.plant.samples();
         // What happens in the first half of a cycle counts for the whole of it.
         self.happen(before + samples / 2);
-        let cycle = self.plant.cycle(self.running.amplitude, self.running.step);
+        let Command {
+            amplitude, step, ..
+        } = self.running;
+        let cycle = self.plant.cycle(amplitude, step, self.pending.fold);
         self.happen(self.plant.samples()[0] - 1);
         cycle
     }
@@ -81,6 +98,7 @@ impl EnvelopeLoop {
         // What was accepted once is accepted again.
         if let Ok(controller) = Controller::build(&settings, self.target, Start::Reset) {
             self.controller = controller;
+            self.controller.watch_regime(self.watched);
         }
         self.running = still(settings.frequency);
         self.pending = self.running;
@@ -99,9 +117,12 @@ impl EnvelopeLoop {
         }
     }
 
-    /// Whether the way along the track is watched; unwatched it stands still and costs nothing.
-    pub fn watch_way(&mut self, watched: bool) {
+    /// Whether that is watched on which nothing else here depends: the way along the track, and the regime
+    /// that is heard where the controller does not act on it. Unwatched both stand still and cost nothing.
+    pub fn watch(&mut self, watched: bool) {
+        self.watched = watched;
         self.plant.watch_way(watched);
+        self.controller.watch_regime(watched);
     }
 
     /// The controller.

@@ -19,6 +19,7 @@ mod envelope_loop;
 mod feeder;
 mod noise;
 mod part;
+mod readings;
 mod recurrence;
 mod scene;
 mod timeline;

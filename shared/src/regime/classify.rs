@@ -256,11 +256,14 @@ impl<const N: usize> Classifier<N> {
 
     /// Rest, if silence has lasted.
     fn silence(&self, filled: usize) -> Option<Verdict> {
+        let silent = self.now - if filled > 0 { self.time(0) } else { self.began };
+        if silent <= SILENCE * CYCLE {
+            return None;
+        }
         let longest = (1..filled)
             .map(|back| self.time(back - 1) - self.time(back))
             .max()
             .unwrap_or(CYCLE);
-        let silent = self.now - if filled > 0 { self.time(0) } else { self.began };
         let enough = 3 * longest + SILENCE * CYCLE;
         if silent > enough {
             return Some(Verdict {
@@ -339,18 +342,21 @@ impl<const N: usize> Classifier<N> {
     /// Whether a lock heard through noise alternates: a doubling smaller than the noise of one impact,
     /// found in the alternating mean of all.
     fn alternates(&self, order: u32, filled: usize) -> bool {
-        let mut sum = 0.0;
-        let mut terms = 0.0;
-        for back in 0..filled - 1 {
-            let duration = self.time(back) - self.time(back + 1);
-            let excess = duration as i64 - (u64::from(order) * CYCLE) as i64;
+        let (mut sum, mut terms) = (0_i64, 0_u32);
+        let mut later = self.time(0);
+        for back in 1..filled {
+            let time = self.time(back);
+            let excess = (later - time) as i64 - (u64::from(order) * CYCLE) as i64;
+            later = time;
             if excess.unsigned_abs() <= u64::from(self.tolerance) {
-                sum += if back % 2 == 0 { excess } else { -excess } as f64;
-                terms += 1.0;
+                sum += if back % 2 == 1 { excess } else { -excess };
+                terms += 1;
             }
         }
         // The alternating sum of differences is twice that of the times: 2 sigma sqrt(n).
-        self.noise > 0.0 && terms > 15.0 && libm::fabs(sum) > 8.0 * self.noise * libm::sqrt(terms)
+        self.noise > 0.0
+            && terms > 15
+            && libm::fabs(sum as f64) > 8.0 * self.noise * libm::sqrt(f64::from(terms))
     }
 
     /// `share` over the share that random phases would reach.

@@ -1,0 +1,114 @@
+//! Cycles of the envelope whose readings matter one by one: where the converter's range ends, and where
+//! the controller has the sound folded.
+
+use num_complex::Complex64 as Complex;
+
+use super::drive::Ringing;
+use super::envelope::Sense;
+use super::noise::Noise;
+use super::part::Strike;
+use super::recurrence::{Demodulated, Recurrence};
+use super::scene::SensorModel;
+use crate::arithmetic::Phase;
+use crate::control::{Cycle, Ear, Fold};
+
+/// The readings of a cycle, sample by sample: clipping is not linear, and a fold keeps their place.
+#[derive(Clone, Debug)]
+pub(super) struct Readings {
+    ringing: Ringing,
+    ear: Ear,
+    fold: Fold,
+    /// Whether something is folded or still handed over.
+    folds: bool,
+    /// Sample at which the ringing stands.
+    at: u64,
+}
+
+/// A cycle to be read.
+pub(super) struct Read<'a> {
+    pub drive: &'a Recurrence,
+    pub sensor: &'a SensorModel,
+    pub sense: &'a Sense,
+    pub strikes: &'a [Strike],
+    /// Time of the parts at the sample that began the cycle, and the number of that sample.
+    pub time: i64,
+    pub sample: u64,
+    pub inverted: bool,
+}
+
+impl Readings {
+    /// Nothing read yet.
+    pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
+        Self {
+            ringing: Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3),
+            ear: Ear::new(sense.floor as f32),
+            fold: Fold::EMPTY,
+            folds: false,
+            at: 0,
+        }
+    }
+
+    /// Whether the readings of this cycle are folded.
+    #[inline]
+    pub fn folds(&self) -> bool {
+        self.folds
+    }
+
+    /// The end of a cycle: what is to be folded in the next one, as the signal path takes it.
+    #[inline]
+    pub fn finish(&mut self, from: Option<Phase>, cycle: &mut Cycle) {
+        if self.folds || from.is_some() {
+            cycle.folded = self.fold.finish(from);
+            self.folds = from.is_some() || cycle.folded.bin > 0;
+        }
+    }
+
+    /// Reads a cycle; what the demodulator finds in it.
+    pub fn read(&mut self, of: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Demodulated {
+        let Read { drive, sense, .. } = *of;
+        let turned = if of.inverted { -1.0 } else { 1.0 };
+        let codes = turned * sense.factor / sense.floor;
+        let samples = drive.samples();
+        let (mut sum, mut low, mut high) = (Complex::new(0.0, 0.0), sense.full, 0.0_f64);
+        if self.at != of.sample {
+            self.ringing.silence();
+        }
+        let mut strikes = of.strikes.iter().peekable();
+        for n in 0..samples {
+            while let Some(strike) = strikes.peek() {
+                let late = f64::from(n) - (strike.time as i64 - of.time) as f64 * drive.per_step();
+                if late < 0.0 {
+                    break;
+                }
+                let height = f64::from(of.sensor.ringing) * strike.speed;
+                self.ringing.strike(height as f32, late.min(1.0) as f32);
+                strikes.next();
+            }
+            let reading = drive.acceleration(n)
+                + f64::from(self.ringing.acceleration())
+                + sense.noise * f64::from(noise.gauss());
+            self.ringing.step();
+            let code = sense.zero + reading * codes + 0.5;
+            let kept = libm::floor(code.clamp(0.0, sense.full));
+            if kept < 1.0 || kept >= sense.full {
+                cycle.saturated += 1;
+            }
+            (low, high) = (low.min(kept), high.max(kept));
+            let read = (kept - sense.zero) * sense.floor;
+            if self.folds {
+                let height = self.ear.residual(read as f32);
+                if n > 0 {
+                    self.fold.add(drive.phase_at(n), height * height);
+                }
+            }
+            sum += drive.at(n) * read;
+        }
+        self.at = of.sample + u64::from(samples);
+        (cycle.low, cycle.high) = (low as u16, high as u16);
+        let mean = sum * (2.0 / f64::from(samples) / (turned * sense.factor));
+        Demodulated {
+            in_phase: mean.re,
+            quadrature: mean.im,
+        }
+    }
+}
