@@ -1,5 +1,6 @@
 //! One test for each scene: what the file expects is what comes, and nothing else.
 
+use kband::control::Event;
 use kband::plant::Moment;
 use kband_host::desk::Desk;
 use kband_host::simulate::{Fidelity, Outcome, SceneFile, Watch};
@@ -28,23 +29,46 @@ fn run(name: &str) {
         );
         outcome
     };
-    match file.fidelity {
-        // What is listened to sample by sample has no envelope.
-        Some(only) => drop(come_to(only)),
-        None => {
-            let [envelope, waveform] = Fidelity::ALL.map(come_to);
-            agree(&envelope, &waveform);
-        }
-    }
+    let [envelope, waveform] = Fidelity::ALL.map(come_to);
+    agree(&envelope, &waveform);
 }
 
 /// Cycles by which noise may shift what the controller decides in one fidelity against the other.
 const SHIFT: usize = 3;
 
+/// The events with each row of kicks as one, and the time at which the first one ends.
+fn kicks_as_one(outcome: &Outcome) -> (Vec<Event>, f64) {
+    let (mut events, mut first) = (Vec::new(), f64::INFINITY);
+    for happened in outcome.events() {
+        if happened.event == Event::KickEnded {
+            first = first.min(happened.time);
+        }
+        let kick = [Event::KickBegun, Event::KickEnded];
+        if !(kick.contains(&happened.event) && events.contains(&happened.event)) {
+            events.push(happened.event);
+        }
+    }
+    (events, first)
+}
+
 /// Both fidelities come to the same, with b within 1 % of its largest at every time.
+///
+/// A part that a kick has missed bounces in chaos, and which of the next kicks takes it hangs on the last
+/// bit: where that is another one, they are compared up to the end of the first, and in what comes of it.
 fn agree(envelope: &Outcome, waveform: &Outcome) {
     let (fast, slow) = (envelope.moments(), waveform.moments());
     assert_eq!(fast.len(), slow.len());
+    let events =
+        |outcome: &Outcome| -> Vec<_> { outcome.events().map(|happened| happened.event).collect() };
+    let alike = events(envelope) == events(waveform);
+    let [(fast_events, fast_first), (slow_events, slow_first)] =
+        [envelope, waveform].map(kicks_as_one);
+    assert_eq!(fast_events, slow_events);
+    let until = if alike {
+        f64::INFINITY
+    } else {
+        fast_first.min(slow_first)
+    };
     let b = |moment: &Moment| f64::from(moment.report.amplitude);
     // Where the drive never runs, b is noise: a share of nothing says nothing.
     let safe = f64::from(waveform.file().scene.settings.safe_amplitude) * 1e-3;
@@ -60,6 +84,7 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
         (b(&fast[n]) - high).max(low - b(&fast[n])).max(0.0) / largest
     };
     let (worst, when) = (0..fast.len())
+        .filter(|&n| fast[n].time < until)
         .map(|n| (off(n), fast[n].time))
         .fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a });
     assert!(worst < 0.01, "b is {worst} off at {when} s");
@@ -70,9 +95,6 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     if waveform.regime().starts_with("locked") {
         assert_eq!(envelope.regime(), waveform.regime());
     }
-    let events =
-        |outcome: &Outcome| -> Vec<_> { outcome.events().map(|happened| happened.event).collect() };
-    assert_eq!(events(envelope), events(waveform));
 }
 
 macro_rules! scenes {
