@@ -1,8 +1,8 @@
 //! What a scene runs on: samples, the envelope, or a board.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use kband::control::{Controller, Events, Planned, State};
+use kband::control::{Chaos, Controller, Events, Planned, State};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 
 use crate::board::BoardLoop;
@@ -185,44 +185,68 @@ impl Whole<'_> {
     }
 }
 
-/// Most plans that are kept.
+/// Most plans of a kind that are kept.
 const KEPT: usize = 256;
 
-/// The plans that this process has made: one search for each distinct question. A plan depends on its
-/// question alone, so that who made it, and when, changes no bit of a run.
-struct Plans;
+/// What the controllers of this process have searched for: one search for each distinct question. What
+/// comes of it depends on the question alone, so that who asked, and when, changes no bit of a run.
+struct Plans {
+    kicks: Vec<Planned>,
+    chaos: Vec<Chaos>,
+}
 
-static PLANS: Mutex<Vec<Planned>> = Mutex::new(Vec::new());
+static PLANS: Mutex<Plans> = Mutex::new(Plans {
+    kicks: Vec::new(),
+    chaos: Vec::new(),
+});
 
 impl Plans {
+    fn all() -> MutexGuard<'static, Self> {
+        PLANS.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     #[inline]
     fn share(controller: &mut Controller) {
-        if controller.planning().is_some() {
+        if controller.planning().is_some() || controller.chaos_asked().is_some() {
             Self::spare(controller);
         }
     }
 
     #[cold]
     fn spare(controller: &mut Controller) {
-        let plans = PLANS.lock().unwrap_or_else(PoisonError::into_inner);
+        let plans = Self::all();
         let asked = controller.planning();
-        let known = plans
+        let kick = plans
+            .kicks
             .iter()
-            .find(|plan| asked == Some(&plan.settings))
-            .copied();
-        drop(plans);
-        if let Some(known) = known {
+            .find(|plan| asked == Some(&plan.settings));
+        if let Some(known) = kick.copied() {
             controller.plan_known(known);
+        }
+        let asked = controller.chaos_asked();
+        let chaos = plans.chaos.iter().find(|found| asked == Some(found.lot));
+        if let Some(known) = chaos.copied() {
+            controller.chaos_known(known);
         }
     }
 
     fn keep(controller: &Controller) {
-        let Some(planned) = controller.planned() else {
+        let (planned, found) = (controller.planned(), controller.chaos_found());
+        if planned.is_none() && found.is_none() {
             return;
-        };
-        let mut plans = PLANS.lock().unwrap_or_else(PoisonError::into_inner);
-        if plans.len() < KEPT && !plans.iter().any(|plan| plan.settings == planned.settings) {
-            plans.push(planned);
+        }
+        let Self { kicks, chaos } = &mut *Self::all();
+        if let Some(planned) = planned
+            && kicks.len() < KEPT
+            && !kicks.iter().any(|plan| plan.settings == planned.settings)
+        {
+            kicks.push(planned);
+        }
+        if let Some(found) = found
+            && chaos.len() < KEPT
+            && !chaos.iter().any(|other| other.lot == found.lot)
+        {
+            chaos.push(found);
         }
     }
 }

@@ -58,6 +58,20 @@ impl Trial {
     }
 }
 
+/// A search for chaos that has come to its end: for which lot, what came, after how many slices.
+///
+/// Two controllers with the same lot come to the same k after as many slices, so that one that is told
+/// need not search ([`Controller::chaos_known`](super::Controller::chaos_known)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chaos {
+    /// Lowest and highest restitution of the lot.
+    pub lot: [f32; 2],
+    /// k in the middle of the widest stretch, `None` where the lot has none.
+    pub k: Option<f64>,
+    /// Slices that it took.
+    pub slices: u32,
+}
+
 /// The search for the widest stretch of k where the deadest, the middle and the liveliest part of a
 /// lot hop chaotically without coming to rest, as far as the board's own ear can tell.
 #[derive(Clone, Copy, Debug)]
@@ -71,6 +85,9 @@ pub struct ChaosSearch {
     growing: Option<(f64, f64)>,
     longest: Option<(f64, f64)>,
     done: bool,
+    lot: [f32; 2],
+    slices: u32,
+    known: Option<Chaos>,
 }
 
 impl ChaosSearch {
@@ -90,11 +107,22 @@ impl ChaosSearch {
             growing: None,
             longest: None,
             done: false,
+            lot: [settings.restitution_low, settings.restitution_high],
+            slices: 0,
+            known: None,
         })
     }
 
     /// One slice; whether more are to be done.
     pub fn step(&mut self) -> bool {
+        if self.done {
+            return false;
+        }
+        self.slices = self.slices.saturating_add(1);
+        if let Some(known) = self.known {
+            self.done = self.slices >= known.slices;
+            return !self.done;
+        }
         for _ in 0..SLICE {
             if self.k < self.lowest {
                 self.done = true;
@@ -147,7 +175,33 @@ impl ChaosSearch {
     /// k in the middle of the widest stretch, `None` where the lot has none.
     #[must_use]
     pub fn k(&self) -> Option<f64> {
-        self.longest.map(|(high, low)| libm::sqrt(high * low))
+        match self.known {
+            Some(known) => known.k,
+            None => self.longest.map(|(high, low)| libm::sqrt(high * low)),
+        }
+    }
+
+    /// The lot that is being searched for; `None` once its chaos is known or found.
+    #[must_use]
+    pub fn asked(&self) -> Option<[f32; 2]> {
+        (!self.done && self.known.is_none()).then_some(self.lot)
+    }
+
+    /// Spares the search, if it is for this lot: what came of it then comes after as many slices.
+    pub fn know(&mut self, known: Chaos) {
+        if self.asked() == Some(known.lot) {
+            self.known = Some(known);
+        }
+    }
+
+    /// What came of it, once it is over.
+    #[must_use]
+    pub fn found(&self) -> Option<Chaos> {
+        self.done.then(|| Chaos {
+            lot: self.lot,
+            k: self.k(),
+            slices: self.slices,
+        })
     }
 }
 
@@ -186,6 +240,28 @@ mod tests {
             let found = exponent::measure(&map, exponent::start(&map, 1), settings).unwrap();
             assert_eq!(found.motion, Motion::Chaotic, "R {middle} k {k}");
         }
+    }
+
+    #[test]
+    fn a_search_that_is_spared_ends_with_the_same_at_the_same_slice() {
+        let settings = Settings::default();
+        let mut first = ChaosSearch::begin(&settings).unwrap();
+        while first.step() {}
+        let found = first.found().unwrap();
+        let mut spared = ChaosSearch::begin(&settings).unwrap();
+        spared.know(Chaos {
+            lot: [0.1, 0.2],
+            ..found
+        });
+        assert_eq!(spared.asked(), Some(found.lot));
+        spared.step();
+        spared.know(found);
+        let mut slices = 2;
+        while spared.step() {
+            slices += 1;
+        }
+        assert_eq!(slices, found.slices);
+        assert_eq!(spared.found(), Some(found));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use core::f32::consts::{PI, TAU};
 use super::amplitude::{AmplitudeLoop, held};
 use super::angle::{phase_of, radians_of};
 use super::capture::{Capture, Planned, Progress, Search};
-use super::chaos::ChaosSearch;
+use super::chaos::{Chaos, ChaosSearch};
 use super::hearing::Hearing;
 use super::identify::{self, Identification, Identifier, Step};
 use super::resonance::Resonance;
@@ -589,6 +589,25 @@ impl Controller {
     #[must_use]
     pub fn planned(&self) -> Option<Planned> {
         self.search.planned()
+    }
+
+    /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn chaos_asked(&self) -> Option<[f32; 2]> {
+        self.chaos.as_ref().and_then(ChaosSearch::asked)
+    }
+
+    /// Spares the search that [`Controller::chaos_asked`] tells of, where another controller has done it.
+    pub fn chaos_known(&mut self, known: Chaos) {
+        if let Some(chaos) = &mut self.chaos {
+            chaos.know(known);
+        }
+    }
+
+    /// The search for chaos that has come to its end for the present target.
+    #[must_use]
+    pub fn chaos_found(&self) -> Option<Chaos> {
+        self.chaos.as_ref().and_then(ChaosSearch::found)
     }
 
     /// Everything at rest, drive off.

@@ -37,6 +37,7 @@ mod transition;
 pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
 pub use capture::Planned;
+pub use chaos::Chaos;
 pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start};
 pub(crate) use fold::Fold;
 pub use fold::Folded;
