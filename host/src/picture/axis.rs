@@ -98,7 +98,9 @@ impl Axis {
     }
 
     pub(super) fn title(&self) -> String {
-        format!("{} ({})", self.label, self.unit.0)
+        // As it is typed in scenes and settings.
+        let unit = self.unit.0.replace("^2", "²");
+        format!("{} ({unit})", self.label)
     }
 
     /// Where `value` stands on the axis: 0 at its low end, 1 at its high end; NaN for no place.
@@ -152,7 +154,7 @@ fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     let count = (last - first + 1).max(0) as usize;
     let power = |n: i32| {
         let label = match n {
-            -3..=4 => number(10_f64.powi(n), 6),
+            -3..=3 => number(10_f64.powi(n), 6),
             _ => format!("10{}", superscript(n)),
         };
         (10_f64.powi(n), label)

@@ -5,6 +5,7 @@ mod item;
 mod legend;
 mod map;
 mod style;
+mod words;
 
 use axes::Pixels;
 use item::Item;
@@ -183,14 +184,14 @@ impl Panel {
         self
     }
 
-    /// A dashed line across the panel at `y`, with words at its right end.
+    /// A dashed line across the panel at `y`, with words at its end.
     #[must_use]
     pub fn level(mut self, y: f64, words: impl Into<String>) -> Self {
         self.levels.push((y, words.into()));
         self
     }
 
-    /// Words at a point.
+    /// Words beside a point.
     #[must_use]
     pub fn note(mut self, x: f64, y: f64, words: impl Into<String>) -> Self {
         let words = words.into();
@@ -272,23 +273,7 @@ impl Panel {
                 ));
             }
         }
-        for (y, words) in &self.levels {
-            let down = pixel.down(*y);
-            if (plot.top..=plot.bottom()).contains(&down) {
-                shapes.push(Shape::line(
-                    vec![(plot.left, down), (plot.right(), down)],
-                    dashed(theme),
-                ));
-                pixel.halo(
-                    theme,
-                    plot.right() - 4.0,
-                    down - 4.0,
-                    words,
-                    Anchor::End,
-                    shapes,
-                );
-            }
-        }
+        pixel.draw_words(theme, shapes);
         pixel.draw_axes(theme, shapes);
         plot.bottom() + 46.0
     }

@@ -48,7 +48,6 @@ impl Colour {
     }
 
     /// Relative luminance, 0 black to 1 white (WCAG 2).
-    #[cfg(test)]
     pub(super) fn luminance(self) -> f64 {
         let linear = |value: u8| {
             let value = f64::from(value) / 255.0;

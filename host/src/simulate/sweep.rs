@@ -284,15 +284,17 @@ impl Sweep {
     pub fn draw(&self, file: &SceneFile) -> Picture {
         let count = self.points.first().map_or(0, |point| point.runs.runs.len());
         let picture = Picture::new("How sure the wanted state is").caption(format!(
-            "{count} runs a point, target {}",
+            "{count} run{} a point, target {}",
+            if count == 1 { "" } else { "s" },
             super::describe(file.scene.target)
         ));
         let axis = |axis: &Axes, cells: bool| {
             let (low, high) = bounds(&axis.values);
-            // A cell has its value in its middle.
-            let room = 0.5 * (high - low) / (axis.values.len().max(2) - 1) as f64;
-            let room = if cells && axis.values.len() > 1 {
-                room
+            // A cell has its value in its middle; a marker at the end is not cut in two.
+            let room = if !cells {
+                0.02 * (high - low)
+            } else if axis.values.len() > 1 {
+                0.5 * (high - low) / (axis.values.len() - 1) as f64
             } else {
                 0.0
             };

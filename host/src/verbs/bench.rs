@@ -214,7 +214,7 @@ fn picture(lines: &[Line]) -> Picture {
             panel = panel.markers(group, series + 1, members.clone().map(place).collect());
             for line in members {
                 let (x, y) = place(line);
-                panel = panel.note(1.1 * x, y, line.kernel);
+                panel = panel.note(x, y, line.kernel);
             }
         }
         picture = picture.panel(panel);

@@ -1,12 +1,10 @@
 //! What is drawn between the axes.
 
-use super::SMALL;
 use super::axes::Pixels;
 use super::map::{Grid, raster};
-use super::style::{marks, text};
+use super::style::marks;
 use crate::picture::axis::Axis;
-use crate::picture::font;
-use crate::picture::shape::{Anchor, Rect, Shape, Stroke};
+use crate::picture::shape::{Rect, Shape, Stroke};
 use crate::picture::theme::{Theme, Tone};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -185,46 +183,9 @@ impl Pixels<'_> {
                     ));
                 }
             }
-            Item::Note { x, y, words } => {
-                self.halo(
-                    theme,
-                    self.across(*x),
-                    self.down(*y),
-                    words,
-                    Anchor::Start,
-                    shapes,
-                );
-            }
+            // After everything else.
+            Item::Note { .. } => {}
         }
-    }
-
-    /// Words on a patch of background, legible over anything.
-    pub(super) fn halo(
-        &self,
-        theme: Theme,
-        x: f64,
-        y: f64,
-        words: &str,
-        anchor: Anchor,
-        shapes: &mut Vec<Shape>,
-    ) {
-        if words.is_empty() || !x.is_finite() || !y.is_finite() {
-            return;
-        }
-        let width = font::width(words, SMALL, false);
-        let left = match anchor {
-            Anchor::Start => x,
-            Anchor::Middle => x - 0.5 * width,
-            Anchor::End => x - width,
-        };
-        let patch = Rect {
-            left: left - 2.0,
-            top: y - 11.0,
-            width: width + 4.0,
-            height: 14.5,
-        };
-        shapes.push(Shape::area(patch, theme.background().faint(0.8)));
-        shapes.push(Shape::Text(text(x, y, words, anchor, theme.text(), SMALL)));
     }
 
     /// The line as pieces of finite points; where several fall on half a pixel's width, first, lowest,

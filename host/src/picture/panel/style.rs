@@ -80,12 +80,17 @@ pub(super) fn swatch(theme: Theme, tone: Tone, rect: Rect, frame: bool, shapes: 
         }
     }
     if !pieces.is_empty() {
+        // What stands out from the tone more: the words' colour or the sheet's.
+        let tone = tone.colour(theme).luminance();
+        let [ink, sheet] = [theme.text(), theme.background()];
+        let from = |colour: Colour| (colour.luminance() - tone).abs();
+        let colour = if from(ink) < from(sheet) { sheet } else { ink };
         shapes.push(Shape::Path {
             pieces,
             closed: false,
             fill: None,
             stroke: Some(Stroke {
-                colour: theme.text().faint(0.55),
+                colour: colour.faint(0.55),
                 width: 0.8,
                 dash: &[],
             }),
