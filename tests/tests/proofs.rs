@@ -248,11 +248,7 @@ fn read(name: &str) -> SceneFile {
 
 /// Whether the outcome is the one that its scene expects.
 fn expected(outcome: &Outcome) -> bool {
-    let expectation = outcome.file().expectation.as_ref();
-    expectation
-        .expect("every scene expects")
-        .unmet(outcome)
-        .is_empty()
+    outcome.unmet().expect("every scene expects").is_empty()
 }
 
 /// Whether what a scene is there to show is to be seen in its outcome.

@@ -16,11 +16,9 @@ fn run(name: &str) {
     let come_to = |fidelity: Fidelity| {
         let outcome = Outcome::watched(&file, fidelity, Watch::KEPT, &desk)
             .unwrap_or_else(|refusal| panic!("{refusal}"));
-        let expected = file
-            .expectation
-            .as_ref()
+        let unmet = outcome
+            .unmet()
             .expect("a scene states what must come of it");
-        let unmet = expected.unmet(&outcome);
         assert!(
             unmet.is_empty(),
             "{}: {}",

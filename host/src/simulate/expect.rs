@@ -3,24 +3,23 @@
 use kband::control::{Event, Fault, Limits, State};
 use toml::Value;
 
-use super::outcome::Outcome;
-use super::scene::Section;
+use super::section::Section;
 use crate::refusal::Refusal;
 
 /// The expected outcome of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expectation {
-    state: Option<State>,
-    fault: Option<Fault>,
+    pub(super) state: Option<State>,
+    pub(super) fault: Option<Fault>,
     /// Whether `fault` was given: `fault = "none"` is an expectation too.
-    fault_given: bool,
-    events: Option<Vec<Event>>,
-    regime: Option<String>,
-    k: Option<(f64, f64)>,
-    speed: Option<(f64, f64)>,
-    restitution: Option<(f64, f64)>,
-    limits: Option<Vec<String>>,
-    within: Option<f64>,
+    pub(super) fault_given: bool,
+    pub(super) events: Option<Vec<Event>>,
+    pub(super) regime: Option<String>,
+    pub(super) k: Option<(f64, f64)>,
+    pub(super) speed: Option<(f64, f64)>,
+    pub(super) restitution: Option<(f64, f64)>,
+    pub(super) limits: Option<Vec<String>>,
+    pub(super) within: Option<f64>,
 }
 
 impl Expectation {
@@ -83,84 +82,6 @@ impl Expectation {
         }
         section.finish()?;
         Ok(expected)
-    }
-
-    /// What of it the outcome does not meet, a line each.
-    #[must_use]
-    pub fn unmet(&self, outcome: &Outcome) -> Vec<String> {
-        let mut unmet = Vec::new();
-        let last = outcome.last();
-        if let Some(state) = self.state
-            && last.state != state
-        {
-            unmet.push(format!(
-                "state: expected {}, came to {}",
-                state.name(),
-                last.state.name()
-            ));
-        }
-        if self.fault_given && last.fault != self.fault {
-            let name = |fault: Option<Fault>| fault.map_or("none", Fault::name);
-            unmet.push(format!(
-                "fault: expected {}, came to {}",
-                name(self.fault),
-                name(last.fault)
-            ));
-        }
-        if let Some(events) = &self.events {
-            let names = |events: &mut dyn Iterator<Item = Event>| {
-                events.map(Event::name).collect::<Vec<_>>().join(", ")
-            };
-            let came = names(&mut outcome.events().map(|happened| happened.event));
-            let expected = names(&mut events.iter().copied());
-            if came != expected {
-                unmet.push(format!("events: expected {expected}; came {came}"));
-            }
-        }
-        if let Some(limits) = &self.limits {
-            let (came, expected) = (outcome.limits().join(", "), limits.join(", "));
-            if came != expected {
-                unmet.push(format!("limits: expected [{expected}], came to [{came}]"));
-            }
-        }
-        if let Some(regime) = &self.regime
-            && outcome.regime() != *regime
-        {
-            unmet.push(format!(
-                "regime: expected {regime}, came to {}",
-                outcome.regime()
-            ));
-        }
-        for (name, range, value) in [
-            ("k", self.k, outcome.k()),
-            ("speed in mm/s", self.speed, outcome.speed() * 1e3),
-            (
-                "restitution identified",
-                self.restitution,
-                outcome
-                    .identified()
-                    .map_or(f64::NAN, |found| f64::from(found.restitution)),
-            ),
-        ] {
-            if let Some((low, high)) = range
-                && !(low..=high).contains(&value)
-            {
-                unmet.push(format!(
-                    "{name}: expected {low}..{high}, came to {value:.4}"
-                ));
-            }
-        }
-        if let (Some(within), Some(state)) = (self.within, self.state) {
-            match outcome.reached(state) {
-                Some(time) if time <= within => {}
-                Some(time) => unmet.push(format!(
-                    "{} within {within} s: came at {time:.2} s",
-                    state.name()
-                )),
-                None => unmet.push(format!("{} within {within} s: never came", state.name())),
-            }
-        }
-        unmet
     }
 }
 

@@ -1,4 +1,7 @@
 //! Scenes at the desk: read, run, drawn and judged.
+//!
+//! A file of these uses those before it only: fields, section; engine; parts, expect, scene; record, outcome;
+//! unmet, picture, trace, runs, sweep, schema.
 
 mod engine;
 mod expect;
@@ -10,14 +13,16 @@ mod record;
 pub mod runs;
 mod scene;
 pub mod schema;
+mod section;
 pub mod sweep;
 pub mod trace;
+mod unmet;
 
 pub use engine::Fidelity;
 pub use expect::Expectation;
-pub use outcome::{Outcome, Take, Watch, words};
+pub use outcome::{Outcome, words};
 pub use parts::Distribution;
 pub use picture::draw;
-pub use record::{Happened, Record, Sketch};
+pub use record::{Happened, Record, Sketch, Take, Watch};
 pub use runs::Runs;
 pub use scene::{DEFAULT, SceneFile, describe, table as scene_table};

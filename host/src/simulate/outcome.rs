@@ -7,13 +7,13 @@ use kband::control::{
     Controller, Event, Identification, Identified, Limits, NoSetpoint, Report, Start, State, Target,
 };
 use kband::feeder::Restitution;
-use kband::plant::{Change, Moment, Sample, Strike};
+use kband::plant::{Change, Moment, Strike};
 use kband::regime::band::BandError;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::{Band, Lock};
 
 use super::engine::{Engine, Fidelity, Whole};
-use super::record::{END, HEARD, Happened, Record};
+use super::record::{END, HEARD, Happened, Record, Watch};
 use super::scene::SceneFile;
 use crate::board::{BoardLoop, Line};
 use crate::desk::{Desk, Progress};
@@ -24,32 +24,6 @@ const JITTER: HearingSettings = HearingSettings {
     noise: 0.02,
     resolution: 1e-3,
 };
-
-/// Takes what it is shown, or refuses to go on.
-pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
-
-/// What of a run is wanted besides what it comes to; nothing else is computed.
-#[derive(Default)]
-pub struct Watch<'a> {
-    /// Whether it is to be drawn.
-    pub drawn: bool,
-    /// Whether every cycle is kept ([`Outcome::moments`]).
-    pub kept: bool,
-    /// Takes every cycle.
-    pub cycle: Option<Take<'a, Moment>>,
-    /// Takes every sample of the last cycles, in the waveform.
-    pub sample: Option<Take<'a, Sample>>,
-}
-
-impl Watch<'_> {
-    /// Every cycle is kept.
-    pub const KEPT: Self = Self {
-        drawn: false,
-        kept: true,
-        cycle: None,
-        sample: None,
-    };
-}
 
 /// Drive cycles at the end that a scope shows.
 const SCOPED: usize = 10;

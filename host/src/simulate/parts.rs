@@ -3,7 +3,7 @@
 use kband::plant::{Noise, PARTS, Scene};
 use toml::Value;
 
-use super::scene::{Section, number};
+use super::section::{Section, number};
 use crate::refusal::Refusal;
 
 /// A distribution of restitution.

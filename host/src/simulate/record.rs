@@ -1,10 +1,10 @@
 //! What is kept of a run while it goes on: enough to judge and draw it, however long it lasts.
 
 use kband::control::{Event, Report, State};
-use kband::plant::{Moment, Strike};
+use kband::plant::{Moment, Sample, Strike};
 
 use super::engine::Glance;
-use super::outcome::Watch;
+use crate::refusal::Refusal;
 
 /// Time over which the end of a scene is judged, in s.
 pub(super) const END: f64 = 1.0;
@@ -12,6 +12,32 @@ pub(super) const END: f64 = 1.0;
 /// silence at the slowest hopping, six hold enough impacts to tell chaos, and in one and a half a lock of
 /// order 8 repeats often enough.
 pub(super) const HEARD: [f64; 3] = [6.0, 3.0, 1.5];
+
+/// Takes what it is shown, or refuses to go on.
+pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
+
+/// What of a run is wanted besides what it comes to; nothing else is computed.
+#[derive(Default)]
+pub struct Watch<'a> {
+    /// Whether it is to be drawn.
+    pub drawn: bool,
+    /// Whether every cycle is kept ([`Outcome::moments`]).
+    pub kept: bool,
+    /// Takes every cycle.
+    pub cycle: Option<Take<'a, Moment>>,
+    /// Takes every sample of the last cycles, in the waveform.
+    pub sample: Option<Take<'a, Sample>>,
+}
+
+impl Watch<'_> {
+    /// Every cycle is kept.
+    pub const KEPT: Self = Self {
+        drawn: false,
+        kept: true,
+        cycle: None,
+        sample: None,
+    };
+}
 
 /// An event with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -245,10 +245,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Some(drawn) = draw(&outcome) {
         write_picture(&picture, &drawn, arguments.theme)?;
     }
-    let unmet = file
-        .expectation
-        .as_ref()
-        .map(|expected| expected.unmet(&outcome));
+    let unmet = outcome.unmet();
     let fidelity = match arguments.on {
         Some(_) => "processor in the loop",
         None => fidelity.name(),

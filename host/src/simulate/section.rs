@@ -1,0 +1,205 @@
+//! One table of a scene file, key by key.
+
+use std::ops::RangeInclusive;
+
+use kband::control::Settings;
+use toml::{Table, Value};
+
+use super::fields::Field;
+use crate::refusal::Refusal;
+
+/// A number, whole or not.
+pub(super) fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Float(number) => Some(*number),
+        Value::Integer(number) => Some(*number as f64),
+        _ => None,
+    }
+}
+
+/// One table of a scene file; what is left when it is finished is unknown.
+#[derive(Clone, Debug)]
+pub(super) struct Section {
+    name: String,
+    table: Table,
+    known: Vec<&'static str>,
+}
+
+impl Section {
+    pub fn new(name: &str, table: Table) -> Self {
+        Self {
+            name: name.into(),
+            table,
+            known: Vec::new(),
+        }
+    }
+
+    /// The keys asked for so far, each once.
+    pub fn names(&self) -> Vec<&'static str> {
+        let mut names = Vec::new();
+        for &key in &self.known {
+            if !names.contains(&key) {
+                names.push(key);
+            }
+        }
+        names
+    }
+
+    pub fn path(&self, key: &str) -> String {
+        match (self.name.is_empty(), key.is_empty()) {
+            (true, _) => key.to_string(),
+            (_, true) => format!("[{}]", self.name),
+            _ => format!("{}.{key}", self.name),
+        }
+    }
+
+    pub fn has(&mut self, key: &'static str) -> bool {
+        self.known.push(key);
+        self.table.contains_key(key)
+    }
+
+    pub fn take(&mut self, key: &'static str) -> Option<Value> {
+        self.known.push(key);
+        self.table.remove(key)
+    }
+
+    pub fn refuse(&self, key: &str, value: &Value, accepted: &str) -> Refusal {
+        let shown = match value {
+            Value::Float(number) => number.to_string(),
+            other => other.to_string().trim().replace('\n', " "),
+        };
+        Refusal::value(
+            self.path(key),
+            shown,
+            accepted,
+            format!("change {} in the scene", self.path(key)),
+        )
+    }
+
+    pub fn missing(&self, key: &str, accepted: &str) -> Refusal {
+        Refusal::value(
+            self.path(key),
+            "(missing)",
+            accepted,
+            format!(
+                "add {} to the scene; kband simulate --print-scene shows a whole one",
+                self.path(key)
+            ),
+        )
+    }
+
+    pub fn number(
+        &mut self,
+        key: &'static str,
+        range: RangeInclusive<f32>,
+        accepted: &str,
+    ) -> Result<f32, Refusal> {
+        let value = self.take(key).ok_or_else(|| self.missing(key, accepted))?;
+        number(&value)
+            .map(|number| number as f32)
+            .filter(|number| range.contains(number))
+            .ok_or_else(|| self.refuse(key, &value, accepted))
+    }
+
+    /// A number that may be left out.
+    pub fn field(&mut self, field: &Field, slot: &mut f32) -> Result<(), Refusal> {
+        if self.has(field.key) {
+            let [low, high] = field.range;
+            *slot = self.number(field.key, low..=high, &field.accepted())?;
+        }
+        Ok(())
+    }
+
+    /// A setting of the controller, with the range that the controller gives it.
+    pub fn setting(
+        &mut self,
+        settings: &mut Settings,
+        name: &'static str,
+        required: bool,
+    ) -> Result<(), Refusal> {
+        let Some(key) = Settings::KEYS.iter().find(|key| key.name == name) else {
+            return Ok(());
+        };
+        let Some(value) = self.take(key.name) else {
+            return if required {
+                Err(self.missing(key.name, key.accepted))
+            } else {
+                Ok(())
+            };
+        };
+        let refused = || self.refuse(key.name, &value, key.accepted);
+        let number = number(&value).ok_or_else(refused)?;
+        settings.set(key.name, number as f32).map_err(|_| refused())
+    }
+
+    /// One number or `[low, high]`, within 0..1.
+    pub fn interval(&mut self, key: &'static str) -> Result<(f32, f32), Refusal> {
+        let accepted = "one number or [low, high] with 0 <= low <= high <= 1";
+        let value = self.take(key).ok_or_else(|| self.missing(key, accepted))?;
+        let pair = match &value {
+            Value::Array(pair) if pair.len() == 2 => number(&pair[0]).zip(number(&pair[1])),
+            single => number(single).map(|r| (r, r)),
+        };
+        match pair {
+            Some((low, high)) if 0.0 <= low && low <= high && high <= 1.0 => {
+                Ok((low as f32, high as f32))
+            }
+            Some((low, high)) if low > high => Err(self.refuse(
+                key,
+                &value,
+                &format!("{accepted}: this interval is reversed"),
+            )),
+            _ => Err(self.refuse(key, &value, accepted)),
+        }
+    }
+
+    pub fn optional(&mut self, key: &'static str) -> Result<Option<Self>, Refusal> {
+        match self.take(key) {
+            None => Ok(None),
+            Some(Value::Table(table)) => Ok(Some(Self {
+                name: self.path(key),
+                table,
+                known: Vec::new(),
+            })),
+            Some(other) => Err(self.refuse(key, &other, "a table")),
+        }
+    }
+
+    pub fn section(&mut self, key: &'static str) -> Result<Self, Refusal> {
+        self.optional(key)?
+            .ok_or_else(|| self.missing(key, "a table of this name"))
+    }
+
+    pub fn finish(&self) -> Result<(), Refusal> {
+        let Some(key) = self.table.keys().next() else {
+            return Ok(());
+        };
+        let near = self
+            .known
+            .iter()
+            .find(|known| alike(known, key))
+            .map_or_else(String::new, |known| format!("; did you mean {known}?"));
+        Err(Refusal::value(
+            self.path(key),
+            "(unknown key)",
+            self.names().join(", "),
+            format!("remove or correct {}{near}", self.path(key)),
+        ))
+    }
+}
+
+/// Whether two keys differ by at most two letters changed, added or left out.
+fn alike(a: &str, b: &str) -> bool {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.iter().enumerate() {
+        let mut corner = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let cost = (corner + usize::from(x != y)).min(row[j].min(row[j + 1]) + 1);
+            corner = row[j + 1];
+            row[j + 1] = cost;
+        }
+    }
+    row[b.len()] <= 2
+}
