@@ -335,6 +335,19 @@ impl Outcome {
         self.file.scene.settings.capture_attempts as u32
     }
 
+    /// Restitutions of the simulated parts that lie outside the lot which the controller is told.
+    #[must_use]
+    pub fn strays(&self) -> Vec<f32> {
+        let scene = &self.file.scene;
+        let settings = &scene.settings;
+        let lot = settings.restitution_low..=settings.restitution_high;
+        let parts = &scene.parts[..usize::from(scene.part_count)];
+        let mut strays: Vec<f32> = parts.iter().copied().filter(|r| !lot.contains(r)).collect();
+        strays.sort_by(f32::total_cmp);
+        strays.dedup();
+        strays
+    }
+
     /// Why the lot has no band of the target's order, and which bounds would have one.
     #[must_use]
     pub fn no_band(&self) -> Option<String> {

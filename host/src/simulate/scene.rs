@@ -440,7 +440,11 @@ mod tests {
                 &["part.restitution", "reversed"],
             ),
             ("[0.18, 0.22]", "nan", &["part.restitution = NaN"]),
-            ("[0.2]", "[0.2, -1]", &["part.actual = -1"]),
+            (
+                "# actual = [0.2]",
+                "actual = [0.2, -1]",
+                &["part.actual = -1"],
+            ),
             ("duration = 10.0", "", &["duration = (missing)"]),
             (
                 "duration = 10.0",

@@ -409,9 +409,9 @@ mod tests {
             ("locked = 1 ", "locked = 1\nk = 0.4"),
             ("locked = 1 ", ""),
             ("[0.18, 0.22]", "[0.18, 1.22]"),
-            ("actual = [0.2]", "actual = [0.2, -1.0]"),
+            ("# actual = [0.2]", "actual = [0.2, -1.0]"),
             (
-                "actual = [0.2]",
+                "# actual = [0.2]",
                 "actual = { count = 2, distribution = \"normal\", mean = 0.2 }",
             ),
             ("noise = 0.15", "noise = -1.0"),

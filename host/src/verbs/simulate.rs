@@ -423,6 +423,15 @@ fn told(
         )),
     }
     say(format!("regime           {}", outcome.regime()));
+    let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
+    if !strays.is_empty() {
+        say(format!(
+            "parts            R {} outside the lot {}..{} that the controller is told (part.actual)",
+            strays.join(", "),
+            settings.restitution_low,
+            settings.restitution_high
+        ));
+    }
     if let Some(heard) = last.regime {
         say(format!(
             "heard            {} (confidence {})",
