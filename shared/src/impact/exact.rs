@@ -2,7 +2,7 @@
 
 use core::f64::consts::TAU;
 
-use super::flight::{Launch, first_impact, short};
+use super::flight::{Launch, first_impact};
 use super::{Impact, Kernel, Map, State};
 use crate::arithmetic::lane::Node;
 use crate::arithmetic::node;
@@ -50,7 +50,7 @@ impl Exact {
         let mut phase = Twofold::from(landing.phase);
         let mut arrival = Twofold::from(landing.arrival);
         if !grazes && landing.arrival > 0.0 {
-            let polished = if landing.flight < short::LONGEST {
+            let polished = if landing.flight < SHORT {
                 short_hop(track.k, state, landing.flight)
             } else {
                 flight_from_node(track.k, state, landing.flight)
@@ -196,6 +196,9 @@ fn flight_from_node(k: f64, state: State, d: f64) -> Polished {
         arrival: slope.negative(),
     }
 }
+
+/// Longest hop in rad whose few terms beyond those in twofold arithmetic are exact enough.
+const SHORT: f64 = 0.25;
 
 /// One Newton step on the gap of a short hop divided by its time.
 fn short_hop(k: f64, state: State, d: f64) -> Polished {

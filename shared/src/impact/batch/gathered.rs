@@ -5,7 +5,7 @@ use super::lanes::Set;
 use super::plan::{Kind, Plan};
 use super::stages::{ROOM, Stages};
 use crate::arithmetic::lane::{Lane, WIDEST};
-use crate::impact::flight::{Launch, finish, low, search, short, tall};
+use crate::impact::flight::{Launch, finish, hard, low, short, tall};
 
 /// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
 /// are short, one kind alone would wait for itself.
@@ -51,7 +51,7 @@ pub(super) fn advance<L: Lane>(
             stages.put_close(n, close);
         }
         for n in 0..talls {
-            let (landing, _) = finish(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
+            let landing = finish(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
             stages.put_landing(n, &landing);
         }
         for (n, register) in registers.iter().enumerate().take(shorts).skip(talls) {
@@ -120,11 +120,7 @@ fn search_for<L: Lane>(
     for (m, lane) in lanes.into_iter().enumerate().take(L::WIDTH) {
         if certain >> m & 1 == 0 {
             let all = [lane; WIDEST];
-            let (landing, grazes) = search::landing(
-                &columns.track(all),
-                &columns.launch(all),
-                search::Envelope::Skip,
-            );
+            let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
             stages.replace_landing(n * L::WIDTH + m, &landing);
             grazing.put(lane.into(), grazes);
         }

@@ -47,7 +47,7 @@ pub(super) fn advance<L: Lane>(
         }
         for (n, &at) in starts.iter().enumerate() {
             let close = stages.close::<L>(n);
-            let (landing, _) = finish(&columns.track_at(at), &columns.launch_at(at), close);
+            let landing = finish(&columns.track_at(at), &columns.launch_at(at), close);
             stages.put_landing(n, &landing);
         }
         for (n, &at) in starts.iter().enumerate() {

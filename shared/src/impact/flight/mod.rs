@@ -7,13 +7,16 @@
 //!   monotone stretch;
 //! - [`short`]: over within a fraction of a turn; solved for `u/d`, which keeps every digit down to the
 //!   smallest hops;
-//! - [home](low::home): over before the track next pushes as hard as k, where it meets the track once;
+//! - [home](low::home): over before the track next pushes as hard as k, or faster at height 1 than the
+//!   track ever moves; so it meets the track once;
 //! - [`low`]: anything else that closed forms can certify;
 //! - left to [`search`] where a decision comes close to rounding.
 //!
-//! All but the last are written over [`Lane`]: one orbit or several side by side, the same bits. What
-//! one flight costs is its chain of dependent operations, times how many of them a CPU can hold waiting:
-//! so the kinds are told apart early, and each has a short chain of its own.
+//! All but the last are written over [`Lane`]: one orbit or several side by side, the same bits. A flight
+//! costs nearly its whole chain of dependent operations, as a CPU cannot hold enough of them waiting to
+//! begin the next flight early. So the kinds are told apart early, each has a short chain of its own, and
+//! sums are in the order in which their terms are ready. Those few that need another step take it in
+//! [`hard`].
 
 pub(crate) mod low;
 pub(crate) mod search;
@@ -22,7 +25,8 @@ pub(crate) mod tall;
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use crate::arithmetic::lane::{Arc, Lane, Node, sine_cosine};
+use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDER, sine_cosine};
+use crate::arithmetic::node;
 
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,27 +154,39 @@ impl<L: Lane> Launch<L> {
         L::splat(6e-14) * (L::splat(1.0) + v * v * track.per_k)
     }
 
-    /// Whether the flight, if it is neither tall nor short, is over before the edge that comes: the ball
-    /// is below the track there. Up to there the gap is concave, or convex (and grows) and then concave; so
-    /// it has one root.
+    /// Whether the ball leaves height 1 faster than the track ever moves: it meets the track once.
+    #[inline(always)]
+    fn is_certified(&self, track: &Track<L>) -> L::Mask {
+        L::splat(1.0 + SPARE).below(self.leaving(track)) & L::splat(0.0).below(self.rise())
+    }
+
+    /// Whether the flight, if it is neither tall nor short, meets the track once: it
+    /// [is certified](Self::is_certified), or over before the edge that comes, as the ball is below the
+    /// track there. Up to there the gap is concave, or convex (and grows) and then concave; so it has one
+    /// root.
     #[inline(always)]
     pub fn is_home(&self, track: &Track<L>) -> L::Mask {
         let height = self.height(track, self.wait(track));
-        (height + self.margin(track)).below(track.edge_sine())
+        self.is_certified(track) | (height + L::splat(SPARE)).below(track.edge_sine())
     }
 
-    /// Whether the flight, if it is not tall, is [`short`], by the quadratic of `u/d`: either it crosses
-    /// zero before a quarter of [`short::LONGEST`] and its two roots are well apart, or it bends down
-    /// and is below zero at [`short::LONGEST`].
+    /// Whether the flight, if it is not tall, is [`short`].
     #[inline(always)]
     pub fn is_short(&self, track: &Track<L>) -> L::Mask {
+        self.is_over_within(track, short::LONGEST)
+    }
+
+    /// Whether the flight, if it is not tall, is over within about `longest`, by the quadratic of `u/d`:
+    /// either it crosses zero before half of that and its two roots are well apart, or it bends down and
+    /// is below zero then.
+    #[inline(always)]
+    fn is_over_within(&self, track: &Track<L>, longest: f64) -> L::Mask {
         let (psi, c) = (self.velocity, self.cosine);
         let pull = track.k - self.sine;
-        let caught = (psi * L::splat(4.0 / short::LONGEST)).below(pull)
+        let caught = (psi * L::splat(2.75 / longest)).below(pull)
             & (c * psi).below(L::splat(0.3) * (pull * pull));
         let falling = c.below(L::splat(0.0))
-            & (psi + c * L::splat(short::LONGEST * short::LONGEST / 6.0))
-                .below(pull * L::splat(short::LONGEST / 2.0));
+            & (psi + c * L::splat(longest * longest / 6.0)).below(pull * L::splat(longest / 2.0));
         caught | falling
     }
 }
@@ -213,6 +229,9 @@ impl<L: Lane> Launch<L> {
         closing | self.rests(track)
     }
 }
+
+/// More than the rounding of a height or of the square of a speed, where the flight is not tall.
+const SPARE: f64 = 1e-9;
 
 /// Largest third order of a chatter's duration that its closed form leaves out, in rad: half an ulp of
 /// a phase.
@@ -275,46 +294,95 @@ fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
     (f * top / bottom).lone()
 }
 
-/// The last step: from `d`, close to the root, to the root, by one step of fourth order.
+/// The gap near an impact, from the node of the table next to it.
 ///
-/// The mask says where that holds: the step is so short that what it leaves is below rounding.
-#[inline(always)]
-pub(crate) fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
-    let local = Local::near(track, launch, d);
-    let node = &local.node;
-    let x = d - node.distance;
-    let arc = Arc::of(x);
-    let turning = node.sine * arc.sine + node.cosine * arc.versine;
-    let f = local.value
-        + (x * (local.slope - track.half() * x)
-            + (node.sine * arc.versine + node.cosine * arc.sagitta));
-    let g = local.slope + (turning - track.k * x);
-    let sine = node.sine + (node.cosine * arc.sine - node.sine * arc.versine);
-    let cosine = node.cosine - turning;
-    let pull = sine - track.k;
-    let certain = g.below(L::splat(0.0))
-        & (f * pull).abs().below((g * g) * L::splat(2.0 * NEAR))
-        & (f * f * cosine)
-            .abs()
-            .below((g * g * g).abs() * L::splat(6.0 * NEAR * NEAR));
-    let back = householder(f, g, pull, cosine, -sine);
-    let offset = x - back;
-    let squared = back * back;
-    let arrival = (back * pull - g)
-        - squared
-            * ((cosine * L::splat(0.5) + back * (sine * L::splat(1.0 / 6.0)))
-                - squared * (cosine * L::splat(1.0 / 24.0)));
-    let landing = Landing {
-        flight: (node.distance + offset).lone(),
-        phase: node.phase(offset).lone(),
-        arrival: arrival.lone(),
-    };
-    (landing, certain)
+/// What comes late is used late: every sum is in the order in which its terms are ready.
+#[derive(Clone, Copy)]
+struct Near<L> {
+    /// Phase of the node, as a sum.
+    turned: (L, L),
+    /// Time from the launch to the node.
+    distance: L,
+    /// Time from the node.
+    x: L,
+    /// `u`.
+    value: L,
+    /// `u'`.
+    slope: L,
+    /// `u''`.
+    curvature: L,
+    /// The derivative of that: the cosine.
+    third: L,
 }
 
-/// Largest last step in units of the bend of the gap: what a step of fourth order leaves of it is then
-/// below rounding.
-const NEAR: f64 = 4e-4;
+impl<L: Lane> Near<L> {
+    /// About `d` after the launch, to the digits that the number of the node leaves.
+    #[inline(always)]
+    fn at(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
+        let half = track.half();
+        let per_node = L::splat(node::COUNT as f64 / TAU);
+        let nodes = d * per_node + launch.phase * per_node;
+        let rounded = nodes + L::splat(ROUNDER);
+        let count = rounded - L::splat(ROUNDER);
+        let (sine, cosine) = L::node(rounded);
+        let x = ((nodes - count) * L::splat(node::SPACING)).lone();
+        let distance = (count * L::splat(node::SPACING_HIGH) - launch.phase)
+            + count * L::splat(node::SPACING_LOW);
+        let v = launch.rise();
+        let slope = (v - track.k * distance) - cosine;
+        let value = distance * (v - half * distance) + (launch.sine - sine);
+        let excess = sine - track.k;
+        let arc = Arc::of(x);
+        let bend = (sine * arc.versine + cosine * arc.sagitta).lone();
+        let lag = (sine * arc.sagitta - cosine * arc.versine).lone();
+        Self {
+            turned: L::within_turn(rounded),
+            distance,
+            x,
+            value: (value + x * (slope - half * x)) + bend,
+            slope: (slope + excess * x) - lag,
+            curvature: (excess + cosine * x) - bend,
+            third: (cosine - sine * x) + lag,
+        }
+    }
+
+    /// The landing `back` before; its phase may be a hair below zero.
+    #[inline(always)]
+    fn landing(&self, back: L, arrival: L) -> Landing<L> {
+        Landing {
+            flight: (self.distance + (self.x - back)).lone(),
+            phase: (self.turned.0 + ((self.turned.1 + self.x) - back)).lone(),
+            arrival: arrival.lone(),
+        }
+    }
+}
+
+/// A phase in 0..2 pi from one that may be a hair below zero.
+#[inline(always)]
+fn in_turn<L: Lane>(phase: L) -> L {
+    let below = phase.below(L::splat(0.0));
+    if L::any(below) {
+        // A hair below zero rounds up to the whole turn.
+        (phase + L::splat(TAU).only(below)).min(L::splat(TAU.next_down()))
+    } else {
+        phase
+    }
+}
+
+/// The last step: from `d`, close to the root, to the root, by one step of fourth order.
+#[inline(always)]
+pub(crate) fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> Landing<L> {
+    let near = Near::at(track, launch, d);
+    let (f, g, g2, g3) = (near.value, near.slope, near.curvature, near.third);
+    let sine = g2 + track.k;
+    let back = householder(f, g, g2, g3, -sine);
+    let half_third = g3 * L::splat(0.5);
+    let bend = half_third
+        + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
+    let mut landing = near.landing(back, back * (g2 - back * bend) - g);
+    landing.phase = in_turn(landing.phase);
+    landing
+}
 
 /// The first impact after `launch`, and whether it grazes; `None` where the part rests.
 #[inline(always)]
@@ -367,6 +435,20 @@ fn not_tall(
     Some(if f64::any(certain) {
         (landing, false)
     } else {
-        search::landing(track, &launch, search::Envelope::Skip)
+        hard(track, &launch)
     })
+}
+
+/// The first impact of a flight of which its kind's quick form is not certain, and whether it grazes.
+#[cold]
+pub(crate) fn hard(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+    let careful = if f64::any(launch.is_short(track)) {
+        short::careful(track, launch)
+    } else {
+        low::careful(track, launch)
+    };
+    careful.map_or_else(
+        || search::landing(track, launch, search::Envelope::Skip),
+        |landing| (landing, false),
+    )
 }

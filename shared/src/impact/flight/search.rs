@@ -158,6 +158,11 @@ fn lowest(track: &Track<f64>, launch: &Launch<f64>, begin: f64, end: f64) -> (f6
         } else {
             low = d;
         }
+        // Below its value here less what the slope can take, or above zero no more: it is decided.
+        let least = at.value - at.slope.abs() * (high - low);
+        if at.value < -4.0 * at.rounding || least > 4.0 * at.rounding {
+            return (d, at);
+        }
         let newton = d - at.slope / at.curvature;
         let next = if newton > low && newton < high && round % 8 != 7 {
             newton

@@ -9,8 +9,8 @@ use core::f64::consts::TAU;
 use super::{Landing, Launch, Track, householder};
 use crate::arithmetic::lane::Lane;
 
-/// Longest short hop in rad.
-pub(crate) const LONGEST: f64 = 0.25;
+/// Longest short hop in rad, about.
+pub(crate) const LONGEST: f64 = 0.5;
 
 /// `u/d` and `u'` at some flight time.
 pub(super) struct Deflated<L> {
@@ -22,7 +22,7 @@ pub(super) struct Deflated<L> {
     pub curvature: L,
 }
 
-/// `u/d` and `u'` after `d` <= 0.5 rad, each exact relative to its terms.
+/// `u/d` and `u'` after `d` <= 0.55 rad, each exact relative to its terms.
 #[inline(always)]
 pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L> {
     let z = d * d;
@@ -65,53 +65,90 @@ pub(crate) fn landing<L: Lane>(
     launch: &Launch<L>,
     guess: L,
 ) -> (Landing<L>, L::Mask) {
-    let zero = L::splat(0.0);
-    let (s, c) = (launch.sine, launch.cosine);
-    let pull = track.k - s;
-    let a2 = c * L::splat(1.0 / 6.0);
-    let mut d = guess;
-    let mut open = L::splat(-1.0).below(zero);
-    for _ in 0..3 {
-        let w = deflated(pull, launch, d);
-        // d w' = u' - w, d^2 w''/2 and d^3 w'''/6 to the leading orders.
-        let (sd, cd) = (s * d, c * d);
-        let b2 = (a2 - (sd * L::splat(1.0 / 8.0) + (cd * d) * L::splat(1.0 / 20.0))) * d;
-        let step = -householder(
-            w.value * d,
-            w.slope - w.value,
-            b2 + b2,
-            -(sd * L::splat(1.0 / 4.0) + (cd * d) * L::splat(1.0 / 5.0)),
-            zero,
-        );
-        d = L::select(open, d + step, d);
-        // Third order: the next step would be the fourth power of this one, relative to d.
-        open = open & !step.abs().below(d * L::splat(2e-6));
-        if !L::any(open) {
-            break;
+    let d = closer(track, launch, guess);
+    let (landing, settled) = settle(track, launch, d);
+    (landing, settled & holds(track, launch, &landing))
+}
+
+/// [`landing`] with as many steps as it takes, for the few that it takes more; `None` where it is not
+/// certain then either.
+#[cold]
+pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
+    let mut d = guess(track, launch);
+    for _ in 0..4 {
+        d = closer(track, launch, d);
+        let (landing, settled) = settle(track, launch, d);
+        if f64::any(settled) {
+            return f64::any(holds(track, launch, &landing)).then_some(landing);
         }
     }
-    let arrival = -deflated(pull, launch, d).slope;
+    None
+}
+
+/// Whether a landing is the first: u is concave from the launch, or convex and then concave, up to the
+/// next edge, so it has one root there.
+#[inline(always)]
+fn holds<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) -> L::Mask {
+    let (d, zero) = (landing.flight, L::splat(0.0));
+    zero.below(d)
+        & d.below(L::splat(1.1 * LONGEST))
+        & d.below(launch.wait(track))
+        & zero.below(landing.arrival)
+}
+
+/// One step towards the end of the hop: within 1e-7 of it, relative, from a guess within a tenth.
+#[inline(always)]
+fn closer<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> L {
+    let (psi, s, c) = (launch.velocity, launch.sine, launch.cosine);
+    let pull = track.k - s;
+    let z = d * d;
+    // The powers of d in u/d; with them its derivatives, times that power of d.
+    let (first, second, third) = (
+        d * (pull * L::splat(0.5)),
+        z * (c * L::splat(1.0 / 6.0)),
+        (z * d) * (s * L::splat(1.0 / 24.0)),
+    );
+    let fourth = z * (second * L::splat(1.0 / 20.0));
+    let fifth = z * (third * L::splat(1.0 / 30.0));
+    let sixth = z * (fourth * L::splat(1.0 / 42.0));
+    let w = (psi - (first - second)) - ((third + fourth) - (fifth + sixth));
+    let w1 = ((second + second) - first)
+        - ((L::splat(3.0) * third + L::splat(4.0) * fourth)
+            - (L::splat(5.0) * fifth + L::splat(6.0) * sixth));
+    let w2 = second - (L::splat(3.0) * third + L::splat(6.0) * fourth);
+    let w3 = -(third + L::splat(4.0) * fourth);
+    let back = householder(w, w1, w2 + w2, L::splat(6.0) * w3, L::splat(-24.0) * fourth);
+    d - d * back
+}
+
+/// The last step, of third order; the mask says where it was so short that what it leaves is below
+/// rounding.
+#[inline(always)]
+fn settle<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
+    let (s, c) = (launch.sine, launch.cosine);
+    let at = deflated(track.k - s, launch, d);
+    let per_slope = L::splat(1.0) / at.slope;
+    let newton = ((d * at.value) * per_slope).lone();
+    let turn = ((at.curvature * L::splat(0.5)) * per_slope) * newton;
+    let back = newton + newton * turn;
+    let flight = d - back;
+    let third = c - d * (s + d * (c * L::splat(0.5)));
+    let arrival = back * (at.curvature - back * (third * L::splat(0.5))) - at.slope;
     let turn = L::splat(TAU);
-    let ahead = launch.phase + d;
+    let ahead = launch.phase + flight;
     let phase = L::select(
         ahead.below(turn),
         ahead,
-        ((launch.phase - turn) + d).max(zero),
+        ((launch.phase - turn) + flight).max(L::splat(0.0)),
     );
-    // u is concave from the launch, or convex and then concave, up to the next edge: one root.
-    let wait = track.edge - launch.phase;
-    let wait = L::select(wait.below(zero), wait + turn, wait);
-    let certain = !open
-        & zero.below(d)
-        & d.below(L::splat(2.0 * LONGEST))
-        & !wait.below(d)
-        & !arrival.below(zero);
-    (
-        Landing {
-            flight: d,
-            phase,
-            arrival,
-        },
-        certain,
-    )
+    let landing = Landing {
+        flight,
+        phase,
+        arrival,
+    };
+    (landing, newton.abs().below(d * L::splat(NEAR)))
 }
+
+/// Largest Newton step of a last step of third order, relative to the flight: it leaves less than
+/// rounding.
+const NEAR: f64 = 5e-7;

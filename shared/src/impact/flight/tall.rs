@@ -6,7 +6,10 @@
 //! of fourth order, each on a node of the table, reach rounding.
 
 use super::{Landing, Launch, Track, finish, householder};
-use crate::arithmetic::lane::{Lane, Node};
+use core::f64::consts::TAU;
+
+use crate::arithmetic::lane::{Lane, ROUNDER};
+use crate::arithmetic::node;
 
 /// Smallest square of the speed at height 1 of a tall flight. The certificate holds from 1; from here
 /// on one step of fourth order comes within 1.4e-3 of the root (4e-4 from 4 on, 3e-7 from 36 on), and the
@@ -37,13 +40,16 @@ pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossin
 /// A flight time within 1.4e-3 of the impact.
 #[inline(always)]
 pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, crossing: &Crossing<L>) -> L {
-    let node = Node::near(launch.phase, crossing.time);
-    let past = node.distance - crossing.time;
+    let per_node = L::splat(node::COUNT as f64 / TAU);
+    let nodes = crossing.time * per_node + launch.phase * per_node;
+    let rounded = nodes + L::splat(ROUNDER);
+    let (sine, cosine) = L::node(rounded);
+    let past = ((rounded - L::splat(ROUNDER)) - nodes) * L::splat(node::SPACING);
     // Relative to the crossing nothing cancels: y = -past (V + k past/2).
-    let below = past * (crossing.speed + track.half() * past) + node.sine;
-    let speed = (crossing.speed + track.k * past) + node.cosine;
-    let back = householder(below, speed, track.k - node.sine, -node.cosine, node.sine);
-    node.distance - back
+    let below = past * (crossing.speed + track.half() * past) + sine;
+    let speed = (crossing.speed + track.k * past) + cosine;
+    let back = householder(below, speed, track.k - sine, -cosine, sine);
+    crossing.time + (past - back)
 }
 
 /// The end of a tall flight.
@@ -51,5 +57,5 @@ pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, crossing: 
 pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> Landing<f64> {
     let crossing = crossing(track, launch);
     let close = approach(track, launch, &crossing);
-    finish(track, launch, close).0
+    finish(track, launch, close)
 }
