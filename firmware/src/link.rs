@@ -233,10 +233,12 @@ async fn answer<'a>(
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
         Request::Identification => Response::Identification(station.identification()),
+        Request::Held => Response::Held(station.target().into()),
     }
 }
 
-/// Begins a simulation by the desk.
+/// Begins a simulation by the desk; a call of its own, for what it needs of the stack.
+#[inline(never)]
 fn begin(
     simulation: &mut Option<Simulation>,
     target: control::Target,

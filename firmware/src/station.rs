@@ -141,11 +141,46 @@ impl Station {
         }
         let settings = self.settings.get();
         let signal = Signal::build(&settings).map_err(NotTaken::OutOfRange)?;
-        let controller =
-            Controller::build(&settings, target, start).map_err(NotTaken::OutOfRange)?;
-        self.controller.replace(controller);
+        self.renew_controller(&settings, target, start)?;
         self.simulated.set(true);
         Ok(signal)
+    }
+
+    /// A controller begun anew in the place of the one that is there; refused, with that one kept.
+    ///
+    /// Controller and signal path are large: each is made in a call of its own, on a stack that is empty
+    /// again before the next.
+    #[inline(never)]
+    fn renew_controller(
+        &self,
+        settings: &Settings,
+        target: Target,
+        start: Start,
+    ) -> Result<(), NotTaken> {
+        match Controller::build(settings, target, start) {
+            Ok(controller) => {
+                *self.controller.borrow_mut() = controller;
+                Ok(())
+            }
+            Err(refused) => Err(NotTaken::OutOfRange(refused)),
+        }
+    }
+
+    /// A signal path begun anew for the sample interrupt.
+    #[inline(never)]
+    fn renew_signal(&self, settings: &Settings) -> Result<(), NotTaken> {
+        let signal = Signal::build(settings).map_err(NotTaken::OutOfRange)?;
+        self.exchange.replace_signal(signal);
+        Ok(())
+    }
+
+    /// Refused where there is no signal path for these settings.
+    #[inline(never)]
+    fn check_signal(settings: &Settings) -> Result<(), NotTaken> {
+        match Signal::build(settings) {
+            Ok(_) => Ok(()),
+            Err(refused) => Err(NotTaken::OutOfRange(refused)),
+        }
     }
 
     fn control(&self, cycle: &Cycle, inputs: Inputs) -> Report {
@@ -201,6 +236,12 @@ impl Station {
         self.controller.borrow_mut().set_target(target)
     }
 
+    /// The target that is held.
+    #[must_use]
+    pub fn target(&self) -> Target {
+        self.controller.borrow().target()
+    }
+
     /// How far the identification of the parts' restitution has come.
     #[must_use]
     pub fn identification(&self) -> Identification {
@@ -224,14 +265,10 @@ impl Station {
             _ => return Err(NotTaken::Running),
         };
         settings.check().map_err(NotTaken::OutOfRange)?;
-        let target = self.controller.borrow().target();
-        let signal = Signal::build(settings).map_err(NotTaken::OutOfRange)?;
-        let controller =
-            Controller::build(settings, target, start).map_err(NotTaken::OutOfRange)?;
-        self.controller.replace(controller);
+        Self::check_signal(settings)?;
+        self.renew_controller(settings, self.target(), start)?;
         self.settings.set(*settings);
-        self.exchange.replace_signal(signal);
-        Ok(())
+        self.renew_signal(settings)
     }
 
     /// The first record of the event log from this number on.

@@ -8,8 +8,11 @@ use std::process::{Child, Command, ExitStatus};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
+use kband::wire::{Request, Target};
+use kband_host::board::{Address, Emulated};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
+use kband_tests::terminal::Terminal;
 use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Termios, Winsize, tcgetattr, tcsetwinsize};
@@ -110,6 +113,17 @@ impl Dashboard {
         }
     }
 
+    /// The keys that take the enable away, pause and quit, one after the other.
+    fn is_stopped_paused_and_left(&mut self) {
+        self.press("e");
+        self.wait_for(" OFF ");
+        self.press("p");
+        self.wait_for("PAUSED");
+        self.press("q");
+        assert!(self.end().success());
+        assert!(self.is_restored());
+    }
+
     fn is_restored(&self) -> bool {
         let screen = self.screen.screen();
         let now = tcgetattr(&self.terminal).unwrap();
@@ -149,13 +163,7 @@ fn parts_lock_the_keys_work_and_the_terminal_is_restored() {
     dashboard.press("+");
     // Which k it is depends on the setpoint that the controller chose for chaos.
     dashboard.wait_for("target k = 0.");
-    dashboard.press("e");
-    dashboard.wait_for(" OFF ");
-    dashboard.press("p");
-    dashboard.wait_for("PAUSED");
-    dashboard.press("q");
-    assert!(dashboard.end().success());
-    assert!(dashboard.is_restored());
+    dashboard.is_stopped_paused_and_left();
 }
 
 #[test]
@@ -169,13 +177,36 @@ fn the_emulated_board_is_looked_at_and_obeys_the_keys() {
     dashboard.press("x");
     dashboard.wait_for("target chaotic");
     dashboard.wait_for("target set");
-    dashboard.press("e");
-    dashboard.wait_for(" OFF ");
-    dashboard.press("p");
-    dashboard.wait_for("PAUSED");
-    dashboard.press("q");
-    assert!(dashboard.end().success());
-    assert!(dashboard.is_restored());
+    dashboard.is_stopped_paused_and_left();
+}
+
+#[test]
+fn a_board_on_a_serial_port_shows_the_target_that_it_holds() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let board = Terminal::start(&image, "run", Duration::from_secs(120));
+    let port = board.port().display().to_string();
+    // Another desk was there before.
+    let mut line = Address::of(&port, None).open(Emulated::Running).unwrap();
+    line.tell(&Request::Target(Target::K(0.5))).unwrap();
+    // What reads the port notices with the next byte that nobody wants it any more.
+    line.tell(&Request::Telemetry(1)).unwrap();
+    drop(line);
+    let begun = Instant::now();
+    let free = || {
+        let port = File::options().read(true).write(true).open(&port);
+        port.is_ok_and(|port| port.try_lock().is_ok())
+    };
+    while !free() {
+        assert!(begun.elapsed() < LIMIT, "the port stays held");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let mut dashboard = Dashboard::start(&["--on", &port]);
+    for words in [&port, "target k = 0.5", "no fault"] {
+        dashboard.wait_for(words);
+    }
+    dashboard.press("2");
+    dashboard.wait_for("target locked = 2");
+    dashboard.is_stopped_paused_and_left();
 }
 
 #[test]

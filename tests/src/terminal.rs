@@ -18,17 +18,17 @@ pub struct Terminal {
 }
 
 impl Terminal {
-    /// Starts the image on its link, for at most `limit`.
+    /// Starts the image, asked to do what `word` says, for at most `limit`.
     ///
     /// # Panics
     /// Where it does not come up.
     #[must_use]
-    pub fn start(image: &Path, limit: Duration) -> Self {
+    pub fn start(image: &Path, word: &str, limit: Duration) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let said = folder.path().join("said");
         let emulator = Command::new(root().join("tests/emulator"))
             .args(["--limit", &limit.as_secs_f64().to_string()])
-            .args(["--clock", "free", "--serial", "pty", "--word", "link"])
+            .args(["--clock", "free", "--serial", "pty", "--word", word])
             .arg(image)
             .stdin(Stdio::null())
             .stdout(File::create(&said).expect("a file can be made"))

@@ -3,11 +3,13 @@
 
 use std::time::Duration;
 
-use kband::control::{Event, Fault, Start};
+use kband::control::{Event, Fault, Settings, Start};
 use kband::plant::{ClosedLoop, Moment, Scene};
-use kband::wire::{FRAME_MOST, Outgoing, Request, Response, SCHEMA, VERSION, write_question};
-use kband_firmware::trial::{Line, Trial};
-use kband_host::board;
+use kband::wire::{
+    FRAME_MOST, Outgoing, Request, Response, SCHEMA, Target, VERSION, write_question,
+};
+use kband_firmware::trial::{self, Trial};
+use kband_host::board::{Address, Emulated, Line};
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
 use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
@@ -38,7 +40,7 @@ fn trace_is_the_desks(name: &'static str) {
         .collect();
     assert_eq!(trace.len(), trial.cycles as usize, "{text}");
     for line in trace {
-        assert_eq!(line, Line(&desk.cycle().report).to_string());
+        assert_eq!(line, trial::Line(&desk.cycle().report).to_string());
     }
     let stack = text
         .lines()
@@ -130,7 +132,10 @@ fn after_a_sag_of_the_supply_the_drive_stays_off_until_it_is_enabled_anew() {
         let mut desk = ClosedLoop::build(&scene).unwrap();
         let mut cycle = || {
             let moment = desk.cycle();
-            assert_eq!(lines.next(), Some(&*Line(&moment.report).to_string()));
+            assert_eq!(
+                lines.next(),
+                Some(&*trial::Line(&moment.report).to_string())
+            );
             moment
         };
         (0..trial.cycles).map(|_| cycle()).collect::<Vec<_>>()
@@ -242,7 +247,9 @@ fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
     // Soft start, holding, and the kick planned on the emulated CPU.
     file.duration = 1.4;
     let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
-    let line = board::Line::open("qemu", Some(&image)).unwrap();
+    let line = Address::of("qemu", Some(&image))
+        .open(Emulated::AtRest)
+        .unwrap();
     let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
     let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
@@ -281,4 +288,56 @@ fn images_fit_their_budget() {
         assert!(size.flash > 1024 && size.stack > 1024);
         assert!(size.flash <= 256 * 1024 && size.memory <= 64 * 1024);
     }
+}
+
+#[test]
+fn the_stack_bears_every_request() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let mut line = Address::of("qemu", Some(&image))
+        .open(Emulated::AtRest)
+        .unwrap();
+    let free = |line: &mut Line| {
+        line.ask(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => test.stack_free,
+            other => panic!("{other:?}"),
+        })
+        .unwrap()
+    };
+    let start = free(&mut line);
+    let settings = Settings::KEYS.iter().map(|key| Request::Set {
+        key: key.name,
+        value: key.default,
+    });
+    let targets = [
+        Target::Chaotic,
+        Target::K(0.4),
+        Target::Speed(40.0),
+        Target::Identify,
+        Target::Locked(2),
+    ];
+    let simulation = [
+        Request::Defaults,
+        Request::Simulate {
+            target: Target::Locked(1),
+            start: kband::wire::Start::Ordinary,
+        },
+        Request::Samples {
+            codes: &[0; 200],
+            end: None,
+        },
+    ];
+    for request in settings
+        .chain(targets.map(Request::Target))
+        .chain(simulation)
+    {
+        line.tell(&request).unwrap();
+    }
+    let (free, size) = (free(&mut line), 32 * 1024);
+    println!(
+        "stack {} of {size} bytes after every request, {} after the start",
+        size - free,
+        size - start
+    );
+    // With less than an eighth free the board takes it for a fault.
+    assert!(free > size / 8);
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use kband::control::{Event, Fault};
 use kband::plant::{Change, Disturbance};
-use kband_host::board::Line;
+use kband_host::board::{Address, Emulated};
 use kband_host::desk::Desk;
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
 use kband_tests::emulator::Machine;
@@ -19,7 +19,7 @@ fn image() -> std::path::PathBuf {
 
 #[test]
 fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
-    let board = Terminal::start(&image(), Duration::from_secs(150));
+    let board = Terminal::start(&image(), "link", Duration::from_secs(150));
     let mut file = SceneFile::parse(DEFAULT).unwrap();
     // Soft start, plan, kick, judging, lock; then the supply sags.
     file.duration = 2.9;
@@ -28,7 +28,9 @@ fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
         change: Change::BrownOut(true),
     });
     let desk = Desk::new(Some(1)).unwrap();
-    let line = Line::open(&board.port().display().to_string(), None).unwrap();
+    let line = Address::of(&board.port().display().to_string(), None)
+        .open(Emulated::AtRest)
+        .unwrap();
     let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
     let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     assert_eq!(emulated.moments().len(), 145);
@@ -50,7 +52,9 @@ const HELD: &str = "KBAND_TESTS_HELD_IMAGE";
 #[ignore = "the process that a_killed_desk_takes_its_emulator_along kills"]
 fn hold_an_emulator() {
     if let Some(image) = std::env::var_os(HELD) {
-        let _line = Line::open("qemu", Some(Path::new(&image))).unwrap();
+        let _line = Address::of("qemu", Some(Path::new(&image)))
+            .open(Emulated::AtRest)
+            .unwrap();
         std::thread::sleep(Duration::from_secs(100));
     }
 }

@@ -203,7 +203,14 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
     ] {
         board.refused(&request, Refusal::Running);
     }
+    let held = |board: &mut Board, target| {
+        board.ask(&Request::Held, |response| {
+            assert_eq!(response, Response::Held(target));
+        });
+    };
+    held(&mut board, kband::wire::Target::Locked(1));
     board.done(&Request::Target(kband::wire::Target::K(0.5)));
+    held(&mut board, kband::wire::Target::K(0.5));
     board.ask(
         &Request::Target(kband::wire::Target::K(f32::NAN)),
         |response| {
@@ -213,6 +220,7 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
             ));
         },
     );
+    held(&mut board, kband::wire::Target::K(0.5));
     board.done(&Request::Enable(false));
     board.cycle();
     assert_eq!(board.station.report().state, State::Stopping);

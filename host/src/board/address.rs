@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::emulator::{self, Emulated};
 use super::line::Line;
 use super::serial;
 use crate::file::Target;
@@ -27,16 +28,17 @@ pub struct Address {
     pub flash_image: Option<PathBuf>,
 }
 
-/// What the drive of an emulated board does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Emulated {
-    /// It stays off: settings may be changed and saved.
-    AtRest,
-    /// It runs the default scene at the board's own speed.
-    Running,
-}
-
 impl Address {
+    /// The board `on`, qemu or a serial port; an emulated one runs `image`.
+    #[must_use]
+    pub fn of(on: &str, image: Option<&Path>) -> Self {
+        Self {
+            on: Some(on.into()),
+            image: image.map(Path::to_path_buf),
+            flash_image: None,
+        }
+    }
+
     /// Whether it is the emulated CPU.
     #[must_use]
     pub fn is_emulated(&self) -> bool {
@@ -74,7 +76,7 @@ impl Address {
             if let Some(flash) = &self.flash_image {
                 prepare(flash)?;
             }
-            return Line::emulate(self.image.as_deref(), emulated, self.flash_image.as_deref());
+            return emulate(self.image.as_deref(), emulated, self.flash_image.as_deref());
         }
         for (option, file) in [
             ("--image", &self.image),
@@ -90,14 +92,39 @@ impl Address {
             }
         }
         match &self.on {
-            Some(port) => Line::serial(Path::new(port)),
+            Some(port) => serial_line(Path::new(port)),
             None => {
                 let port = serial::only_port()?;
                 eprintln!("the board on {}", port.display());
-                Line::serial(&port)
+                serial_line(&port)
             }
         }
     }
+}
+
+/// The line to the emulated CPU.
+fn emulate(
+    image: Option<&Path>,
+    emulated: Emulated,
+    flash: Option<&Path>,
+) -> Result<Line, Refusal> {
+    let mut child = emulator::start(image, emulated, flash)?;
+    let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
+        return Err(Refusal::new(
+            "qemu-system-arm has no pipes",
+            "close other programs and try again",
+        ));
+    };
+    Line::over("qemu".to_string(), output, input, Some(child))
+}
+
+/// The line to the board on a serial port.
+fn serial_line(path: &Path) -> Result<Line, Refusal> {
+    let output = serial::open(path)?;
+    let input = output
+        .try_clone()
+        .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
+    Line::over(path.display().to_string(), output, input, None)
 }
 
 /// An erased flash where there is no file yet; a file that is no flash is refused.

@@ -2,8 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -12,18 +11,12 @@ use kband::wire::{
     Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
-use super::address::{Address, Emulated};
-use super::serial;
-use super::tether::tether;
 use crate::refusal::Refusal;
 
 /// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Time between two questions, where the first was not answered.
 const KNOCK: Duration = Duration::from_millis(500);
-/// Where the emulated image lies in a clone of the project.
-const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/virtual_feeder";
-
 /// Most of what came unasked that is kept until somebody looks: over a minute at 50 Hz.
 const UNASKED: usize = 4096;
 
@@ -55,96 +48,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// Opens the line to `qemu`, the emulated CPU running `image`, or to the board on a serial port;
-    /// a board of another version is refused.
-    pub fn open(on: &str, image: Option<&Path>) -> Result<Self, Refusal> {
-        let address = Address {
-            on: Some(on.into()),
-            image: image.map(Path::to_path_buf),
-            flash_image: None,
-        };
-        address.open(Emulated::AtRest)
-    }
-
-    /// The line to the emulated CPU, its settings kept in the file `flash`.
-    pub(super) fn emulate(
-        image: Option<&Path>,
-        emulated: Emulated,
-        flash: Option<&Path>,
-    ) -> Result<Self, Refusal> {
-        let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
-        if !image.is_file() {
-            return Err(Refusal::new(
-                format!(
-                    "{}: there is no image for the emulated CPU",
-                    image.display()
-                ),
-                "cargo build -p kband-firmware --profile firmware --target thumbv7em-none-eabihf \
-                 --bin virtual_feeder, or name it with --image",
-            ));
-        }
-        let found = |path: &Path| {
-            path.canonicalize()
-                .map_err(|error| Refusal::file(path, &error, "give the path of a readable file"))
-        };
-        let image = found(&image)?;
-        let mut words = String::from(match emulated {
-            Emulated::AtRest => "enable=on,target=native,arg=image,arg=link",
-            Emulated::Running => "enable=on,target=native,arg=image,arg=run",
-        });
-        let mut command = Command::new("qemu-system-arm");
-        tether(&mut command);
-        if let Some(flash) = flash {
-            let flash = found(flash)?;
-            let (folder, name) = (flash.parent(), flash.file_name());
-            if let (Some(folder), Some(name)) = (folder, name) {
-                // The emulated board's command line is short: it gets the name alone.
-                command.current_dir(folder);
-                words += &format!(",arg={}", name.to_string_lossy().replace(',', ",,"));
-            }
-        }
-        let mut child = command
-            .args([
-                "-M",
-                "olimex-stm32-h405",
-                "-display",
-                "none",
-                "-monitor",
-                "none",
-            ])
-            .args(["-serial", "null", "-serial", "stdio", "-semihosting-config"])
-            .arg(words)
-            .arg("-kernel")
-            .arg(&image)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .map_err(|error| {
-                Refusal::new(
-                    format!("qemu-system-arm does not start: {error}"),
-                    "run tests/setup.sh, which installs it",
-                )
-            })?;
-        let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err(Refusal::new(
-                "qemu-system-arm has no pipes",
-                "close other programs and try again",
-            ));
-        };
-        Self::over("qemu".to_string(), output, input, Some(child))
-    }
-
-    /// The line to the board on a serial port.
-    pub(super) fn serial(path: &Path) -> Result<Self, Refusal> {
-        let output = serial::open(path)?;
-        let input = output
-            .try_clone()
-            .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
-        Self::over(path.display().to_string(), output, input, None)
-    }
-
-    fn over(
+    /// The line over what writes to a board and what reads from it; an emulator ends with it.
+    pub(super) fn over(
         name: String,
         output: impl Write + Send + 'static,
         mut input: impl Read + Send + 'static,

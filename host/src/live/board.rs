@@ -6,7 +6,7 @@ use kband::control::{Event, Target};
 use kband::wire::{Record, Request, Response, Telemetry};
 
 use super::source::{Lot, Seen, Source, Wish};
-use crate::board::{BoardSettings, Line, Unasked};
+use crate::board::{BoardSettings, Clock, Line, Unasked};
 use crate::refusal::Refusal;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
@@ -20,6 +20,7 @@ const RATE: f32 = 60.0;
 pub struct Board {
     line: Line,
     lot: Lot,
+    clock: Clock,
     /// Drive cycles between two rows of telemetry.
     every: u16,
     next: u32,
@@ -31,13 +32,11 @@ impl Board {
     pub fn start(mut line: Line) -> Result<Self, Refusal> {
         let settings = BoardSettings::read(&mut line)?.known();
         line.wait_at_most(PATIENCE);
+        let target = held(&mut line)?;
         let mut board = Self {
             line,
-            lot: Lot {
-                settings,
-                // What every board starts with.
-                target: Target::Locked { order: 1 },
-            },
+            lot: Lot { settings, target },
+            clock: Clock::default(),
             every: (settings.frequency / RATE).ceil().max(1.0) as u16,
             next: 0,
             looked: None,
@@ -50,9 +49,10 @@ impl Board {
         self.line.tell(&Request::Telemetry(self.every))
     }
 
-    fn seen(&self, telemetry: Telemetry) -> Seen {
+    fn seen(&mut self, telemetry: Telemetry) -> Seen {
+        let cycles = self.clock.now(telemetry.cycle);
         Seen {
-            time: f64::from(telemetry.cycle) / f64::from(self.lot.settings.frequency),
+            time: cycles as f64 / f64::from(self.lot.settings.frequency),
             telemetry,
             strikes: Vec::new(),
             way: None,
@@ -78,6 +78,17 @@ impl Board {
     }
 }
 
+/// The target that the board holds, whoever set it.
+fn held(line: &mut Line) -> Result<Target, Refusal> {
+    line.ask(&Request::Held, |response| match response {
+        Response::Held(target) => Ok(target.into()),
+        other => Err(Refusal::new(
+            format!("asked for its target, the board answered {other:?}"),
+            "reset the board",
+        )),
+    })?
+}
+
 impl Source for Board {
     fn name(&self) -> String {
         self.line.name().into()
@@ -95,7 +106,9 @@ impl Source for Board {
                 Unasked::Telemetry(telemetry) => cycles.push(self.seen(telemetry)),
                 Unasked::Started(_) => {
                     self.next = 0;
-                    self.lot.target = Target::Locked { order: 1 };
+                    self.clock = Clock::default();
+                    self.lot.settings = BoardSettings::read(&mut self.line)?.known();
+                    self.lot.target = held(&mut self.line)?;
                     self.listen_to_cycles()?;
                 }
             }
@@ -109,6 +122,9 @@ impl Source for Board {
                     .iter()
                     .find(|event| event.number() == record.event);
                 last.events.extend(event);
+            }
+            if last.events.contains(&Event::TargetSet) {
+                self.lot.target = held(&mut self.line)?;
             }
         }
         Ok(cycles)

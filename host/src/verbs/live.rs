@@ -61,9 +61,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         // A board is not bothered where nobody will see it.
         Some(on) if is_terminal => {
             let address = Address {
-                on: Some(on.clone()),
-                image: arguments.image.clone(),
                 flash_image: arguments.flash_image.clone(),
+                ..Address::of(on, arguments.image.as_deref())
             };
             Box::new(Board::start(address.open(Emulated::Running)?)?)
         }

@@ -9,7 +9,7 @@ use kband::control::{Event, Fault, Limits, State};
 use kband::wire::{Record, Request, Response, Telemetry};
 
 use crate::arguments;
-use crate::board::{Address, Emulated, Line, Said, Unasked, replay};
+use crate::board::{Address, Clock, Emulated, Line, Said, Unasked, replay};
 use crate::desk::Desk;
 use crate::file::Target;
 use crate::refusal::{Exit, Refusal};
@@ -167,6 +167,7 @@ struct Rows {
     stream: Stream<Stdout>,
     /// Drive frequency in Hz, once it is known.
     frequency: Option<f64>,
+    clock: Clock,
     /// Number of the next event.
     next: u32,
     cycles: u64,
@@ -190,6 +191,7 @@ impl Rows {
         Self {
             stream: Stream::new(format, &columns, stdout()),
             frequency: None,
+            clock: Clock::default(),
             next: 0,
             cycles: 0,
             events: 0,
@@ -212,7 +214,7 @@ impl Rows {
             }
             Said::Event(event) => {
                 // Asked for twice where an answer was late.
-                if event.number < self.next {
+                if (event.number.wrapping_sub(self.next) as i32) < 0 {
                     return Ok(true);
                 }
                 self.next = event.number.wrapping_add(1);
@@ -221,30 +223,31 @@ impl Rows {
             }
             Said::Started(image) => {
                 self.next = 0;
+                self.clock = Clock::default();
                 self.event(0, format!("the board started: kband {image}"))
             }
         }
     }
 
-    fn time(&self, cycle: u32) -> Value {
-        self.frequency
-            .map(|frequency| f64::from(cycle) / frequency)
-            .into()
+    /// Time and number of a cycle.
+    fn when(&self, cycles: u64) -> Vec<Value> {
+        let time = self.frequency.map(|frequency| cycles as f64 / frequency);
+        vec![time.into(), cycles.into()]
     }
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
-        let mut row = vec![self.time(cycle), cycle.into()];
+        let mut row = self.when(self.clock.then(cycle));
         row.resize(9, Value::Missing);
         row.push(words.into());
         self.stream.row(&row)
     }
 
-    fn cycle(&self, telemetry: &Telemetry) -> Vec<Value> {
+    fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
         let state = State::ALL.iter().find(|state| state.number() == telemetry.state);
         let held = held(telemetry);
-        vec![
-            self.time(telemetry.cycle),
-            telemetry.cycle.into(),
+        let cycles = self.clock.now(telemetry.cycle);
+        let mut row = self.when(cycles);
+        row.extend([
             state.map_or("unknown", |state| state.name()).into(),
             // At rest k is beyond all bounds.
             Some(telemetry.k).filter(|k| *k < 1e4).map(shortest).into(),
@@ -254,7 +257,8 @@ impl Rows {
             shortest(telemetry.phase).into(),
             shortest(telemetry.confidence).into(),
             if held.is_empty() { Value::Missing } else { held.into() },
-        ]
+        ]);
+        row
     }
 
     /// Says how much it was.

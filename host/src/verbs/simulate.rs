@@ -8,7 +8,7 @@ use kband::feeder::Restitution;
 use kband::plant::{Moment, Sample};
 
 use crate::arguments;
-use crate::board::Line;
+use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::file::{self, Target};
 use crate::picture::{Picture, Theme};
@@ -235,7 +235,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             }
             match &arguments.on {
                 Some(on) => {
-                    let line = Line::open(on, arguments.image.as_deref())?;
+                    let line = Address::of(on, arguments.image.as_deref()).open(Emulated::AtRest)?;
                     Outcome::run_on(line, &file, watch, desk)
                 }
                 None => Outcome::watched(&file, fidelity, watch, desk),

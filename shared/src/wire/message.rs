@@ -55,6 +55,8 @@ pub enum Request<'a> {
     },
     /// How far the identification of the parts' restitution has come ([`Target::Identify`]).
     Identification,
+    /// The target that the board holds.
+    Held,
 }
 
 /// The inputs of a simulated board.
@@ -161,6 +163,8 @@ pub enum Response<'a> {
     },
     /// How far the identification has come; a result is offered here and applied nowhere.
     Identification(control::Identification),
+    /// The target that the board holds.
+    Held(Target),
 }
 
 /// Why a request was refused.

@@ -50,6 +50,7 @@ fn requests() -> Vec<Request<'static>> {
             }),
         },
         Request::Identification,
+        Request::Held,
     ]
 }
 
@@ -123,6 +124,8 @@ fn responses() -> Vec<Response<'static>> {
             hops: 64,
         })),
         Response::Identification(Identification::NotFound(Unidentified::Quiet)),
+        Response::Held(Target::Locked(3)),
+        Response::Held(Target::K(0.41)),
     ]
 }
 

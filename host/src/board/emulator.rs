@@ -1,0 +1,81 @@
+//! The emulated CPU as a board.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use super::tether::tether;
+use crate::refusal::Refusal;
+
+/// Where the emulated image lies in a clone of the project.
+const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/virtual_feeder";
+
+/// What the drive of an emulated board does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Emulated {
+    /// It stays off: settings may be changed and saved.
+    AtRest,
+    /// It runs the default scene at the board's own speed.
+    Running,
+}
+
+/// Starts the emulator with its serial port on pipes and its settings kept in the file `flash`.
+pub fn start(
+    image: Option<&Path>,
+    emulated: Emulated,
+    flash: Option<&Path>,
+) -> Result<Child, Refusal> {
+    let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
+    if !image.is_file() {
+        return Err(Refusal::new(
+            format!(
+                "{}: there is no image for the emulated CPU",
+                image.display()
+            ),
+            "cargo build -p kband-firmware --profile firmware --target thumbv7em-none-eabihf \
+             --bin virtual_feeder, or name it with --image",
+        ));
+    }
+    let found = |path: &Path| {
+        path.canonicalize()
+            .map_err(|error| Refusal::file(path, &error, "give the path of a readable file"))
+    };
+    let image = found(&image)?;
+    let mut words = String::from(match emulated {
+        Emulated::AtRest => "enable=on,target=native,arg=image,arg=link",
+        Emulated::Running => "enable=on,target=native,arg=image,arg=run",
+    });
+    let mut command = Command::new("qemu-system-arm");
+    tether(&mut command);
+    if let Some(flash) = flash {
+        let flash = found(flash)?;
+        let (folder, name) = (flash.parent(), flash.file_name());
+        if let (Some(folder), Some(name)) = (folder, name) {
+            // The emulated board's command line is short: it gets the name alone.
+            command.current_dir(folder);
+            words += &format!(",arg={}", name.to_string_lossy().replace(',', ",,"));
+        }
+    }
+    command
+        .args([
+            "-M",
+            "olimex-stm32-h405",
+            "-display",
+            "none",
+            "-monitor",
+            "none",
+        ])
+        .args(["-serial", "null", "-serial", "stdio", "-semihosting-config"])
+        .arg(words)
+        .arg("-kernel")
+        .arg(&image)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(|error| {
+            Refusal::new(
+                format!("qemu-system-arm does not start: {error}"),
+                "run tests/setup.sh, which installs it",
+            )
+        })
+}
