@@ -3,9 +3,11 @@
 
 use std::collections::BTreeMap;
 
-use kband::control::{Event, Fault, Limits, State};
-use kband::plant::{Change, ClosedLoop, Moment, Scene};
+use kband::control::{Controller, Event, Fault, Limits, SAMPLE_RATE, State};
+use kband::plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
 use kband::regime::Lock;
+
+use kband_host::simulate::Fidelity;
 
 use crate::states::Random;
 
@@ -25,6 +27,10 @@ pub struct Shift {
     /// Sum of what the phases heard in lock exceed the parts' own by, in each tenth of the time, in rad,
     /// and their number.
     pub error: [(f64, u32); 10],
+    /// Farthest that the time was from what the cycles of the drive's phase make of it, in s.
+    pub time_off: f64,
+    /// Drive cycle that was counted last.
+    pub last_cycle: u32,
     /// What should not have been, a line each.
     pub wrong: Vec<String>,
 }
@@ -138,13 +144,50 @@ impl Script {
     }
 }
 
+/// The closed loop in either fidelity.
+enum Feeder {
+    Waveform(Box<ClosedLoop>),
+    Envelope(Box<EnvelopeLoop>),
+}
+
+impl Feeder {
+    fn build(scene: &Scene, fidelity: Fidelity) -> Self {
+        let built = match fidelity {
+            Fidelity::Waveform => ClosedLoop::build(scene).map(|l| Self::Waveform(Box::new(l))),
+            Fidelity::Envelope => EnvelopeLoop::build(scene).map(|l| Self::Envelope(Box::new(l))),
+        };
+        built.expect("the default scene")
+    }
+
+    fn apply(&mut self, change: Change) {
+        match self {
+            Self::Waveform(closed) => closed.apply(change),
+            Self::Envelope(closed) => closed.apply(change),
+        }
+    }
+
+    fn cycle(&mut self) -> Moment {
+        match self {
+            Self::Waveform(closed) => closed.cycle(),
+            Self::Envelope(closed) => closed.cycle(),
+        }
+    }
+
+    fn controller(&self) -> &Controller {
+        match self {
+            Self::Waveform(closed) => closed.controller(),
+            Self::Envelope(closed) => closed.controller(),
+        }
+    }
+}
+
 /// Runs `seconds` of operation of the default feeder, whose troubles follow from `seed`.
 ///
 /// # Panics
 /// Where the default scene is refused.
 #[must_use]
-pub fn operate(seconds: f64, seed: u64) -> Shift {
-    let mut closed = ClosedLoop::build(&Scene::default()).expect("the default scene");
+pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
+    let mut closed = Feeder::build(&Scene::default(), fidelity);
     let mut script = Script::new(seed, seconds);
     let mut shift = Shift::default();
     let mut now = 0.0;
@@ -191,7 +234,7 @@ pub fn operate(seconds: f64, seed: u64) -> Shift {
 }
 
 /// The phase at which parts of a restitution strike in the lock of order 1 at the setpoint, in rad.
-fn locked_phase(closed: &ClosedLoop, restitution: f32) -> Option<f64> {
+fn locked_phase(closed: &Feeder, restitution: f32) -> Option<f64> {
     let controller = closed.controller();
     let k = f64::from(controller.k(controller.setpoint()));
     let lock = Lock::at(k, f64::from(restitution), 1).ok()??;
@@ -209,6 +252,17 @@ fn look(
 ) {
     let report = &moment.report;
     shift.cycles += 1;
+    // Exact: whole turns of the phase over its step a sample, and a sample for where the wrap falls.
+    let samples = f64::from(report.cycle) * 4_294_967_296.0 / f64::from(report.command.step);
+    let off = (moment.time - samples / f64::from(SAMPLE_RATE)).abs();
+    shift.time_off = shift.time_off.max(off);
+    if report.cycle != shift.last_cycle.wrapping_add(1) {
+        shift.wrong.push(format!(
+            "at {now:.2} s: cycle {} after {}",
+            report.cycle, shift.last_cycle
+        ));
+    }
+    shift.last_cycle = report.cycle;
     for event in report.events.iter() {
         let name = event.name();
         *shift.happened.entry(name).or_default() += 1;

@@ -1,25 +1,43 @@
-//! A day of simulated operation: `day [HOURS] [SEED]`; fails on a fault that was not injected, on a
-//! lock that does not come back and on anything that drifts.
+//! Days of simulated operation: `day [--days N] [--seed S] [--fidelity waveform|envelope]`; fails on a fault
+//! that was not injected, on a lock that does not come back, on a cycle that is not counted and on
+//! anything that drifts.
 
 use std::process::ExitCode;
 
+use kband_host::simulate::Fidelity;
 use kband_tests::day::operate;
 
 /// Most that the mean error of the phase heard in lock may differ between two tenths of the time, in rad.
 const DRIFT: f64 = 0.01;
+/// Most that the time may be off in s: a sample for where a wrap falls, and one for the sample that sees it.
+const TIME_OFF: f64 = 2.01 / 20_000.0;
 
 fn main() -> ExitCode {
-    let mut arguments = std::env::args().skip(1);
-    let mut number = |default: f64| {
-        arguments
-            .next()
-            .map_or(Some(default), |text| text.parse::<f64>().ok())
-    };
-    let (Some(hours), Some(seed)) = (number(24.0), number(1.0)) else {
-        eprintln!("day: not a number; usage: day [HOURS] [SEED]");
-        return ExitCode::from(2);
-    };
-    let shift = operate(3600.0 * hours, seed as u64);
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (mut days, mut seed, mut fidelity) = (1.0, 1, Fidelity::Waveform);
+    for pair in arguments.chunks(2) {
+        let understood = match pair {
+            [option, value] if option == "--days" => value
+                .parse()
+                .ok()
+                .filter(|given| (0.01..=10_000.0).contains(given))
+                .map(|given| days = given),
+            [option, value] if option == "--seed" => value.parse().ok().map(|given| seed = given),
+            [option, value] if option == "--fidelity" => Fidelity::ALL
+                .into_iter()
+                .find(|known| known.name() == value)
+                .map(|given| fidelity = given),
+            _ => None,
+        };
+        if understood.is_none() {
+            eprintln!(
+                "day: {}; usage: day [--days 0.01..10000] [--seed S] [--fidelity waveform|envelope]",
+                pair.join(" ")
+            );
+            return ExitCode::from(2);
+        }
+    }
+    let shift = operate(86_400.0 * days, seed, fidelity);
     for (name, times) in &shift.happened {
         println!("{times:>6}  {name}");
     }
@@ -40,6 +58,14 @@ fn main() -> ExitCode {
             "the error of the phase heard drifts by {:.3} rad",
             high - low
         ));
+    }
+    println!(
+        "cycle {} at the end, time at most {:.0} us from what the phase makes of it",
+        shift.last_cycle,
+        shift.time_off * 1e6
+    );
+    if shift.time_off > TIME_OFF {
+        wrong.push(format!("the time drifts by {} s", shift.time_off));
     }
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     if times("lost sensor") != times("faulted") {
