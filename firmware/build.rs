@@ -6,13 +6,17 @@ use std::process::Command;
 use std::{env, fs};
 
 /// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data, and
-/// the flash and RAM (stack included) an image may use; the linker refuses a larger one.
+/// the RAM (stack included) an image may use; the linker refuses a larger one.
 const LAYOUT: &str = "\
 SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 32K; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
-ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 256K, \"kband: the image exceeds 256 KiB of flash\");
 ASSERT(__sheap - ORIGIN(RAM) <= 64K, \"kband: stack and static data exceed 64 KiB of RAM\");
+";
+
+/// The flash that the board's image may use. The emulated one carries the plant as well.
+const BUDGET: &str = "\
+ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 256K, \"kband: the image exceeds 256 KiB of flash\");
 ";
 
 fn main() {
@@ -30,12 +34,16 @@ fn main() {
     println!("cargo:rerun-if-changed={}", memory.display());
     // No file of this name may lie at the workspace's root: the linker runs there, and looks there first.
     fs::copy(&memory, out.join("memory.x")).expect("the board's memory is described");
-    fs::write(out.join("layout.x"), LAYOUT).expect("OUT_DIR is writable");
+    for (name, script) in [("layout.x", LAYOUT), ("budget.x", BUDGET)] {
+        fs::write(out.join(name), script).expect("OUT_DIR is writable");
+    }
     println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
-    println!("cargo:rustc-link-arg-bin=feeder=-Tdefmt.x");
+    for argument in ["-Tbudget.x", "-Tdefmt.x"] {
+        println!("cargo:rustc-link-arg-bin=feeder={argument}");
+    }
 }
 
 /// The commit an image is built from, or "unknown" outside a repository.

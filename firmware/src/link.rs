@@ -1,7 +1,7 @@
 //! The link to the desk: requests answered, telemetry sent, garbage counted.
 //!
 //! It never stalls the control: a drive cycle answers a few requests, and what comes beyond is counted
-//! and dropped; after every piece of input other tasks run.
+//! and dropped; after every request and every piece of input other tasks run.
 
 use core::future::Future;
 
@@ -364,6 +364,8 @@ pub async fn link(
                 for &byte in bytes.iter().take(count) {
                     if let Some(frame) = service.take(byte, station).await {
                         line.write(frame).await;
+                        // No two requests in a row: what the control owes goes between them.
+                        yield_now().await;
                     }
                 }
             }

@@ -61,14 +61,14 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
     let machine = Machine::CortexM4F;
     let folders = [
         folder.path().to_path_buf(),
-        images::script_folder("layout.x", machine),
+        images::script_folder("budget.x", machine),
         images::script_folder("link.x", machine),
     ];
     let output = images::link(
         &source,
         machine,
         &folders,
-        &["--nmagic", "-Tlink.x", "-Tlayout.x"],
+        &["--nmagic", "-Tlink.x", "-Tlayout.x", "-Tbudget.x"],
     );
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(

@@ -1,5 +1,6 @@
 //! The board's side of the link with a controller behind it, at the desk.
 
+use core::cell::Cell;
 use core::pin::pin;
 use core::task::{Context, Waker};
 use std::boxed::Box;
@@ -293,16 +294,22 @@ fn a_flood_is_counted_and_costs_no_more_than_its_share() {
 }
 
 /// A line on which there is always more to read.
-struct Flood<'a>(&'a [u8]);
+struct Flood<'a> {
+    bytes: &'a [u8],
+    /// Frames that were answered.
+    answered: &'a Cell<u32>,
+}
 
 impl Line for Flood<'_> {
     async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = bytes.len().min(self.0.len());
-        bytes[..count].copy_from_slice(&self.0[..count]);
+        let count = bytes.len().min(self.bytes.len());
+        bytes[..count].copy_from_slice(&self.bytes[..count]);
         count
     }
 
-    async fn write(&mut self, _bytes: &[u8]) {}
+    async fn write(&mut self, _bytes: &[u8]) {
+        self.answered.set(self.answered.get() + 1);
+    }
 }
 
 #[test]
@@ -310,20 +317,28 @@ fn input_that_never_ceases_keeps_the_link_neither_from_checking_in_nor_the_other
     let board = Board::new();
     let mut buffer = [0; FRAME_MOST];
     let question = write_question(&mut buffer, 1).unwrap().to_vec();
-    for flood in [&question[..], b"no frame at all", b"\0"] {
+    for flood in [&question.repeat(5)[..], b"no frame at all", b"\0"] {
         let roll = Roll::of(&[Watched::Link]);
+        let answered = Cell::new(0);
+        let line = Flood {
+            bytes: flood,
+            answered: &answered,
+        };
         let service = Service::new(IMAGE, Memory(Settings::default()));
-        let mut task = pin!(link(service, Flood(flood), &board.station, &roll));
+        let mut task = pin!(link(service, line, &board.station, &roll));
         for n in 0..10 {
             let inputs = Inputs::default();
             board.station.cycle(&Cycle::default(), inputs);
             // It waits for its next turn after every piece, or this would never come back.
-            for _ in 0..3 {
+            for _ in 0..12 {
+                let before = answered.get();
                 let mut context = Context::from_waker(Waker::noop());
                 assert!(task.as_mut().poll(&mut context).is_pending());
+                assert!(answered.get() - before <= 1, "two in a row");
             }
             assert!(roll.complete(), "cycle {n} of a flood of {flood:?}");
         }
+        assert_eq!(answered.get() > 10, flood.len() > 20);
     }
 }
 

@@ -48,8 +48,23 @@ impl Drive for Taken {
 }
 
 /// Instructions in hundredths for a difference of the counter: one is a nanosecond, a tick 1000/168.
-fn instructions(ticks: u32) -> u64 {
+pub fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
+}
+
+/// Starts the counter that [`lap`] reads.
+pub fn begin(timer: &mut SYST) {
+    timer.set_clock_source(SystClkSource::Core);
+    timer.set_reload(FULL);
+    timer.clear_current();
+    timer.enable_counter();
+}
+
+/// Ticks that some work takes.
+pub fn lap(work: &mut dyn FnMut()) -> u32 {
+    let before = SYST::get_current();
+    work();
+    before.wrapping_sub(SYST::get_current()) & FULL
 }
 
 /// Counts the plan of the capture, then the control of each cycle on the way to a lively state, then the
@@ -58,15 +73,7 @@ fn instructions(ticks: u32) -> u64 {
 /// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
 /// counter's step of six instructions, the mean to a sixtieth of one.
 pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
-    timer.set_clock_source(SystClkSource::Core);
-    timer.set_reload(FULL);
-    timer.clear_current();
-    timer.enable_counter();
-    let lap = |work: &mut dyn FnMut()| {
-        let before = SYST::get_current();
-        work();
-        before.wrapping_sub(SYST::get_current()) & FULL
-    };
+    begin(timer);
     // The plan of the capture, slice by slice as the control task does it.
     let (mut plan, mut longest, mut slices) = (0_u64, 0, 0_u32);
     loop {

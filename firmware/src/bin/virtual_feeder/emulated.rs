@@ -35,6 +35,7 @@ use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
 use crate::count::count;
+use crate::count_link;
 use crate::flash::FlashFile;
 use crate::serial::{self, Serial};
 
@@ -88,6 +89,11 @@ extern "Rust" fn kband_halt() -> ! {
     CAUSE.store(CAUSE_SOFTWARE, Ordering::Relaxed);
     SCB::sys_reset()
 }
+
+const IMAGE: Image = Image {
+    identity: IDENTITY,
+    stack_free,
+};
 
 /// The bench as converter, power stage and inputs.
 struct Bed;
@@ -219,6 +225,9 @@ fn sample() {
 /// Counts milliseconds for the time driver.
 #[exception]
 fn SysTick() {
+    if count_link::sample() {
+        return;
+    }
     TIME.systick_interrupt();
     if BY_MILLISECOND.load(Ordering::Relaxed) {
         for _ in 0..SAMPLES_A_MILLISECOND {
@@ -234,11 +243,7 @@ async fn drive_cycle(station: &'static Station, trace: Trace) {
 
 #[embassy_executor::task]
 async fn desk_link(station: &'static Station, memory: Memory) {
-    let image = Image {
-        identity: IDENTITY,
-        stack_free,
-    };
-    link(Service::new(image, memory), Serial, station, &ROLL).await;
+    link(Service::new(IMAGE, memory), Serial, station, &ROLL).await;
 }
 
 #[embassy_executor::task]
@@ -343,6 +348,20 @@ fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &
     finish(true)
 }
 
+/// Counts what the requests of the link take, and ends the run.
+#[inline(never)]
+fn count_link_with_bench(
+    core: &mut cortex_m::Peripherals,
+    signal: Signal,
+    station: &Station,
+    memory: Memory,
+) -> ! {
+    if let Some((bench, _)) = BENCH.lock(RefCell::take) {
+        count_link::count(&mut core.SYST, IMAGE, memory, station, signal, bench);
+    }
+    finish(true)
+}
+
 /// The interrupt's work in its place.
 #[inline(never)]
 fn place_sampler(signal: Signal) {
@@ -384,7 +403,7 @@ fn begin(spawner: Spawner) {
         _ => {}
     }
     let trial = match word {
-        "hang" | "count" => Trial::ALL.first().copied(),
+        "hang" | "count" | "count-link" => Trial::ALL.first().copied(),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
         "sag" if cause == Cause::Power => Some(Trial::BEFORE_SAG),
@@ -420,6 +439,9 @@ fn begin(spawner: Spawner) {
     };
     if word == "count" {
         count_with_bench(&mut core, signal, station);
+    }
+    if word == "count-link" {
+        count_link_with_bench(&mut core, signal, station, memory);
     }
     place_sampler(signal);
     let linked = matches!(word, "link" | "run");

@@ -10,7 +10,8 @@
 //! | the name of a trial | runs it and prints its trace |
 //! | `link` | runs the default scene, enable withdrawn, and answers on USART2 until it is ended from outside |
 //! | `run` | the same with the enable input given, at the board's speed where the desk is fast enough |
-//! | `count` | counts the instructions of the sample interrupt and of the plan of the capture; needs a clock that counts them |
+//! | `count` | counts the instructions of the sample interrupt, the control and the plan of the capture; needs a clock that counts them |
+//! | `count-link` | counts those of each request of the link, and how long a flood of them keeps a sample waiting; needs the same clock |
 //! | `identity` | prints what image this is |
 //! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
 //! | `sag` | runs a while, is reset as by a sag of its supply, and runs on |
@@ -22,6 +23,8 @@
 
 #[cfg(target_os = "none")]
 mod count;
+#[cfg(target_os = "none")]
+mod count_link;
 #[cfg(target_os = "none")]
 mod emulated;
 #[cfg(target_os = "none")]

@@ -1,0 +1,187 @@
+//! How many instructions the requests of the link take, and how long they keep a sample waiting.
+
+use core::hint::black_box;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use cortex_m::peripheral::SYST;
+use cortex_m_semihosting::heprintln;
+use embassy_futures::block_on;
+use kband::control::{Cycle, Inputs, Report, Settings, Signal, State};
+use kband::plant::Bench;
+use kband::wire::{
+    FRAME_MOST, Request, SimulatedInputs, Start, Target, write_question, write_request,
+};
+use kband_firmware::link::{Image, Service};
+use kband_firmware::station::Station;
+use kband_firmware::store::Store;
+
+use crate::count::{begin, instructions, lap};
+
+/// Ticks of SysTick between two samples of the trial: a prime, so that they meet every instruction.
+const APART: u32 = 499;
+
+/// Whether SysTick stands for the sample, and the most ticks that one came late.
+static SAMPLES: AtomicBool = AtomicBool::new(false);
+static LATE: AtomicU32 = AtomicU32::new(0);
+static TAKEN: AtomicU32 = AtomicU32::new(0);
+
+/// The interrupt of the trial; whether it was one.
+#[inline]
+pub fn sample() -> bool {
+    if !SAMPLES.load(Ordering::Relaxed) {
+        return false;
+    }
+    let late = APART - SYST::get_current();
+    LATE.fetch_max(late, Ordering::Relaxed);
+    TAKEN.fetch_add(1, Ordering::Relaxed);
+    true
+}
+
+/// One of each kind of request, the costliest of its kind where the kind has several.
+fn requests() -> [(&'static str, Request<'static>); 23] {
+    let set = |key, value| Request::Set { key, value };
+    [
+        ("setting", Request::Setting(Settings::KEYS.len() as u8 - 1)),
+        ("get", Request::Get("capture_attempts")),
+        ("set", set("restitution_high", 0.24)),
+        ("defaults", Request::Defaults),
+        ("save", Request::Save),
+        ("target locked", Request::Target(Target::Locked(1))),
+        ("target chaotic", Request::Target(Target::Chaotic)),
+        ("target k", Request::Target(Target::K(0.41))),
+        ("target amplitude", Request::Target(Target::Amplitude(0.25))),
+        ("target speed", Request::Target(Target::Speed(40.0))),
+        ("target identify", Request::Target(Target::Identify)),
+        ("held", Request::Held),
+        ("enable", Request::Enable(true)),
+        ("telemetry", Request::Telemetry(1)),
+        ("event", Request::Event(0)),
+        ("self-test", Request::SelfTest),
+        ("counters", Request::Counters),
+        ("last words", Request::LastWords),
+        ("alive", Request::Alive),
+        ("identification", Request::Identification),
+        (
+            "simulate",
+            Request::Simulate {
+                target: Target::Chaotic,
+                start: Start::Ordinary,
+            },
+        ),
+        (
+            "samples",
+            Request::Samples {
+                codes: &[0; 240],
+                end: None,
+            },
+        ),
+        (
+            "samples out of step",
+            Request::Samples {
+                codes: &[0xff; 240],
+                end: Some(SimulatedInputs {
+                    enable: true,
+                    over_temperature: false,
+                    link_heard: true,
+                    stack_low: false,
+                }),
+            },
+        ),
+    ]
+}
+
+/// The end of a drive cycle: the link may answer again.
+fn end_cycle(service: &mut Service<impl Store>, station: &Station) {
+    station.cycle(&Cycle::default(), Inputs::default());
+    service.tick(station);
+}
+
+fn take(service: &mut Service<impl Store>, station: &Station, frame: &[u8]) {
+    for &byte in frame {
+        let answer = block_on(service.take(byte, station));
+        black_box(answer);
+    }
+}
+
+/// Counts each kind of request from its first byte to its answer, then floods the link with all of them and
+/// with frames that are none, while SysTick asks for a sample again and again: how late the latest was.
+pub fn count(
+    timer: &mut SYST,
+    image: Image,
+    store: impl Store,
+    station: &Station,
+    mut signal: Signal,
+    mut bench: Bench,
+) {
+    begin(timer);
+    let mut service = Service::new(image, store);
+    let mut frame = [0; FRAME_MOST];
+    let idle = (0..1000).map(|_| lap(&mut || ())).sum::<u32>() / 1000;
+    let mut counted = |name: &str, service: &mut Service<_>, frame: &[u8]| {
+        end_cycle(service, station);
+        let ticks = lap(&mut || take(service, station, frame)).saturating_sub(idle);
+        heprintln!(
+            "request {}: {} bytes, {}",
+            name,
+            frame.len(),
+            instructions(ticks) / 100
+        );
+    };
+    if let Ok(question) = write_question(&mut frame, 1) {
+        counted("who is there", &mut service, question);
+    }
+    for (name, request) in requests() {
+        if let Ok(frame) = write_request(&mut frame, 1, &request) {
+            counted(name, &mut service, frame);
+        }
+    }
+    counted("oversized", &mut service, &[1; 2 * FRAME_MOST]);
+    let mut corrupt = [1; 250];
+    corrupt[249] = 0;
+    counted("corrupt", &mut service, &corrupt);
+    timer.set_reload(APART);
+    timer.clear_current();
+    // At rest, where settings may change, and then with the drive on.
+    for (state, enable) in [("at rest", false), ("while the drive runs", true)] {
+        LATE.store(0, Ordering::Relaxed);
+        TAKEN.store(0, Ordering::Relaxed);
+        for (_, request) in requests().iter().cycle().take(3 * requests().len()) {
+            let report = drive(&mut signal, &mut bench, station, enable);
+            service.tick(station);
+            if !enable && !matches!(report.state, State::Off) {
+                continue;
+            }
+            if let Ok(frame) = write_request(&mut frame, 1, request) {
+                SAMPLES.store(true, Ordering::Relaxed);
+                timer.enable_interrupt();
+                take(&mut service, station, frame);
+                timer.disable_interrupt();
+                SAMPLES.store(false, Ordering::Relaxed);
+            }
+        }
+        heprintln!(
+            "sample waits for the link {}: most {} in {} samples",
+            state,
+            instructions(LATE.load(Ordering::Relaxed)) / 100,
+            TAKEN.load(Ordering::Relaxed)
+        );
+    }
+}
+
+/// One cycle of the drive.
+fn drive(signal: &mut Signal, bench: &mut Bench, station: &Station, enable: bool) -> Report {
+    loop {
+        let before = signal.phase();
+        let sampled = signal.sample(bench.sample());
+        bench.hold(sampled.output, (signal.phase() - before).bits());
+        if sampled.wrapped {
+            let inputs = Inputs {
+                enable,
+                ..Inputs::default()
+            };
+            let report = station.simulated_cycle(signal.cycle(), inputs);
+            signal.command(report.command);
+            return report;
+        }
+    }
+}
