@@ -38,12 +38,10 @@ fn main() {
         fs::write(out.join(name), script).expect("OUT_DIR is writable");
     }
     println!("cargo:rustc-link-search={}", out.display());
-    for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x"] {
+    for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
-    for argument in ["-Tbudget.x", "-Tdefmt.x"] {
-        println!("cargo:rustc-link-arg-bin=feeder={argument}");
-    }
+    println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
 }
 
 /// The commit an image is built from, or "unknown" outside a repository.

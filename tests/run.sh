@@ -106,6 +106,7 @@ if [ "${1:-}" = --features ]; then
     step "clippy for all features of the desk" 2400 cargo clippy --locked --package kband-host --all-features --all-targets \
         -- -D warnings
     step "desk with all features" 2400 cargo build --locked --package kband-host --all-features --bin kband
+    step "log of the emulated board" 1200 cargo test --locked --package kband-host --features log --test board -- log
     step "unit tests with all features" 1200 cargo test --locked --package kband-host --all-features --lib
     finish
 fi

@@ -20,6 +20,8 @@ pub mod cortex;
 pub mod exchange;
 pub mod last_words;
 pub mod link;
+#[cfg(target_os = "none")]
+pub mod log;
 pub mod start;
 pub mod station;
 #[cfg(target_os = "none")]

@@ -29,6 +29,7 @@ use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE, State};
 use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use crate::cortex::stack_low;
 use crate::link::Line;
+use crate::log;
 
 /// Time in which neither switch of the half bridge conducts, as a share of a second: 1 us.
 const DEAD_TIME: u32 = 1_000_000;
@@ -226,23 +227,7 @@ impl Monitor for Lamps {
         let ready = matches!(report.state, State::Holding | State::Locked);
         self.ready.set_level(ready.into());
         self.fault.set_level(report.fault.is_some().into());
-        for event in report.events.iter() {
-            defmt::info!(
-                "cycle {}: {} (k {}, b {} mm)",
-                report.cycle,
-                event.name(),
-                report.k,
-                report.amplitude * 1e3
-            );
-        }
-        if let Some(fault) = report.fault
-            && report
-                .events
-                .iter()
-                .any(|event| event == kband::control::Event::Faulted)
-        {
-            defmt::error!("fault {}: {}", fault.number(), fault.name());
-        }
+        log::report(report);
     }
 }
 

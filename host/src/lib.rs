@@ -12,6 +12,7 @@
 //! | [`ending`] | where an orbit of the exact map ends |
 //! | [`flash`] | images onto the board |
 //! | `live` | the dashboard in the terminal |
+//! | `log` | the log of a board |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`stream`] | rows printed as they come |
@@ -26,6 +27,8 @@ pub mod file;
 pub mod flash;
 #[cfg(feature = "live")]
 pub mod live;
+#[cfg(feature = "log")]
+pub mod log;
 pub mod picture;
 pub mod refusal;
 pub mod report;

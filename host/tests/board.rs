@@ -20,12 +20,13 @@ struct Came {
 
 /// Runs `kband` in `folder` on the emulated board; killed at the limit.
 fn kband(folder: &Path, words: &str) -> Came {
+    kband_with(folder, words, &[])
+}
+
+fn kband_with(folder: &Path, words: &str, more: &[&str]) -> Came {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    run(
-        folder,
-        words,
-        &["--on", "qemu", "--image", image.to_str().unwrap()],
-    )
+    let board = ["--on", "qemu", "--image", image.to_str().unwrap()];
+    run(folder, words, &[&board[..], more].concat())
 }
 
 /// Runs `kband` in `folder`; killed at the limit.
@@ -331,6 +332,97 @@ fn a_board_is_monitored_recorded_and_replayed() {
     run(folder.path(), words, &[]).refused(words, &["other.kband", "no record", "--record"]);
     let words = "monitor --replay none.kband";
     run(folder.path(), words, &[]).refused(words, &["none.kband", "--record"]);
+}
+
+#[test]
+fn the_log_is_refused_where_it_is_not_built_in_and_for_an_image_that_has_none() {
+    let folder = folder();
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let image = image.to_str().unwrap();
+    let built_in = cfg!(feature = "log");
+    let expected = if built_in {
+        ["none.defmt", "recorded log"]
+    } else {
+        ["without the log", "--features log"]
+    };
+    let words = "monitor --log none.defmt";
+    run(folder.path(), words, &["--elf", image]).refused(words, &expected);
+    if built_in {
+        std::fs::write(folder.path().join("notes.txt"), "no image").unwrap();
+        let words = "monitor --log notes.txt --elf notes.txt";
+        run(folder.path(), words, &[]).refused(words, &["notes.txt", "cargo feeder"]);
+    }
+    let words = "monitor --on /dev/null";
+    run(folder.path(), words, &["--elf", image]).refused(words, &["its probe", "--log FILE"]);
+}
+
+/// The events in the log lines of what `kband monitor` printed.
+#[cfg(feature = "log")]
+fn logged(out: &str) -> Vec<(u32, String)> {
+    let rows = out.lines().map(|row| serde_json::from_str(row).unwrap());
+    rows.filter_map(|row: Value| {
+        let words = row["event"].as_str()?.strip_prefix("log ")?;
+        let (cycle, event) = words.split_once(" info: cycle ")?.1.split_once(": ")?;
+        let (event, _) = event.split_once(" (k ")?;
+        Some((cycle.parse().unwrap(), event.to_string()))
+    })
+    .collect()
+}
+
+#[cfg(feature = "log")]
+#[test]
+fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
+    use kband::plant::{ClosedLoop, Scene};
+
+    let folder = folder();
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let image = image.to_str().unwrap();
+    let status = Command::new(kband_tests::root().join("tests/emulator"))
+        .args([
+            "--limit",
+            LIMIT,
+            "--word",
+            "default",
+            "--log",
+            "raw.defmt",
+            image,
+        ])
+        .current_dir(folder.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(status.success());
+    let mut closed = ClosedLoop::build(&Scene::default()).unwrap();
+    let expected: Vec<(u32, String)> = (0..500)
+        .flat_map(|_| {
+            let report = closed.cycle().report;
+            let events: Vec<_> = report.events.iter().collect();
+            events
+                .into_iter()
+                .map(move |event| (report.cycle, event.name().to_string()))
+        })
+        .collect();
+    let words = "monitor --log raw.defmt --format json";
+    let out = run(folder.path(), words, &["--elf", image]).done(words);
+    assert!(out.contains("started by power-on"), "{out}");
+    assert_eq!(logged(&out), expected, "{out}");
+
+    // Damaged, it loses what was there and finds itself again.
+    let mut raw = std::fs::read(folder.path().join("raw.defmt")).unwrap();
+    raw[2] ^= 0x55;
+    raw.truncate(raw.len() - 3);
+    std::fs::write(folder.path().join("bad.defmt"), raw).unwrap();
+    let words = "monitor --log bad.defmt --format json";
+    let out = run(folder.path(), words, &["--elf", image]).done(words);
+    assert_eq!(logged(&out), expected[..expected.len() - 1], "{out}");
+
+    // Beside the telemetry of a board that runs.
+    let words = "monitor --rows 5 --format json";
+    let out = kband_with(folder.path(), words, &["--elf", image]).done(words);
+    assert_eq!(logged(&out)[0], (1, "started".into()), "{out}");
+    assert!(out.contains("\"state\":\"starting\""), "{out}");
 }
 
 #[test]

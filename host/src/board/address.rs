@@ -26,6 +26,10 @@ pub struct Address {
     /// File that keeps the settings of --on qemu from run to run; made where there is none.
     #[arg(long, value_name = "FILE", global = true)]
     pub flash_image: Option<PathBuf>,
+
+    /// File that an emulated board writes its log into.
+    #[arg(skip)]
+    pub log: Option<PathBuf>,
 }
 
 impl Address {
@@ -36,6 +40,7 @@ impl Address {
             on: Some(on.into()),
             image: image.map(Path::to_path_buf),
             flash_image: None,
+            log: None,
         }
     }
 
@@ -70,13 +75,30 @@ impl Address {
         Ok(line)
     }
 
+    /// The line to the emulated CPU.
+    fn emulate(&self, emulated: Emulated) -> Result<Line, Refusal> {
+        let mut child = emulator::start(
+            self.image.as_deref(),
+            emulated,
+            self.flash_image.as_deref(),
+            self.log.as_deref(),
+        )?;
+        let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(Refusal::new(
+                "qemu-system-arm has no pipes",
+                "close other programs and try again",
+            ));
+        };
+        Line::over("qemu".to_string(), output, input, Some(child))
+    }
+
     /// Opens the line to a board of any version, which may only be looked at.
     pub fn open_any(&self, emulated: Emulated) -> Result<Line, Refusal> {
         if self.is_emulated() {
             if let Some(flash) = &self.flash_image {
                 prepare(flash)?;
             }
-            return emulate(self.image.as_deref(), emulated, self.flash_image.as_deref());
+            return self.emulate(emulated);
         }
         for (option, file) in [
             ("--image", &self.image),
@@ -100,22 +122,6 @@ impl Address {
             }
         }
     }
-}
-
-/// The line to the emulated CPU.
-fn emulate(
-    image: Option<&Path>,
-    emulated: Emulated,
-    flash: Option<&Path>,
-) -> Result<Line, Refusal> {
-    let mut child = emulator::start(image, emulated, flash)?;
-    let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
-        return Err(Refusal::new(
-            "qemu-system-arm has no pipes",
-            "close other programs and try again",
-        ));
-    };
-    Line::over("qemu".to_string(), output, input, Some(child))
 }
 
 /// The line to the board on a serial port.

@@ -18,11 +18,13 @@ pub enum Emulated {
     Running,
 }
 
-/// Starts the emulator with its serial port on pipes and its settings kept in the file `flash`.
+/// Starts the emulator with its serial port on pipes, its settings kept in the file `flash` and its log
+/// written into the file `log`.
 pub fn start(
     image: Option<&Path>,
     emulated: Emulated,
     flash: Option<&Path>,
+    log: Option<&Path>,
 ) -> Result<Child, Refusal> {
     let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
     if !image.is_file() {
@@ -64,7 +66,9 @@ pub fn start(
             "-monitor",
             "none",
         ])
-        .args(["-serial", "null", "-serial", "stdio", "-semihosting-config"])
+        .arg("-serial")
+        .arg(log.map_or("null".into(), |log| format!("file:{}", log.display())))
+        .args(["-serial", "stdio", "-semihosting-config"])
         .arg(words)
         .arg("-kernel")
         .arg(&image)

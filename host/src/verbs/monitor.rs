@@ -1,5 +1,8 @@
 //! `kband monitor`: telemetry and event log of a board, recorded and replayed.
 
+#[cfg_attr(not(feature = "log"), path = "monitor/no_watch.rs")]
+mod watch;
+
 use std::fs::File;
 use std::io::{BufReader, Stdout, stdout};
 use std::path::{Path, PathBuf};
@@ -15,6 +18,7 @@ use crate::file::Target;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Format, Value, shortest};
 use crate::stream::Stream;
+use watch::Watch;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
 const LOOK: Duration = Duration::from_millis(200);
@@ -28,7 +32,8 @@ const LOOK: Duration = Duration::from_millis(200);
   kband monitor
   kband monitor --on /dev/ttyACM0 --every 1 --record shift.kband
   kband monitor --replay shift.kband --format csv
-  kband monitor --on qemu --duration 5")]
+  kband monitor --on qemu --duration 5
+  kband monitor --elf my-feeder --log shift.defmt")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
@@ -53,6 +58,14 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows"])]
     replay: Option<PathBuf>,
 
+    /// Print the board's log as well: the image that runs there, which has the words. A board's log comes with --log.
+    #[arg(long, value_name = "IMAGE")]
+    elf: Option<PathBuf>,
+
+    /// Print a recorded log instead of a board: its bytes as the board wrote them; needs --elf.
+    #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows", "record", "replay"])]
+    log: Option<PathBuf>,
+
     /// Form of the rows; json is an object a line.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -61,9 +74,10 @@ pub struct Arguments {
 /// Prints until it is told to stop.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut rows = Rows::new(arguments.format);
-    match &arguments.replay {
-        Some(path) => again(path, &mut rows, desk)?,
-        None => now(arguments, &mut rows, desk)?,
+    match (&arguments.replay, &arguments.log, &arguments.elf) {
+        (Some(path), ..) => again(path, &mut rows, desk)?,
+        (None, Some(log), Some(elf)) => recorded(elf, log, &mut rows)?,
+        _ => now(arguments, &mut rows, desk)?,
     }
     Ok(Exit::Done)
 }
@@ -86,6 +100,21 @@ fn again(path: &Path, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// Prints a recorded log.
+fn recorded(elf: &Path, log: &Path, rows: &mut Rows) -> Result<(), Refusal> {
+    let mut watch = Watch::recorded(elf, log)?;
+    rows.log(&mut watch)?;
+    rows.close();
+    unreadable(&watch);
+    Ok(())
+}
+
+fn unreadable(watch: &Watch) {
+    if watch.unreadable() > 0 {
+        eprintln!("{} frames of the log could not be read", watch.unreadable());
+    }
+}
+
 /// Prints a board.
 fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     let path = arguments.record.as_deref();
@@ -98,7 +127,22 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
             ));
         }
     }
-    let mut line = arguments.address.open(Emulated::Running)?;
+    let mut address = arguments.address.clone();
+    let mut watch = match &arguments.elf {
+        None => None,
+        Some(elf) if address.is_emulated() => {
+            let (watch, file) = Watch::emulated(elf)?;
+            address.log = Some(file);
+            Some(watch)
+        }
+        Some(_) => {
+            return Err(Refusal::new(
+                "a board writes its log into memory that only its probe reads",
+                "record it through the probe and print the record: kband monitor --elf IMAGE --log FILE",
+            ));
+        }
+    };
+    let mut line = address.open(Emulated::Running)?;
     if let Some(path) = path {
         let made = File::options().write(true).create_new(true).open(path);
         let record = made.map_err(|error| {
@@ -133,10 +177,16 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
                 }
             };
         }
+        if let Some(watch) = &mut watch {
+            going &= rows.log(watch)?;
+        }
         going &= log(&mut line, rows)? && arguments.rows.is_none_or(|most| rows.cycles < most as u64);
     }
     line.tell(&Request::Telemetry(0))?;
     rows.close();
+    if let Some(watch) = &watch {
+        unreadable(watch);
+    }
     if let Some(path) = path {
         eprintln!("recorded to {}", path.display());
     }
@@ -233,6 +283,18 @@ impl Rows {
     fn when(&self, cycles: u64) -> Vec<Value> {
         let time = self.frequency.map(|frequency| cycles as f64 / frequency);
         vec![time.into(), cycles.into()]
+    }
+
+    /// Prints what is new in a log; whether there is still somebody who reads.
+    fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
+        for words in watch.lines()? {
+            let mut row = vec![Value::Missing; 9];
+            row.push(words.into());
+            if !self.stream.row(&row)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {

@@ -16,6 +16,7 @@ use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_w
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
+use kband_firmware::log;
 use kband_firmware::start::Cause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
@@ -119,11 +120,8 @@ fn place(
 async fn main(spawner: Spawner) {
     let cause = Cause::of(chip::signs());
     let peripherals = embassy_stm32::init(chip::config());
-    defmt::info!("kband {}, started by {}", IDENTITY, cause.name());
     let last_words = take_last_words();
-    if let Some(words) = last_words.read() {
-        defmt::error!("before this reset: {}", words);
-    }
+    log::start(cause, &last_words);
     let p = peripherals;
     let bridge = HalfBridge::new(
         p.TIM1,

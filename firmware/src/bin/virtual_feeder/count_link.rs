@@ -117,7 +117,7 @@ pub fn count(
     let mut service = Service::new(image, store);
     let mut frame = [0; FRAME_MOST];
     let idle = (0..1000).map(|_| lap(&mut || ())).sum::<u32>() / 1000;
-    let mut counted = |name: &str, service: &mut Service<_>, frame: &[u8]| {
+    let counted = |name: &str, service: &mut Service<_>, frame: &[u8]| {
         end_cycle(service, station);
         let ticks = lap(&mut || take(service, station, frame)).saturating_sub(idle);
         heprintln!(

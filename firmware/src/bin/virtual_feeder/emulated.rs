@@ -26,6 +26,7 @@ use kband_firmware::cortex::{
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
+use kband_firmware::log;
 use kband_firmware::start::{Cause, Signs};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Found, Records, Store, StoreFailed};
@@ -37,6 +38,7 @@ use systick_timer::SystickDriver;
 use crate::count::count;
 use crate::count_link;
 use crate::flash::FlashFile;
+use crate::logger;
 use crate::serial::{self, Serial};
 
 /// QEMU clocks the machine's SysTick at 168 MHz.
@@ -140,6 +142,7 @@ struct Trace {
 
 impl Monitor for Trace {
     fn report(&mut self, report: &Report) {
+        log::report(report);
         if let Some(left) = &mut self.left {
             heprintln!("{}", Line(report));
             *left -= 1;
@@ -378,6 +381,8 @@ fn begin(spawner: Spawner) {
     let cause = reset_cause();
     heprintln!("kband {} {:?}", IDENTITY, cause);
     let last_words = take_last_words();
+    logger::start();
+    log::start(cause, &last_words);
     if cause != Cause::Power && word != "sag" {
         match last_words.read() {
             Some(words) => heprintln!("last words: {}", words),

@@ -17,6 +17,8 @@
 //! | `sag` | runs a while, is reset as by a sag of its supply, and runs on |
 //! | `hang` | a task never returns: the watchdog has to bite |
 //!
+//! Its log goes to USART1, in every case.
+//!
 //! After `link` and `run` the name of a file may follow that is the flash of the settings: whole pages of
 //! 4096 bytes, two at least, 0xff where nothing was written yet.
 #![cfg_attr(target_os = "none", no_std, no_main)]
@@ -29,6 +31,8 @@ mod count_link;
 mod emulated;
 #[cfg(target_os = "none")]
 mod flash;
+#[cfg(target_os = "none")]
+mod logger;
 #[cfg(target_os = "none")]
 mod serial;
 

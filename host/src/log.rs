@@ -1,0 +1,87 @@
+//! The log of a board: frames of defmt, decoded with the image that wrote them.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use defmt_decoder::{DecodeError, StreamDecoder, Table};
+
+use crate::refusal::Refusal;
+
+/// What an image can say.
+pub struct Words(Table);
+
+impl Words {
+    /// Reads them from an image (ELF).
+    pub fn read(image: &Path) -> Result<Self, Refusal> {
+        let next =
+            "give the image that runs on the board, such as the one that cargo feeder builds";
+        let bytes = std::fs::read(image).map_err(|error| Refusal::file(image, &error, next))?;
+        match Table::parse(&bytes) {
+            Ok(Some(table)) => Ok(Self(table)),
+            Ok(None) => Err(Refusal::new(
+                format!("{}: this image has no log", image.display()),
+                next,
+            )),
+            Err(error) => Err(Refusal::new(
+                format!("{}: its log cannot be read: {error}", image.display()),
+                next,
+            )),
+        }
+    }
+}
+
+/// A log as it is written, from its beginning.
+pub struct Log<'a> {
+    file: File,
+    decoder: Box<dyn StreamDecoder + Send + Sync + 'a>,
+    unreadable: u64,
+}
+
+impl<'a> Log<'a> {
+    /// The log in a file that may still grow, written by an image that says `words`.
+    pub fn open(file: &Path, words: &'a Words) -> Result<Self, Refusal> {
+        let opened = File::open(file).map_err(|error| {
+            Refusal::file(
+                file,
+                &error,
+                "give the path of a recorded log, its bytes as the board wrote them",
+            )
+        })?;
+        Ok(Self {
+            file: opened,
+            decoder: words.0.new_stream_decoder(),
+            unreadable: 0,
+        })
+    }
+
+    /// Frames so far that could not be read.
+    #[must_use]
+    pub fn unreadable(&self) -> u64 {
+        self.unreadable
+    }
+
+    /// The lines that were added since the last call: time, level and words.
+    pub fn lines(&mut self) -> Result<Vec<String>, Refusal> {
+        let mut bytes = Vec::new();
+        self.file.read_to_end(&mut bytes).map_err(|error| {
+            Refusal::new(format!("the log cannot be read: {error}"), "try again")
+        })?;
+        self.decoder.received(&bytes);
+        let mut lines = Vec::new();
+        loop {
+            match self.decoder.decode() {
+                Ok(frame) => {
+                    let level = frame.level().map_or("", |level| level.as_str());
+                    let words = frame.display_message();
+                    lines.push(match frame.display_timestamp() {
+                        Some(time) => format!("log {time} {level}: {words}"),
+                        None => format!("log {level}: {words}"),
+                    });
+                }
+                Err(DecodeError::Malformed) => self.unreadable += 1,
+                Err(DecodeError::UnexpectedEof) => return Ok(lines),
+            }
+        }
+    }
+}
