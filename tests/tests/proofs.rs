@@ -55,7 +55,7 @@ fn deaf(cycle: &mut Cycle) {
     cycle.heard_count = 0;
 }
 fn unfolded(cycle: &mut Cycle) {
-    cycle.folded.heights = [0.01; 2];
+    cycle.folded.residual.fill(0.01);
 }
 fn unsaturated(cycle: &mut Cycle) {
     cycle.saturated = 0;

@@ -7,7 +7,7 @@ use super::angle::{phase_of, radians_of};
 use super::capture::{Capture, Planned, Progress, Search};
 use super::chaos::{Chaos, ChaosSearch};
 use super::hearing::Hearing;
-use super::identify::{self, Identification, Identifier, Step};
+use super::identify::{self, Driven, Identification, Identifier, Step};
 use super::resonance::Resonance;
 use super::setpoint::{Choice, Level, LockAt, NoSetpoint, Target};
 use super::settings::Settings;
@@ -882,15 +882,20 @@ impl Controller {
             self.identifier.interrupt();
             return;
         }
-        let near = self.reference == goal && (measured - goal).abs() < 0.01 * goal;
-        let (k, least) = (self.k(measured), self.k(self.reach()));
-        let step = self.identifier.cycle(
-            near,
-            f64::from(k),
-            phase_of(self.lead),
-            cycle,
-            f64::from(least),
-        );
+        let off = if self.reference == goal {
+            (measured - goal).abs() / goal
+        } else {
+            f32::INFINITY
+        };
+        let driven = Driven {
+            off,
+            k: f64::from(self.k(measured)),
+            lead: phase_of(self.lead),
+            least: f64::from(self.k(self.reach())),
+            pull: self.pull,
+            step: phase_step(self.resonance.frequency()),
+        };
+        let step = self.identifier.cycle(&driven, cycle);
         match step {
             Step::Going => {}
             Step::At(k) => {

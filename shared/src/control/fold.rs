@@ -1,123 +1,219 @@
-//! Folding: the height of the residual against the phase, summed over many cycles, so that what
-//! repeats every cycle stands out of the noise.
+//! Folding: the residual from a phase of the drive on, summed over many cycles sample by sample, so that
+//! what repeats every cycle stands out of the noise.
 
 use crate::arithmetic::Phase;
 
-/// Bins of a fold: half a turn, in steps of 1/256 turn.
-pub const BINS: usize = 128;
-/// Bins that a cycle hands over once a fold has ended.
-pub const HANDED: usize = 2;
-/// Bits of a phase within a bin.
-const WITHIN: u32 = 24;
+/// Most places of a fold.
+pub const PLACES: usize = 256;
+/// Places that a cycle hands over once a fold has ended.
+pub const HANDED: usize = 8;
+/// Half a turn: what a fold covers.
+const HALF: u32 = 1 << 31;
 
-/// Some bins of a fold that has ended.
+/// How the samples of half a turn fall into places.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Samples from one place to the next.
+    pub stride: u32,
+    /// Places in half a turn.
+    pub places: usize,
+}
+
+impl Layout {
+    /// No places.
+    pub const NONE: Self = Self {
+        stride: 1,
+        places: 0,
+    };
+
+    /// The layout at an advance of the phase per sample: every sample has its place where half a turn has
+    /// no more of them than [`PLACES`], else every second or third.
+    #[must_use]
+    pub fn of(step: u32) -> Self {
+        let step = step.max(1);
+        let samples = HALF / step;
+        let stride = samples / PLACES as u32 + 1;
+        Self {
+            stride,
+            places: (samples / stride) as usize,
+        }
+    }
+}
+
+/// Some places of a fold that has ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Folded {
     /// Number of the first of them, from 1; 0 where there are none.
-    pub bin: u8,
-    /// Mean height of the residual in each, in m/s^2; 0 where no sample fell into it.
-    pub heights: [f32; HANDED],
+    pub first: u16,
+    /// Mean of the residual in each, in m/s^2.
+    pub residual: [f32; HANDED],
 }
 
-/// Sums of the residual's height over half a turn from a phase on.
+/// Sums of the residual over half a turn from a phase on.
 ///
-/// Begun and ended at the end of a cycle; when it has ended, its bins are handed over two a cycle and
-/// emptied, and only then another one begins.
+/// Begun and ended at the end of a cycle, an end waiting until the half turn under way is over; when it
+/// has ended, its places are handed over some a cycle and emptied, and only then another one begins.
 #[derive(Clone, Copy, Debug)]
 pub struct Fold {
-    from: Option<Phase>,
-    sums: [f32; BINS],
-    counts: [u16; BINS],
-    /// The next bin to hand over; [`BINS`] where there is none.
-    next: u8,
+    from: Phase,
+    step: u32,
+    layout: Layout,
+    /// Whether a half turn may begin, and whether one is under way.
+    open: bool,
+    under_way: bool,
+    /// The next place and the samples until it.
+    place: u32,
+    wait: u32,
+    sums: [f32; PLACES],
+    /// Half turns summed.
+    count: u16,
+    /// The next place to hand over; the end of the layout where there is none.
+    next: u16,
 }
 
 impl Fold {
     /// An empty fold.
     pub const EMPTY: Self = Self {
-        from: None,
-        sums: [0.0; BINS],
-        counts: [0; BINS],
-        next: BINS as u8,
+        from: Phase::ZERO,
+        step: 0,
+        layout: Layout::NONE,
+        open: false,
+        under_way: false,
+        place: 0,
+        wait: 0,
+        sums: [0.0; PLACES],
+        count: 0,
+        next: 0,
     };
 
-    /// Adds the residual's height at a phase of the output.
+    /// Whether nothing is summed, waits to be handed over, or is wanted.
+    #[must_use]
+    pub fn rests(&self) -> bool {
+        !self.open && !self.under_way && self.count == 0
+    }
+
+    /// Adds the residual at a phase of the output.
     #[inline]
-    pub fn add(&mut self, phase: Phase, height: f32) {
-        let Some(from) = self.from else {
+    pub fn add(&mut self, phase: Phase, residual: f32) {
+        if !self.open && !self.under_way {
             return;
-        };
-        let bin = ((phase - from).bits() >> WITHIN) as usize;
-        if let (Some(sum), Some(count)) = (self.sums.get_mut(bin), self.counts.get_mut(bin)) {
-            *sum += height;
-            *count = count.wrapping_add(1);
+        }
+        let since = (phase - self.from).bits();
+        if self.open && since < self.step {
+            self.under_way = true;
+            self.place = 0;
+            self.wait = 0;
+            self.count = self.count.wrapping_add(1);
+        }
+        if since >= HALF {
+            self.under_way = false;
+        } else if self.under_way {
+            if self.wait > 0 {
+                self.wait -= 1;
+            } else if let Some(sum) = self.sums.get_mut(self.place as usize) {
+                *sum += residual;
+                self.place += 1;
+                self.wait = self.layout.stride - 1;
+            }
         }
     }
 
-    /// The end of a cycle: `from` is what is wanted of the next one; what is handed over now.
+    /// The end of a cycle: `from` is what is wanted of the next one at an advance of the phase of `step` per
+    /// sample; what is handed over now.
     #[inline]
-    pub fn finish(&mut self, from: Option<Phase>) -> Folded {
-        if from.is_none() && self.from.is_some() {
-            self.next = 0;
-            self.from = None;
+    pub fn finish(&mut self, from: Option<Phase>, step: u32) -> Folded {
+        if self.open || self.under_way {
+            self.open = self.open && from.is_some();
+            return Folded::default();
         }
-        let bin = self.next;
-        if usize::from(bin) >= BINS {
-            self.from = from;
+        let (first, places) = (usize::from(self.next), self.layout.places);
+        if self.count == 0 || first >= places {
+            self.count = 0;
+            if let Some(from) = from {
+                self.from = from;
+                self.step = step;
+                self.layout = Layout::of(step);
+                self.open = true;
+                self.next = 0;
+            }
             return Folded::default();
         }
         let mut folded = Folded {
-            bin: bin + 1,
+            first: self.next + 1,
             ..Folded::default()
         };
-        for (n, height) in folded.heights.iter_mut().enumerate() {
-            let at = usize::from(bin) + n;
-            if let (Some(sum), Some(count)) = (self.sums.get_mut(at), self.counts.get_mut(at)) {
-                if *count > 0 {
-                    *height = *sum / f32::from(*count);
-                }
+        let share = 1.0 / f32::from(self.count);
+        for (n, residual) in folded.residual.iter_mut().enumerate() {
+            if let Some(sum) = self.sums.get_mut(first + n) {
+                *residual = *sum * share;
                 *sum = 0.0;
-                *count = 0;
             }
         }
-        self.next = bin + HANDED as u8;
+        self.next += HANDED as u16;
         folded
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::vec::Vec;
+
     use super::*;
 
-    #[test]
-    fn means_by_phase_are_handed_over_once_and_emptied() {
-        let mut fold = Fold::EMPTY;
-        let from = Phase::from_bits(0xf000_0000);
-        for round in 0..2 {
-            assert_eq!(fold.finish(Some(from)), Folded::default());
-            // A ramp over the turn, 1000 samples a cycle, three cycles.
-            for n in 0..3000_u32 {
-                let phase = n.wrapping_mul(u32::MAX / 1000);
-                let height = (phase.wrapping_sub(from.bits()) >> 8) as f32;
-                fold.add(Phase::from_bits(phase), height + round as f32);
-            }
-            let mut heard = 0;
-            let mut folded = fold.finish(None);
-            while folded.bin > 0 {
-                for (n, height) in folded.heights.iter().enumerate() {
-                    // The middle of a bin of 2^16 in these units, give or take its samples.
-                    let middle = (f32::from(folded.bin - 1) + n as f32 + 0.5) * 65_536.0;
-                    assert!((height - middle).abs() < 33_000.0, "{folded:?}");
-                    heard += 1;
+    /// Cycles of a drive at an advance of the phase, with `count` of them folded; what is handed over.
+    fn handed(fold: &mut Fold, step: u32, from: Phase, count: u32, round: f32) -> Vec<f32> {
+        let (mut phase, mut cycles, mut handed) = (Phase::ZERO, 0, Vec::new());
+        assert_eq!(fold.finish(Some(from), step), Folded::default());
+        while cycles < count + 40 {
+            let before = phase;
+            phase += Phase::from_bits(step);
+            // A ramp over the turn, told apart by the round.
+            fold.add(phase, (phase - from).bits() as f32 + round);
+            if phase.bits() < before.bits() {
+                cycles += 1;
+                let wanted = Some(from).filter(|_| cycles < count);
+                let folded = fold.finish(wanted, step);
+                if folded.first > 0 {
+                    assert_eq!(usize::from(folded.first), handed.len() + 1);
+                    handed.extend(folded.residual);
                 }
-                // What is wanted anew waits until all is handed over.
-                folded = fold.finish(Some(from));
-            }
-            assert_eq!(heard, BINS);
-            fold.finish(None);
-            for _ in 0..BINS / HANDED {
-                assert_eq!(fold.finish(None).heights, [0.0; HANDED]);
             }
         }
+        handed
+    }
+
+    #[test]
+    fn means_by_sample_are_handed_over_once_and_emptied() {
+        // 400 and 50 samples a cycle, and 1400, of which every third is taken; a begin just before the wrap too.
+        for (step, stride) in [
+            (u32::MAX / 400, 1),
+            (u32::MAX / 50, 1),
+            (u32::MAX / 1400, 3),
+        ] {
+            for from in [0x2000_0000, 0xf000_0000] {
+                let mut fold = Fold::EMPTY;
+                let layout = Layout::of(step);
+                assert_eq!(layout.stride, stride);
+                for round in [0.0, 1e6] {
+                    let handed = handed(&mut fold, step, Phase::from_bits(from), 5, round);
+                    assert!((layout.places..layout.places + HANDED).contains(&handed.len()));
+                    for (place, mean) in handed[..layout.places].iter().enumerate() {
+                        // The first sample of a half turn lies within a step of its begin; rounding of f32.
+                        let late = mean - round - (place as u32 * stride * step) as f32;
+                        assert!((-1e4..step as f32 + 1e4).contains(&late), "{place}: {late}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_wanted_is_not_summed() {
+        let mut fold = Fold::EMPTY;
+        for n in 0..2000_u32 {
+            fold.add(Phase::from_bits(n << 24), 1.0);
+            assert_eq!(fold.finish(None, 1 << 24), Folded::default());
+        }
+        assert_eq!(fold.sums, [0.0; PLACES]);
     }
 }

@@ -35,7 +35,7 @@ pub struct Ear {
 }
 
 /// Corner of the high-passes as a share of the sample rate, times 2 pi: 1 kHz at 20 kHz.
-const CORNER: f32 = 0.27;
+pub(super) const CORNER: f32 = 0.27;
 /// Decay of the memory of a ringing per sample: 1.4 ms at 20 kHz.
 const MEMORY: f32 = 0.965;
 /// Samples within which a ringing reaches its height: 0.6 ms at 20 kHz, a quarter period at 420 Hz.
@@ -67,23 +67,23 @@ impl Ear {
     /// begins.
     #[inline]
     pub fn sample(&mut self, acceleration: f32) -> Option<f32> {
-        let height = self.residual(acceleration);
-        self.hears(height)
+        let residual = self.residual(acceleration);
+        self.hears(residual)
     }
 
-    /// Takes the acceleration of one sample in m/s^2; the height of the residual.
+    /// Takes the acceleration of one sample in m/s^2; what the drive does not explain of it.
     #[inline]
     pub fn residual(&mut self, acceleration: f32) -> f32 {
         self.low[0] += CORNER * (acceleration - self.low[0]);
         let once = acceleration - self.low[0];
         self.low[1] += CORNER * (once - self.low[1]);
-        let residual = once - self.low[1];
-        if residual < 0.0 { -residual } else { residual }
+        once - self.low[1]
     }
 
-    /// Takes the height of the residual of one sample in m/s^2, and gives it back where an impact begins.
+    /// Takes the residual of one sample in m/s^2, and gives its height where an impact begins.
     #[inline]
-    pub fn hears(&mut self, height: f32) -> Option<f32> {
+    pub fn hears(&mut self, residual: f32) -> Option<f32> {
+        let height = if residual < 0.0 { -residual } else { residual };
         let step = self.median * (1.0 / 1024.0);
         if height > self.median {
             self.median += step;

@@ -22,8 +22,8 @@ pub struct Command {
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
-    /// Phase of the output from which on, for half a turn, the height of the residual is summed over
-    /// cycles, from the next cycle on; `None` ends that and has the sums handed over.
+    /// Phase of the output from which on, for half a turn, the residual is summed over cycles, from the next
+    /// cycle on; `None` ends that and has the sums handed over.
     pub fold: Option<Phase>,
 }
 
@@ -153,8 +153,8 @@ impl Signal {
         }; HEARD_PER_CYCLE],
         heard_count: 0,
         folded: Folded {
-            bin: 0,
-            heights: [0.0; HANDED],
+            first: 0,
+            residual: [0.0; HANDED],
         },
     };
 
@@ -166,7 +166,8 @@ impl Signal {
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
-        let height = self.ear.residual(acceleration);
+        let residual = self.ear.residual(acceleration);
+        self.fold.add(self.phase, residual);
         let swing = acceleration - self.mean;
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
@@ -187,7 +188,6 @@ impl Signal {
             self.sines += by_sine;
             self.accelerations += acceleration;
             self.weight += 1.0;
-            self.fold.add(self.phase, height * height);
         }
         let cycle = &mut self.running;
         cycle.samples = cycle.samples.wrapping_add(1);
@@ -200,7 +200,7 @@ impl Signal {
         if code.0 == 0 || code.0 >= self.full {
             cycle.saturated = cycle.saturated.wrapping_add(1);
         }
-        if let Some(strength) = self.ear.hears(height) {
+        if let Some(strength) = self.ear.hears(residual) {
             let index = usize::from(cycle.heard_count);
             if let Some(slot) = cycle.heard.get_mut(index) {
                 // The ringing rises over the threshold within its first two samples: half of them on average.
@@ -220,7 +220,7 @@ impl Signal {
     fn finish(&mut self) {
         let inverse = 1.0 / self.weight;
         self.finished = self.running;
-        self.finished.folded = self.fold.finish(self.pending.fold);
+        self.finished.folded = self.fold.finish(self.pending.fold, self.pending.step);
         self.finished.in_phase = 2.0 * self.cosines * inverse;
         self.finished.quadrature = 2.0 * self.sines * inverse;
         self.finished.mean = self.accelerations * inverse;

@@ -181,7 +181,7 @@ impl EnvelopePlant {
         });
         self.read(&mut cycle, found, loudest, middle);
         self.tell(&mut cycle, samples);
-        self.readings.finish(fold, &mut cycle);
+        self.readings.finish(fold, step, &mut cycle);
         self.sample += u64::from(samples);
         self.ear.pass(samples);
         cycle

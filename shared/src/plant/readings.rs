@@ -56,10 +56,10 @@ impl Readings {
 
     /// The end of a cycle: what is to be folded in the next one, as the signal path takes it.
     #[inline]
-    pub fn finish(&mut self, from: Option<Phase>, cycle: &mut Cycle) {
+    pub fn finish(&mut self, from: Option<Phase>, step: u32, cycle: &mut Cycle) {
         if self.folds || from.is_some() {
-            cycle.folded = self.fold.finish(from);
-            self.folds = from.is_some() || cycle.folded.bin > 0;
+            cycle.folded = self.fold.finish(from, step);
+            self.folds = !self.fold.rests();
         }
     }
 
@@ -96,10 +96,8 @@ impl Readings {
             (low, high) = (low.min(kept), high.max(kept));
             let read = (kept - sense.zero) * sense.floor;
             if self.folds {
-                let height = self.ear.residual(read as f32);
-                if n > 0 {
-                    self.fold.add(drive.phase_at(n), height * height);
-                }
+                let residual = self.ear.residual(read as f32);
+                self.fold.add(drive.phase_at(n), residual);
             }
             sum += drive.at(n) * read;
         }

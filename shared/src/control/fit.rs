@@ -1,0 +1,529 @@
+//! Which restitution the folds of a chatter stand for: the one whose train of impacts, by the map, explains most
+//! of them.
+//!
+//! Every impact of a part rings the track alike, only the more weakly the slower it is, so a fold is one
+//! unknown ringing at the times and with the strengths that k and the restitution give. The ringing is looked for in
+//! the first landing alone, which k decides; then each restitution is tried with it.
+
+use core::f32::consts::{PI, TAU};
+
+use super::chatter::{Chatter, IMPACTS};
+use super::fold::{HANDED, Layout, PLACES};
+use super::ringing::{Explained, Impact, Ringing, explain, leaked};
+
+/// Time from the beginning of a fold to the first landing that is expected, in rad.
+pub const BEFORE: f32 = 0.5;
+/// How much earlier or later it may be, in rad, and at most in samples: k is known to 1 %.
+const EARLY: f32 = 0.1;
+const MOST_EARLY: f32 = 8.0;
+/// Restitutions that are tried between the bounds.
+const TRIED: usize = 128;
+/// How far beyond the bounds, for k is known to 1 %; and the least of all.
+const BEYOND: f32 = 0.02;
+const LEAST: f32 = 0.02;
+/// Ringings that are tried at first: angles per sample, and samples that they last.
+const ANGLE: f32 = 0.15;
+const ANGLE_STEP: f32 = 0.08;
+const ANGLES: u16 = 37;
+const LASTING: [f32; 4] = [6.0, 14.0, 30.0, 64.0];
+/// Rounds of finding the first landing and its ringing.
+const ROUNDS: u16 = 4;
+/// Restitution of a part whose second impact ends the first landing's own time, unless the bounds say more,
+/// and the least of that time in samples.
+const DEADEST: f32 = 0.14;
+const ALONE: f32 = 20.0;
+/// Half a sample earlier, at, and later than the first landing that was found.
+const SHIFTS: u16 = 3;
+/// What the impacts explain over what is left, per place and unit of noise, from which on they are heard: of
+/// noise alone, the best of all ringings explains 25.
+const AUDIBLE: f32 = 80.0;
+/// What is left over what noise alone leaves, and over what the first landing alone leaves: above both, it is
+/// not a chatter of the map.
+const NOISE: f32 = 8.0;
+const UNLIKE: f32 = 0.25;
+/// How far apart restitutions are rivals.
+const APART: f32 = 0.03;
+
+/// What is being done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// The ringing of the first landing, the n-th of those tried.
+    Ringing(u16),
+    /// Its time, in the n-th round.
+    Onset(u16),
+    /// The train of each restitution, the n-th of those tried.
+    Trains(u16),
+    Done,
+}
+
+/// What a fold was found to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict {
+    /// The chatter of parts of this restitution.
+    Heard(f32),
+    /// Noise.
+    Quiet,
+    /// Neither.
+    Unlike,
+}
+
+/// What explains most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Best {
+    explained: Explained,
+    ringing: Ringing,
+    onset: f32,
+}
+
+/// A fold's circumstances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Circumstances {
+    /// Measured k.
+    pub k: f64,
+    /// Amplitude of the track's acceleration in m/s^2 at k = 1.
+    pub pull: f32,
+    /// Advance of the phase per sample.
+    pub step: u32,
+}
+
+/// The comparison of folds with the chatter of every restitution, slice by slice.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit {
+    folded: [f32; PLACES],
+    layout: Layout,
+    /// Samples in a radian of the drive.
+    per_radian: f32,
+    pull: f32,
+    k: f64,
+    /// Lowest restitution that is tried, and the step to the next.
+    lowest: f32,
+    apart: f32,
+    stage: Stage,
+    ringing: Option<Ringing>,
+    /// Samples from the beginning of the fold to the first landing, and to the end of its own time.
+    onset: f32,
+    alone: f32,
+    /// What explains most so far of this fold.
+    best: Option<Best>,
+    verdict: Verdict,
+    /// What each restitution leaves of this fold, and the logarithms of that, over the least, of all heard.
+    left: [f32; TRIED],
+    sums: [f32; TRIED],
+    /// Share of the measured amplitude that is the impacts' ringing; `None` until it is known.
+    leak: Option<f32>,
+}
+
+impl Fit {
+    /// Nothing compared yet.
+    pub const NEW: Self = Self {
+        folded: [0.0; PLACES],
+        layout: Layout::NONE,
+        per_radian: 1.0,
+        pull: 0.0,
+        k: 1.0,
+        lowest: LEAST,
+        apart: 0.0,
+        stage: Stage::Done,
+        ringing: None,
+        onset: 0.0,
+        alone: 0.0,
+        best: None,
+        verdict: Verdict::Quiet,
+        left: [0.0; TRIED],
+        sums: [0.0; TRIED],
+        leak: None,
+    };
+
+    /// Tries the restitutions of parts that rest each cycle at the first k and do not at the second.
+    pub fn among(&mut self, (rest, astray): (f64, f64)) {
+        let dead = |k: f64| {
+            let (mut low, mut high) = (0.0, 1.0);
+            for _ in 0..7 {
+                let middle = 0.5 * (low + high);
+                if Chatter::of(k, middle).is_some_and(|chatter| chatter.rests()) {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            low
+        };
+        let highest = dead(rest) + BEYOND;
+        self.lowest = (dead(astray) - BEYOND).max(LEAST);
+        self.apart = (highest - self.lowest).max(2.0 * BEYOND) / (TRIED - 1) as f32;
+    }
+
+    /// Takes some places of a fold.
+    pub fn put(&mut self, first: usize, residual: &[f32; HANDED]) {
+        for (n, value) in residual.iter().enumerate() {
+            if let Some(slot) = self.folded.get_mut(first + n) {
+                *slot = *value;
+            }
+        }
+    }
+
+    /// Begins the comparison of the fold that was put in.
+    pub fn begin(&mut self, fold: Circumstances) {
+        self.layout = Layout::of(fold.step);
+        self.per_radian = 4_294_967_296.0 / (TAU * fold.step.max(1) as f32);
+        self.pull = fold.pull;
+        self.k = fold.k * (1.0 + f64::from(self.leak.unwrap_or(0.0)));
+        self.best = None;
+        self.left = [f32::INFINITY; TRIED];
+        self.onset = BEFORE * self.per_radian;
+        let deadest = Chatter::of(self.k, self.lowest.max(DEADEST));
+        let interval = deadest.map_or(0.0, |chatter| chatter.impacts()[1].0 * self.per_radian);
+        self.alone = interval.max(ALONE);
+        self.stage = match self.ringing {
+            Some(_) => Stage::Onset(0),
+            None => Stage::Ringing(0),
+        };
+    }
+
+    /// One slice, at most 0.3 million instructions; whether more are to be done.
+    pub fn step(&mut self) -> bool {
+        self.stage = match (self.stage, self.ringing) {
+            (Stage::Done, _) => return false,
+            (Stage::Ringing(n), _) => self.try_ringing(n),
+            (Stage::Onset(n), Some(ringing)) => self.try_onsets(n, ringing),
+            (Stage::Trains(n), Some(ringing)) => self.try_train(n, ringing),
+            (_, None) => Stage::Done,
+        };
+        true
+    }
+
+    /// Whether there is more to do.
+    #[must_use]
+    pub fn busy(&self) -> bool {
+        self.stage != Stage::Done
+    }
+
+    fn try_ringing(&mut self, n: u16) -> Stage {
+        let ringing = Ringing {
+            decay: 1.0 / LASTING[usize::from(n) % LASTING.len()],
+            angle: ANGLE + ANGLE_STEP * f32::from(n / LASTING.len() as u16),
+        };
+        // Faster ones are those again, in places that are more than a sample apart.
+        let distinct = ringing.angle * (self.layout.stride as f32) < PI;
+        let landing = BEFORE * self.per_radian;
+        if distinct && let Some(onset) = self.landing(ringing, landing, 1.0, false) {
+            self.onset = onset;
+            self.ringing = Some(ringing);
+        }
+        if n + 1 < ANGLES * LASTING.len() as u16 {
+            Stage::Ringing(n + 1)
+        } else {
+            Stage::Onset(0)
+        }
+    }
+
+    fn try_onsets(&mut self, n: u16, ringing: Ringing) -> Stage {
+        self.best = None;
+        let (middle, stride) = if n == 0 {
+            (BEFORE * self.per_radian, 1.0)
+        } else {
+            (self.onset, 0.5 / f32::from(n))
+        };
+        if let Some(onset) = self.landing(ringing, middle, stride, true) {
+            self.onset = onset;
+        }
+        self.ringing = self.best.map(|best| best.explained.better);
+        self.best = None;
+        if n + 1 < ROUNDS {
+            Stage::Onset(n + 1)
+        } else {
+            Stage::Trains(0)
+        }
+    }
+
+    /// Looks for the first landing around a time, in steps of so many samples; where it explains more than the
+    /// best so far.
+    fn landing(&mut self, ringing: Ringing, middle: f32, step: f32, tuned: bool) -> Option<f32> {
+        let range = (EARLY * self.per_radian).min(MOST_EARLY) as i32;
+        let mut found = None;
+        for shift in -range..=range {
+            let onset = middle + step * shift as f32;
+            let end = ((onset + self.alone) / self.layout.stride as f32) as usize;
+            let places = self.places();
+            let piece = &places[..end.min(places.len())];
+            let landing = [(onset, 1.0)];
+            let explained = explain(piece, self.layout.stride, ringing, tuned, &landing);
+            if self.better(explained, ringing, onset) {
+                found = Some(onset);
+            }
+        }
+        found
+    }
+
+    /// Takes what explains more than the best so far; whether it does.
+    fn better(&mut self, explained: Explained, ringing: Ringing, onset: f32) -> bool {
+        // Shares, for the pieces of different onsets differ in length.
+        let better = self.best.is_none_or(
+            |Best {
+                 explained: best, ..
+             }| { explained.left * best.without < best.left * explained.without },
+        );
+        if better {
+            self.best = Some(Best {
+                explained,
+                ringing,
+                onset,
+            });
+        }
+        better
+    }
+
+    fn try_train(&mut self, n: u16, ringing: Ringing) -> Stage {
+        let (index, shift) = (usize::from(n / SHIFTS), n % SHIFTS);
+        let onset = self.onset + 0.5 * (f32::from(shift) - 1.0);
+        if let Some(chatter) = Chatter::of(self.k, self.tried(index)) {
+            let train = self.train(&chatter, onset);
+            let explained = explain(self.places(), self.layout.stride, ringing, true, &train);
+            if let Some(left) = self.left.get_mut(index) {
+                *left = left.min(explained.left);
+            }
+            self.better(explained, ringing, onset);
+        }
+        if usize::from((n + 1) / SHIFTS) < TRIED {
+            Stage::Trains(n + 1)
+        } else {
+            self.conclude()
+        }
+    }
+
+    /// The fold is compared with every restitution.
+    fn conclude(&mut self) -> Stage {
+        self.verdict = self.judge();
+        let (Verdict::Heard(restitution), Some(best)) = (self.verdict, self.best) else {
+            // Also what was taken for the ringing.
+            self.ringing = None;
+            return Stage::Done;
+        };
+        self.ringing = Some(best.explained.better);
+        if self.leak.is_none() {
+            let leak = self.leak(restitution, &best);
+            self.leak = Some(leak);
+            self.k *= f64::from(1.0 + leak);
+            self.best = None;
+            self.left = [f32::INFINITY; TRIED];
+            return Stage::Trains(0);
+        }
+        for (sum, left) in self.sums.iter_mut().zip(&self.left) {
+            *sum += libm::logf(*left / best.explained.left);
+        }
+        Stage::Done
+    }
+
+    fn judge(&self) -> Verdict {
+        let (Some(best), Some(restitution)) = (self.best, lowest(&self.left)) else {
+            return Verdict::Quiet;
+        };
+        let places = self.places();
+        let Explained { left, without, .. } = best.explained;
+        let noise = self.noise() * places.len() as f32;
+        if without - left < AUDIBLE * left / places.len() as f32 {
+            return if without < NOISE * noise {
+                Verdict::Quiet
+            } else {
+                Verdict::Unlike
+            };
+        }
+        let landing = [(best.onset, 1.0)];
+        let alone = explain(places, self.layout.stride, best.ringing, true, &landing);
+        if left < NOISE * noise || left < UNLIKE * alone.left {
+            Verdict::Heard(self.tried(0) + restitution * self.apart)
+        } else {
+            Verdict::Unlike
+        }
+    }
+
+    /// Mean square of the fold while the part is in the air.
+    fn noise(&self) -> f32 {
+        let quiet = (BEFORE - 1.5 * EARLY) * self.per_radian / self.layout.stride as f32;
+        let places = self.places();
+        let quiet = &places[..(quiet as usize).min(places.len())];
+        let count = quiet.len().max(2) as f32;
+        let mean = quiet.iter().sum::<f32>() / count;
+        let squares: f32 = quiet.iter().map(|x| (x - mean) * (x - mean)).sum();
+        squares / (count - 1.0)
+    }
+
+    /// What the ringing of the impacts adds to the measured amplitude, and so takes off k, as a share.
+    fn leak(&self, restitution: f32, best: &Best) -> f32 {
+        let Some(chatter) = Chatter::of(self.k, restitution) else {
+            return 0.0;
+        };
+        let samples = self.layout.places as u32 * self.layout.stride;
+        let step = 1.0 / self.per_radian;
+        let turning = [chatter.landing - best.onset * step, step];
+        let train = self.train(&chatter, best.onset);
+        let sum = leaked(&best.explained, best.ringing, samples, turning, &train);
+        // The track's acceleration is its amplitude times the negative sine.
+        let swing = -2.0 * step * (1.0 / TAU) * sum;
+        let share = swing * self.k as f32 / self.pull;
+        share / (1.0 - share)
+    }
+
+    fn tried(&self, index: usize) -> f32 {
+        self.lowest + self.apart * index as f32
+    }
+
+    fn places(&self) -> &[f32] {
+        &self.folded[..self.layout.places.min(PLACES)]
+    }
+
+    /// The impacts of a chatter that lands first at this sample; those that it has not come after any fold.
+    fn train(&self, chatter: &Chatter, onset: f32) -> [Impact; IMPACTS] {
+        let impacts = *chatter.impacts();
+        impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
+    }
+
+    /// What the last fold was found to be.
+    #[must_use]
+    pub fn last(&self) -> Verdict {
+        self.verdict
+    }
+
+    /// The restitution that all folds heard so far stand for.
+    #[must_use]
+    pub fn all(&self) -> Option<f32> {
+        lowest(&self.sums).map(|place| self.lowest + self.apart * place)
+    }
+
+    /// How much less that restitution leaves than its best rival: a logarithm, summed over the folds heard, times
+    /// the places of a fold.
+    #[must_use]
+    pub fn evidence(&self) -> f32 {
+        let Some(found) = self.all() else {
+            return 0.0;
+        };
+        let (mut best, mut rival) = (f32::INFINITY, f32::INFINITY);
+        for (index, sum) in self.sums.iter().enumerate() {
+            let apart = self.tried(index) - found;
+            let least = if apart.abs() < APART {
+                &mut best
+            } else {
+                &mut rival
+            };
+            *least = least.min(*sum);
+        }
+        (rival - best) * self.layout.places as f32
+    }
+}
+
+/// The place of the lowest, between two by a parabola.
+fn lowest(values: &[f32]) -> Option<f32> {
+    let (mut place, mut least) = (None, f32::INFINITY);
+    for (index, &value) in values.iter().enumerate() {
+        if value < least {
+            (place, least) = (Some(index), value);
+        }
+    }
+    let place = place?;
+    let beside = (values.get(place.wrapping_sub(1)), values.get(place + 1));
+    let apart = match beside {
+        (Some(below), Some(above)) => 0.5 * (below - above) / (below - 2.0 * least + above),
+        _ => 0.0,
+    };
+    // Not a number where all are alike.
+    let between = (-0.5..=0.5).contains(&apart);
+    Some(place as f32 + if between { apart } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::super::Ear;
+    use super::super::signal::phase_step;
+    use super::*;
+    use crate::plant::Noise;
+
+    /// The chatter of some parts at k, heard in noise over one cycle, with a ringing that lasts for some samples.
+    fn fold(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
+        let (mut ear, mut source) = (Ear::new(0.01), Noise::new(seed));
+        let per_radian = 20_000.0 / (TAU * 50.0);
+        let chatters: Vec<_> = restitutions
+            .iter()
+            .map(|&restitution| Chatter::of(k, restitution).unwrap())
+            .collect();
+        let mut heard = |n: i32| {
+            let time = n as f32;
+            let mut sum = 12.0 * libm::sinf(0.0157 * time + 2.0) + noise * source.gauss();
+            for &(at, speed) in chatters.iter().flat_map(Chatter::impacts) {
+                let since = time - (BEFORE + at) * per_radian;
+                if since >= 0.0 {
+                    sum += 4.0 * speed * libm::expf(-since / lasting) * libm::sinf(0.754 * since);
+                }
+            }
+            ear.residual(sum)
+        };
+        for n in -400..0 {
+            heard(n);
+        }
+        (0..200).map(heard).collect()
+    }
+
+    fn compared(fit: &mut Fit, k: f64, folded: &[f32]) -> Verdict {
+        for (n, places) in folded.chunks(HANDED).enumerate() {
+            fit.put(n * HANDED, places.try_into().unwrap());
+        }
+        fit.begin(Circumstances {
+            k,
+            // So strong that the ringing adds nothing to what was measured.
+            pull: 1e6,
+            step: phase_step(50.0),
+        });
+        let mut slices = 0;
+        while fit.step() {
+            slices += 1;
+        }
+        assert!(slices < 1200 && !fit.busy());
+        fit.last()
+    }
+
+    #[test]
+    fn a_chatter_in_noise_is_found_whatever_its_ringing() {
+        for (k, restitution) in [
+            (0.45, 0.1),
+            (0.47, 0.15),
+            (0.56, 0.3),
+            (0.68, 0.5),
+            (0.85, 0.8),
+        ] {
+            for lasting in [20.0, 40.0] {
+                let mut fit = Fit::NEW;
+                fit.among((k * 1.05, 0.8 * k));
+                let folded = fold(k, &[restitution], lasting, 0.04, 1);
+                let verdict = compared(&mut fit, k, &folded);
+                let Verdict::Heard(found) = verdict else {
+                    panic!("{k} {lasting}: {verdict:?}");
+                };
+                // The folds are the map's own: noise of a hundredth of the first ringing, and the half
+                // sample (0.004 in restitution) to which the first landing is known.
+                assert!(
+                    (found - restitution).abs() < 0.005,
+                    "{k} {lasting}: {found}"
+                );
+                assert!((fit.all().unwrap() - found).abs() < 1e-3);
+                assert!(fit.evidence() > 48.0, "{k} {lasting}: {}", fit.evidence());
+            }
+        }
+    }
+
+    #[test]
+    fn noise_is_quiet_and_parts_of_two_kinds_are_not_one() {
+        let k = 0.56;
+        let fit = || {
+            let mut fit = Fit::NEW;
+            fit.among((k * 1.05, 0.0));
+            fit
+        };
+        for seed in 1..4 {
+            let folded = fold(k, &[], 20.0, 0.04, seed);
+            assert_eq!(compared(&mut fit(), k, &folded), Verdict::Quiet);
+            let folded = fold(k, &[0.1, 0.3], 20.0, 0.04, seed);
+            assert_eq!(compared(&mut fit(), k, &folded), Verdict::Unlike);
+        }
+    }
+}

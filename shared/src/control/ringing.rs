@@ -1,0 +1,371 @@
+//! A train of impacts as the ear hears it, each with the same damped ringing, and how much of a fold it
+//! explains.
+
+use super::amplitude::held;
+use super::angle::phase_of;
+use super::listen::CORNER;
+use crate::arithmetic::sine_cosine_single;
+
+/// Columns of the fit: the ringing in and out of phase, how both change with its turn, and what the high-passes
+/// leave of the drive's own swing, a cubic over the fold.
+const COLUMNS: usize = 8;
+/// The first of the cubic's columns.
+const SLOW: usize = 4;
+/// Scale of the change's columns: over the samples that a ringing lasts, they are then of its own size.
+const CHANGE: f32 = 0.01;
+/// Diagonal of a column that says nothing new.
+const NOTHING: f32 = 1e-9;
+
+/// A complex number, for no more than is needed here.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Complex {
+    re: f32,
+    im: f32,
+}
+
+impl Complex {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        Self {
+            re: self.re + other.re,
+            im: self.im + other.im,
+        }
+    }
+
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        Self {
+            re: self.re * other.re - self.im * other.im,
+            im: self.re * other.im + self.im * other.re,
+        }
+    }
+
+    #[inline(always)]
+    fn scaled(self, by: f32) -> Self {
+        Self {
+            re: self.re * by,
+            im: self.im * by,
+        }
+    }
+}
+
+/// How a ringing decays and turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ringing {
+    /// Decay of its height per sample, as a logarithm: positive.
+    pub decay: f32,
+    /// Angle that it turns by per sample, in rad.
+    pub angle: f32,
+}
+
+impl Ringing {
+    /// What is left of it after some samples.
+    fn after(self, samples: f32) -> Complex {
+        let (sine, cosine) = sine_cosine_single(phase_of(self.angle * samples));
+        let left = libm::expf(-self.decay * samples);
+        Complex {
+            re: cosine,
+            im: sine,
+        }
+        .scaled(left)
+    }
+
+    /// This ringing, within what a first-order change of another one may be believed.
+    fn near(self, other: Self) -> Self {
+        let decay = held(self.decay, 0.5 * other.decay, 2.0 * other.decay);
+        Self {
+            decay: held(decay, 0.002, 0.5),
+            angle: held(
+                held(self.angle, other.angle - 0.1, other.angle + 0.1),
+                0.05,
+                3.1,
+            ),
+        }
+    }
+}
+
+/// A high-pass of the ear ([`Ear`](super::Ear)).
+#[derive(Clone, Copy, Default)]
+struct HighPass(Complex);
+
+impl HighPass {
+    #[inline(always)]
+    fn pass(&mut self, input: Complex) -> Complex {
+        let above = input.plus(self.0.scaled(-1.0));
+        self.0 = self.0.plus(above.scaled(CORNER));
+        input.plus(self.0.scaled(-1.0))
+    }
+}
+
+/// What a train explains.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Explained {
+    /// Sum of the squares that it leaves.
+    pub left: f32,
+    /// Sum of the squares that are left without any impact.
+    pub without: f32,
+    /// The ringing that explains more, to first order.
+    pub better: Ringing,
+    /// Height of the ringing of unit strength, in and out of phase.
+    height: Complex,
+}
+
+/// An impact: its time in samples since the beginning of the fold, and its strength.
+pub type Impact = (f32, f32);
+
+/// The ringing of a train, sample by sample, and its change with the ringing's turn.
+struct Rung<'a> {
+    impacts: core::slice::Iter<'a, Impact>,
+    ringing: Ringing,
+    turn: Complex,
+    now: Complex,
+    change: Complex,
+    sample: f32,
+}
+
+impl<'a> Rung<'a> {
+    fn new(ringing: Ringing, train: &'a [Impact]) -> Self {
+        Self {
+            impacts: train.iter(),
+            ringing,
+            turn: ringing.after(1.0),
+            now: Complex::default(),
+            change: Complex::default(),
+            sample: 0.0,
+        }
+    }
+
+    #[inline(always)]
+    fn next(&mut self) -> (Complex, Complex) {
+        self.change = self.change.plus(self.now).times(self.turn);
+        self.now = self.now.times(self.turn);
+        let sample = self.sample;
+        while let Some(&(time, strength)) = self.impacts.as_slice().first() {
+            if time > sample {
+                break;
+            }
+            self.impacts.next();
+            let since = sample - time;
+            let new = self.ringing.after(since).scaled(strength);
+            self.now = self.now.plus(new);
+            self.change = self.change.plus(new.scaled(since));
+        }
+        self.sample = sample + 1.0;
+        (self.now, self.change)
+    }
+}
+
+/// Explains a fold, `stride` samples from place to place, by a train of impacts in their order, by least squares; `tuned` is whether the
+/// ringing may be a little different.
+#[inline(never)]
+pub fn explain(
+    folded: &[f32],
+    stride: u32,
+    ringing: Ringing,
+    tuned: bool,
+    train: &[Impact],
+) -> Explained {
+    let mut rung = Rung::new(ringing, train);
+    let mut ears = [HighPass::default(); 4];
+    let mut matrix = [[0.0_f32; COLUMNS]; COLUMNS];
+    let mut sums = [0.0_f32; COLUMNS];
+    let mut squares = 0.0_f32;
+    let share = 2.0 / folded.len().max(1) as f32;
+    let changing = if tuned { CHANGE } else { 0.0 };
+    for (place, &x) in folded.iter().enumerate() {
+        let skipped = if place > 0 { stride } else { 1 };
+        let (mut heard, mut changed) = (Complex::default(), Complex::default());
+        for _ in 0..skipped {
+            let (now, change) = rung.next();
+            heard = ears[0].pass(now);
+            heard = ears[1].pass(heard);
+            changed = ears[2].pass(change);
+            changed = ears[3].pass(changed);
+        }
+        let u = place as f32 * share - 1.0;
+        let columns = [
+            heard.re,
+            -heard.im,
+            changing * changed.re,
+            -changing * changed.im,
+            1.0,
+            u,
+            u * u,
+            u * u * u,
+        ];
+        for (row, (entries, sum)) in matrix.iter_mut().zip(&mut sums).enumerate() {
+            let value = columns[row];
+            *sum += value * x;
+            for (entry, other) in entries[..=row].iter_mut().zip(&columns) {
+                *entry += value * other;
+            }
+        }
+        squares += x * x;
+    }
+    let ([without, left], [re, im, by_re, by_im]) = solve(&mut matrix, &mut sums, squares);
+    let size = (re * re + im * im).max(f32::MIN_POSITIVE);
+    // The change of the ringing's logarithm is the quotient of the two complex heights.
+    let better = Ringing {
+        decay: ringing.decay - CHANGE * (by_re * re + by_im * im) / size,
+        angle: ringing.angle + CHANGE * (by_im * re - by_re * im) / size,
+    };
+    Explained {
+        // What rounding leaves of a fold that is explained wholly.
+        left: left.max(1e-6 * squares),
+        without,
+        better: better.near(ringing),
+        height: Complex { re, im },
+    }
+}
+
+/// Solves the normal equations in place, from the last column to the first: what is left without the impacts, what
+/// is left, and how much there is of each column but the slow ones.
+///
+/// Lengths that the compiler does not know keep it from writing every step out: flash is scarce.
+#[inline(never)]
+fn solve(matrix: &mut [[f32; COLUMNS]], sums: &mut [f32], squares: f32) -> ([f32; 2], [f32; SLOW]) {
+    let (mut left, mut without) = (squares, squares);
+    for pivot in (0..sums.len()).rev() {
+        let (Some(&line), Some(&sum)) = (matrix.get(pivot), sums.get(pivot)) else {
+            break;
+        };
+        let inverse = inverse(line[pivot % COLUMNS]);
+        left -= sum * sum * inverse;
+        if pivot == SLOW {
+            without = left;
+        }
+        let before = matrix.iter_mut().zip(&mut *sums).take(pivot);
+        for ((entries, other), entry) in before.zip(&line) {
+            let share = entry * inverse;
+            *other -= share * sum;
+            for (entry, other) in entries.iter_mut().zip(&line) {
+                *entry -= share * other;
+            }
+        }
+    }
+    let mut found = [0.0; SLOW];
+    for (column, (line, sum)) in matrix.iter().zip(&*sums).enumerate().take(SLOW) {
+        let known = found.iter().zip(line).take(column);
+        let explained: f32 = known.map(|(known, entry)| known * entry).sum();
+        found[column] = (sum - explained) * inverse(line[column]);
+    }
+    ([without, left], found)
+}
+
+fn inverse(diagonal: f32) -> f32 {
+    if diagonal > NOTHING {
+        1.0 / diagonal
+    } else {
+        0.0
+    }
+}
+
+/// Sum of a train's ringing over so many samples against the sine of the drive's phase, which is `begin` at the
+/// first and goes on by `step` (both in rad): what a demodulator takes for the drive's own swing.
+pub fn leaked(
+    explained: &Explained,
+    ringing: Ringing,
+    samples: u32,
+    [begin, step]: [f32; 2],
+    train: &[Impact],
+) -> f32 {
+    let mut rung = Rung::new(ringing, train);
+    let (mut phase, step) = (phase_of(begin), phase_of(step));
+    let mut sum = 0.0;
+    for _ in 0..samples {
+        let ring = rung.next().0.times(explained.height).re;
+        sum += ring * sine_cosine_single(phase).0;
+        phase += step;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::super::Ear;
+    use super::*;
+    use crate::plant::Noise;
+
+    const RINGING: Ringing = Ringing {
+        decay: 0.05,
+        angle: 0.754,
+    };
+    const TRAIN: [(f32, f32); 3] = [(20.3, 1.0), (61.8, 0.3), (75.1, 0.1)];
+
+    /// What the ear makes of a train of ringings in noise on a slow swing.
+    fn folded(noise: f32) -> Vec<f32> {
+        let (mut ear, mut source) = (Ear::new(0.01), Noise::new(1));
+        let sample = |n: i32, source: &mut Noise| {
+            let time = n as f32;
+            let ringing = TRAIN.iter().map(|(at, strength)| {
+                let since = time - at;
+                let height = 4.0 * strength * libm::expf(-RINGING.decay * since.max(0.0));
+                if since < 0.0 {
+                    0.0
+                } else {
+                    height * libm::sinf(RINGING.angle * since)
+                }
+            });
+            let swing = 20.0 * libm::sinf(0.0157 * time);
+            swing + ringing.sum::<f32>() + noise * source.gauss()
+        };
+        let mut heard = |n| ear.residual(sample(n, &mut source));
+        for n in -400..0 {
+            heard(n);
+        }
+        (0..200).map(heard).collect()
+    }
+
+    #[test]
+    fn a_train_is_explained_but_for_the_noise_and_no_other_is() {
+        let noise = 0.04;
+        let folded = folded(noise);
+        let right = explain(&folded, 1, RINGING, true, &TRAIN);
+        // 200 samples of noise through high-passes that leave 0.65 of its power, less eight columns: 0.2, with
+        // a standard deviation of 0.02.
+        assert!((0.1..0.3).contains(&right.left), "{right:?}");
+        assert!(right.without > 50.0 * right.left, "{right:?}");
+        let wrong = TRAIN.map(|(at, strength)| (if at > 50.0 { at + 3.0 } else { at }, strength));
+        let wrong = explain(&folded, 1, RINGING, true, &wrong);
+        // Three samples of a ringing 0.3 times 4 high.
+        assert!(wrong.left > 3.0 * right.left, "{wrong:?}");
+    }
+
+    #[test]
+    fn a_ringing_that_is_not_quite_known_is_found_from_every_second_sample_too() {
+        let folded = folded(0.01);
+        let every_second: Vec<f32> = folded.iter().copied().step_by(2).collect();
+        for (folded, stride) in [(&folded, 1), (&every_second, 2)] {
+            let mut ringing = Ringing {
+                decay: 0.065,
+                angle: 0.77,
+            };
+            for _ in 0..4 {
+                ringing = explain(folded, stride, ringing, true, &TRAIN).better;
+            }
+            assert!((ringing.decay - RINGING.decay).abs() < 1e-3, "{ringing:?}");
+            assert!((ringing.angle - RINGING.angle).abs() < 1e-3, "{ringing:?}");
+        }
+    }
+
+    #[test]
+    fn what_leaks_into_a_demodulator_is_the_ringing_s_sum_against_the_drive() {
+        let explained = explain(&folded(0.0), 1, RINGING, true, &TRAIN);
+        let leaked = leaked(&explained, RINGING, 200, [0.4, 0.0157], &TRAIN);
+        let sum: f32 = (0..200)
+            .map(|n| {
+                let ringing = TRAIN.iter().filter(|(at, _)| *at <= n as f32);
+                let ringing = ringing.map(|(at, strength)| {
+                    let since = n as f32 - at;
+                    4.0 * strength
+                        * libm::expf(-RINGING.decay * since)
+                        * libm::sinf(RINGING.angle * since)
+                });
+                ringing.sum::<f32>() * libm::sinf(0.4 + 0.0157 * n as f32)
+            })
+            .sum();
+        assert!((leaked / sum - 1.0).abs() < 0.02, "{leaked} {sum}");
+    }
+}
