@@ -8,9 +8,9 @@ use super::{Line, median};
 
 /// Drive cycles of the default scene until the kick has come to its lock.
 const SETTLED: usize = 500;
-/// Drive cycles of a turn: a few milliseconds each.
-const WAVEFORM: usize = 100;
-const ENVELOPE: usize = 10_000;
+/// Drive cycles of a turn: half a millisecond each, shorter than what a busy machine gives at a time.
+const WAVEFORM: usize = 30;
+const ENVELOPE: usize = 2_000;
 
 /// A long hold of the default scene, waveform and envelope turn by turn. Its part is locked, one impact a
 /// cycle, so that the time of an impact is that of a cycle; nothing else is watched.

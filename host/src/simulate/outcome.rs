@@ -137,7 +137,9 @@ impl Outcome {
             };
             time = glance.time;
             record.take(&glance, engine.strikes(), || engine.moment());
-            if let (Some(take), Some(moment)) = (&mut watch.cycle, engine.moment()) {
+            if let Some(take) = &mut watch.cycle
+                && let Some(moment) = engine.moment()
+            {
                 take(&moment)?;
             }
             if glance.events.iter().any(is_planned) {

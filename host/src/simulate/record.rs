@@ -190,28 +190,36 @@ const IMPACTS: usize = 4096;
 #[derive(Clone, Debug, Default)]
 struct Curve {
     points: Vec<(f64, f64)>,
-    low: Option<(f64, f64)>,
-    high: Option<(f64, f64)>,
+    /// Points of this stretch, and the lowest and highest of them.
+    count: usize,
+    low: (f64, f64),
+    high: (f64, f64),
 }
 
 impl Curve {
+    #[inline]
     fn take(&mut self, time: f64, value: f64) {
-        if self.low.is_none_or(|low| value < low.1) {
-            self.low = Some((time, value));
+        if self.count == 0 || value < self.low.1 {
+            self.low = (time, value);
         }
-        if self.high.is_none_or(|high| value > high.1) {
-            self.high = Some((time, value));
+        if self.count == 0 || value > self.high.1 {
+            self.high = (time, value);
         }
+        self.count += 1;
     }
 
     fn end_stretch(&mut self) {
-        let (low, high) = (self.low.take(), self.high.take());
-        let (first, second) = match (low, high) {
-            (Some(low), Some(high)) if low.0 == high.0 => (Some(low), None),
-            (Some(low), Some(high)) if low.0 > high.0 => (Some(high), Some(low)),
-            pair => pair,
+        let [first, second] = if self.low.0 > self.high.0 {
+            [self.high, self.low]
+        } else {
+            [self.low, self.high]
         };
-        self.points.extend(first.into_iter().chain(second));
+        match self.count {
+            0 => {}
+            _ if first.0 == second.0 => self.points.push(first),
+            _ => self.points.extend([first, second]),
+        }
+        self.count = 0;
     }
 
     fn drawn(&self) -> Vec<(f64, f64)> {
