@@ -80,7 +80,7 @@ pub(crate) fn high(a: i32, b: i32) -> i32 {
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn high_by_halves(a: i32, b: i32) -> i32 {
     let (a_high, a_low) = (a >> 16, a & 0xffff);
     let (b_high, b_low) = (b >> 16, b & 0xffff);

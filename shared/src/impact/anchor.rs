@@ -462,6 +462,11 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
         }
         speed = square_root_single(square);
         origin = (rise + speed) * shape.inverse;
+        // No flight that ends after the hump after the next one is told here.
+        let to_entry = shape.entry.wrapping_sub(launch.phase) as f32 * STEP;
+        if origin > to_entry + (TURN + 0.5) {
+            return Candidate::Unknown;
+        }
         near = origin;
         base = 0.0;
     }

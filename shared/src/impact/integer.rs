@@ -25,8 +25,8 @@ use crate::feeder::{OutOfRange, accept};
 /// | launches within 0.1 rad of lift-off | 1.4e-9 | 5.0e-8 | 3.5e-5 | 5.4e-7 |
 ///
 /// No wrong impact among them. The first impact is the right one down to a gap of 1e-7 over a hump (times
-/// the flight time, where that is above 1); nearer it is flagged. About 2300 instructions an impact on a
-/// Cortex-M0, at most 3500 on any locked or chaotic orbit tried.
+/// the flight time, where that is above 1); nearer it is flagged. About 2100 instructions an impact on a
+/// Cortex-M0, at most 3363 on any locked or chaotic orbit tried.
 ///
 /// State and range as [`Hybrid`](super::Hybrid), but for the velocity: 0..=29. An impact may leave faster
 /// (by at most 2.5, and only with a restitution above 0.93): its velocity is then right,
@@ -54,6 +54,12 @@ pub struct Integer {
 const TOP: f64 = 29.0;
 const TOP_BITS: u32 = 29 << 26;
 const ONE: i32 = 1 << 30;
+/// An arrival at less than 1/64, steps of 2^-26, may be a graze within rounding.
+const SLOW: i32 = 1 << 20;
+/// A flight of 1/16 rad in steps of a phase: shorter ones have a form that keeps every digit.
+const SHORT: i64 = 42_722_829;
+/// Half a rad in steps of a phase.
+const HALF: i64 = 8 * SHORT;
 /// A height, steps of 2^-30, below which the lowest point over a hump is looked for, though its middle
 /// is under the track: the flight may graze.
 const BARELY: i32 = 1 << 17;
@@ -237,6 +243,22 @@ impl Near {
     }
 }
 
+/// Where steps on nodes start: a node `late` (steps of 2^-17 rad) after the part was at height `base` (steps
+/// of 2^-30), going down at `speed` (steps of 2^-13).
+struct Approach {
+    node: i32,
+    late: i32,
+    speed: i32,
+    base: i32,
+}
+
+/// An impact: steps of a phase after launch, arrival speed in steps of 2^-26, and whether it is a simple root.
+struct Settled {
+    steps: i64,
+    speed: i32,
+    converged: bool,
+}
+
 /// A bracket with one down-crossing, where to begin in it, all in steps of a phase.
 struct Bracket {
     low: i64,
@@ -276,8 +298,11 @@ impl Integer {
             rise: (i64::from(velocity) << 22) + (i64::from(cosine) << 18),
         };
         if let Some((node, offset)) = flight.fall() {
-            let local = flight.local(node);
-            return flight.settle(node, local, offset, false);
+            let settled = flight.settle(node, flight.local(node), offset);
+            // The steps may have led back to launch, where the part rises over the track.
+            if settled.converged && settled.speed > 0 && settled.steps > 0 {
+                return flight.landing(settled.steps, settled.speed as u32, false);
+            }
         }
         let throws = phase.wrapping_sub(self.entry) < self.hump;
         if velocity == 0 && !throws {
@@ -292,6 +317,14 @@ impl Integer {
 
     #[inline(never)]
     fn low(&self, flight: &Ballistic<'_>, throws: bool) -> Landing<HybridState> {
+        if let Some((node, offset)) = flight.candidate()
+            && flight.steps_to(node) <= self.limit(flight.phase) + (1 << 23)
+        {
+            let settled = flight.settle(node, flight.local(node), offset);
+            if settled.converged && settled.speed > SLOW && self.ends(flight.phase, settled.steps) {
+                return flight.landing(settled.steps, settled.speed as u32, false);
+            }
+        }
         let (clears, skims) = match flight.start(throws) {
             Start::Hop {
                 flight: d,
@@ -306,7 +339,22 @@ impl Integer {
         };
         let (bracket, grazes) = flight.segment(throws, clears);
         let (node, local, offset) = flight.solve(bracket);
-        flight.settle(node, local, offset, grazes || skims)
+        let settled = flight.settle(node, local, offset);
+        flight.arrival(&settled, grazes || skims)
+    }
+
+    /// Whether a down-crossing `steps` after launch at `phase` comes before the end of the next hump, and
+    /// not so soon that it is settled with more digits as a short hop.
+    #[inline(always)]
+    fn ends(&self, phase: u32, steps: i64) -> bool {
+        steps >= SHORT && steps <= self.limit(phase)
+    }
+
+    /// Steps from `phase` to the end of the next hump, and no fewer than 1 to its entry.
+    #[inline(always)]
+    fn limit(&self, phase: u32) -> i64 {
+        let to_entry = self.entry.wrapping_sub(phase).wrapping_sub(1);
+        i64::from(to_entry) + i64::from(self.hump)
     }
 }
 
@@ -373,9 +421,17 @@ impl Ballistic<'_> {
     /// The impact of a high flight, nearly; see the search of the kernels with an FPU.
     #[inline(always)]
     fn fall(&self) -> Option<(i32, i32)> {
+        let crossing = self.crossing(self.kernel.high)?;
+        self.approach(crossing)
+    }
+
+    /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
+    /// `high`, steps of 2^-27.
+    #[inline(always)]
+    fn crossing(&self, high_square: i32) -> Option<Approach> {
         let kernel = self.kernel;
         let rise = self.velocity as i32 + (self.cosine >> 4);
-        if rise < 1 << 26 {
+        if rise <= 0 {
             return None;
         }
         // The velocity in 15 bits, steps of 2^-scale, its square in 32 with room for 2 k.
@@ -385,48 +441,126 @@ impl Ballistic<'_> {
         }
         let v = (rise >> (26 - scale)) as u32;
         let shift = 28 - 2 * scale;
-        // 2 k sin, steps of 2^-27, and so the square of the speed at height 1 and that at height 0.
+        // 2 k sin, steps of 2^-27, and so the square of the speed at the top of the track and at height 0.
         let lift = high(kernel.k, self.sine) << 2;
-        let needed = kernel.high.wrapping_sub(lift) as u32;
-        if (v * v) >> 1 < needed >> shift {
+        let needed = high_square.wrapping_sub(lift) as u32;
+        if lift < high_square && (v * v) >> 1 < needed >> shift {
             return None;
         }
         let square = (v * v).wrapping_add(((lift >> shift) << 1) as u32);
         // Steps of 2^-26.
-        let speed = square_root_scaled(square) >> (scale - 10);
-        let turns = (wide(rise as u32 + speed, kernel.inverse) >> 32) as u32;
+        let mut speed = square_root_scaled(square) >> (scale - 10);
+        let mut turns = (wide(rise as u32 + speed, kernel.inverse) >> 32) as u32;
+        if turns > 3 << 18 {
+            // So long a flight shows the error of the root: one step of Heron's.
+            let square = wide(rise as u32, rise as u32) as i64 + (i64::from(lift) << 25);
+            let rest = (square - wide(speed, speed) as i64) >> 22;
+            let gain = Reciprocal::coarse(speed).times(rest as i32, 21);
+            speed = speed.saturating_add_signed(gain);
+            turns = (wide(rise as u32 + speed, kernel.inverse) >> 32) as u32;
+        }
         // Times in steps of 2^-18 turns; a node every 2^10.
         let time = (self.phase >> 14).wrapping_add(turns) as i32;
-        let mut node = (time + (1 << 9)) >> 10;
+        let node = (time + (1 << 9)) >> 10;
         // How late the node is: steps of 2^-17 rad; 3217 / 2^10 is pi.
-        let mut late = (((node << 10) - time) * 3217) >> 10;
-        let speed = (speed >> 13) as i32;
-        let k = kernel.k >> 16;
+        let late = (((node << 10) - time) * 3217) >> 10;
+        Some(Approach {
+            node,
+            late,
+            speed: (speed >> 13) as i32,
+            base: 0,
+        })
+    }
+
+    /// Steps on nodes until they are short: a node and the distance from it in steps of 2^-34 rad.
+    #[inline(never)]
+    fn approach(&self, from: Approach) -> Option<(i32, i32)> {
+        let Approach {
+            mut node,
+            mut late,
+            speed,
+            base,
+        } = from;
+        let k = self.kernel.k >> 16;
         for _ in 0..8 {
             let [sine, cosine] = node::FIXED[(node & 255) as usize];
             // Speed in steps of 2^-13, k of 2^-12, heights of 2^-16.
             let fall = (k.wrapping_mul(late) >> 16) + speed;
-            let u0 = (((speed + fall) >> 1).wrapping_mul(late) >> 14) + (sine >> 14);
+            // Below 8 in size.
+            let fallen = ((speed + fall) >> 1).wrapping_mul(late >> 2) >> 12;
+            let u0 = fallen + ((sine - base) >> 14);
             let u1 = fall + (cosine >> 17);
-            if u1 < 1 << 9 {
+            if u1 < 1 << 8 {
                 return None;
             }
             // Newton's step and the quadratic correction b2 u0 / u1^2, steps of 2^-16 and 2^-15.
             let reciprocal = Reciprocal::coarse(u1 as u32);
             let newton = reciprocal.times(u0, 13).clamp(-(1 << 16), 1 << 16);
             let ratio = reciprocal.times(newton, 13).clamp(-(1 << 17), 1 << 17);
-            let twice = (((kernel.k >> 15) - (sine >> 17)) * (ratio >> 2)) >> 12;
+            let twice = (((self.kernel.k >> 15) - (sine >> 17)) * (ratio >> 2)) >> 12;
             let bend = (twice >> 1).clamp(-(1 << 14), 1 << 14);
             let step = -(newton + ((newton * bend) >> 15));
             // Nodes are 1608.5 steps apart; 2608 / 2^22 is the inverse.
             let jump = (step * 2608 + (1 << 21)) >> 22;
             node += jump;
-            if step.abs() < 2600 {
+            if step.unsigned_abs() < 2600 {
                 return Some((node, (step - ((jump * 3217) >> 1)) << 18));
             }
             late += jump * 3217;
         }
         None
+    }
+
+    /// Where the first impact of a low flight may be, nearly; see the search of the kernels with an FPU.
+    #[inline(always)]
+    fn candidate(&self) -> Option<(i32, i32)> {
+        // Steps of 2^-15: half the pull, a sixth of the cosine, the velocity.
+        let a1 = (self.kernel.k - (self.sine >> 2)) >> 14;
+        let a2 = ((self.cosine >> 15) * 10_923) >> 16;
+        if a1.unsigned_abs() < 1 << 15 && self.velocity < 3 << 25 {
+            let psi = (self.velocity >> 11) as i32;
+            // Steps of 2^-29.
+            let square = (a1 * a1) >> 1;
+            let discriminant = square - ((a2 * psi) << 1);
+            let falls = a1 > 0 && discriminant > -(square >> 4);
+            if falls || (a1 <= 0 && a2 < 0) {
+                // Steps of 2^-15.
+                let root = (square_root_scaled((discriminant.max(0) >> 1) as u32) >> 15) as i32;
+                let (over, under) = if falls {
+                    (psi << 1, a1 + root)
+                } else {
+                    (root - a1, -(a2 << 1))
+                };
+                if under <= 0 {
+                    return None;
+                }
+                // Steps of 2^-17 rad.
+                let near = Reciprocal::coarse(under as u32).times(over, 17);
+                if near < 1 << 14 {
+                    return None;
+                }
+                if near < 4 << 17 {
+                    // Steps of 2^-18 turns: 2^-17 rad in 20861 / 2^16 of them.
+                    let turns = ((near >> 3) * 20_861) >> 13;
+                    let time = (self.phase >> 14) as i32 + turns;
+                    let node = (time + (1 << 9)) >> 10;
+                    let late = near + ((((node << 10) - time) * 3217) >> 10);
+                    return self.approach(Approach {
+                        node,
+                        late,
+                        speed: -((self.velocity as i32 + (self.cosine >> 4)) >> 13),
+                        base: self.sine,
+                    });
+                }
+            }
+        }
+        // A tenth, steps of 2^-27.
+        let crossing = self.crossing(13_421_773)?;
+        // A root more than half a rad before the crossing is none of a fall.
+        let limit = self.kernel.limit(self.phase) + HALF;
+        (self.steps_to(crossing.node) < limit)
+            .then(|| self.approach(crossing))
+            .flatten()
     }
 
     /// The flight near launch: short hops, below 1/16 rad, in a form that keeps every digit.
@@ -713,14 +847,8 @@ impl Ballistic<'_> {
     }
 
     /// The impact at the root near `offset` from a node.
-    #[inline(always)]
-    fn settle(
-        &self,
-        mut node: i32,
-        mut local: Local,
-        offset: i32,
-        grazes: bool,
-    ) -> Landing<HybridState> {
+    #[inline(never)]
+    fn settle(&self, mut node: i32, mut local: Local, offset: i32) -> Settled {
         let mut d = offset.clamp(-REACH, REACH);
         let mut round = 0;
         loop {
@@ -729,8 +857,15 @@ impl Ballistic<'_> {
             let slope = local.slope + self.gain(&local, d, &powers);
             let curvature = local.curvature + (high(local.cosine, d) >> 4);
             round += 1;
-            let (square, bend) = squares(height, slope, curvature);
-            let simple = slope < 0 && bend.abs() < square >> 2;
+            // 2 (S - k) u0 below u1^2 / 4, steps of 2^-28, with the slope at most 4.
+            let bend = (curvature.unsigned_abs() >> 16) * (height.unsigned_abs() >> 14).min(0x7fff);
+            let square = (slope.unsigned_abs() >> 12).min(0xffff);
+            let simple = if slope < -SLOW {
+                bend < (square * square) >> 3
+            } else {
+                let (square, bend) = squares(height, slope, curvature);
+                slope < 0 && bend.abs() < square >> 2
+            };
             let step = if simple {
                 let reciprocal = Reciprocal::fine(slope.unsigned_abs());
                 let newton = reciprocal.times(height, 30);
@@ -746,25 +881,42 @@ impl Ballistic<'_> {
                 };
                 down_crossing(&nearly).0.clamp(-REACH >> 10, REACH >> 10) << 10
             };
+            // What is left of a simple root is about 2 (b2 e / slope)^2 e.
+            let reach = match slope.unsigned_abs() >> 24 {
+                0 => 1 << 22,
+                1..4 => 1 << 23,
+                4..16 => 1 << 24,
+                _ => 3 << 24,
+            };
+            let converged = simple && step.unsigned_abs() < reach;
             let small = step.unsigned_abs() < 1 << 22;
             d = d.saturating_add(step);
-            if d.abs() > REACH && round < 10 {
+            if d.unsigned_abs() > REACH as u32 && round < 10 {
                 // From far along a long fall by several nodes at once.
                 let jump = (high(d, TURNS) + (1 << 25)) >> 26;
                 node += jump;
                 local = self.local(node);
                 d = (d - jump * SPACING).clamp(-REACH, REACH);
-            } else if small || round >= 10 {
+            } else if converged || small || round >= 10 {
                 d = d.clamp(-REACH, REACH);
-                let last = high(curvature, step) >> 4;
-                let speed = -(slope + last);
-                let steps = self.steps_to(node) + i64::from((high(d, TURNS) + 2) >> 2);
-                if speed <= 0 {
-                    return self.landing(steps.max(0), 0, true);
-                }
-                return self.landing(steps.max(0), speed as u32, grazes);
+                let last = high(curvature + (high(local.cosine, step) >> 5), step) >> 4;
+                return Settled {
+                    steps: self.steps_to(node) + i64::from((high(d, TURNS) + 2) >> 2),
+                    speed: -(slope + last),
+                    converged,
+                };
             }
         }
+    }
+
+    /// The state after a settled impact, which at a graze may have come out at launch or with a speed of 0.
+    #[inline(always)]
+    fn arrival(&self, settled: &Settled, grazes: bool) -> Landing<HybridState> {
+        let steps = settled.steps.max(0);
+        if settled.speed <= 0 {
+            return self.landing(steps, 0, true);
+        }
+        self.landing(steps, settled.speed as u32, grazes)
     }
 
     /// The state after an impact at `speed`, steps of 2^-26.
@@ -871,7 +1023,14 @@ fn product_32(a: i64, b: i64) -> i64 {
         sum = sum.wrapping_sub(i64::from(a_low) << 32);
     }
     if a_high != 0 {
-        sum = sum.wrapping_add(i64::from(a_high).wrapping_mul(b));
+        // Signed: -1 is 2^32 - 1 less 2^32.
+        let mut upper = (a_high as u32).wrapping_mul(b_high);
+        if a_high < 0 {
+            upper = upper.wrapping_sub(b_low);
+        }
+        sum = sum
+            .wrapping_add(wide(a_high as u32, b_low) as i64)
+            .wrapping_add(i64::from(upper) << 32);
     }
     sum
 }
@@ -892,8 +1051,7 @@ impl Kernel for Integer {
             flank: libm::round(set_up.flank * 67_108_864.0) as i32,
             half_turn_fall: libm::round(k * pi * 281_474_976_710_656.0) as u64,
             inverse: libm::round(16_777_216.0 / (2.0 * pi * k)) as u32,
-            // 1 for the track, and what rounding may take.
-            high: libm::round((2.0 * k + 1.01) * 134_217_728.0) as i32,
+            high: libm::round(set_up.high() * 134_217_728.0) as i32,
             restitution: libm::round(restitution * 4_294_967_296.0) as u32,
         })
     }
