@@ -2,7 +2,6 @@
 
 pub(crate) mod fixed;
 pub(crate) mod lane;
-#[allow(dead_code)]
 pub(crate) mod node;
 mod phase;
 #[allow(unsafe_code)]

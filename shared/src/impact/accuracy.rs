@@ -333,3 +333,29 @@ fn a_year_at_50_hz_keeps_the_phase_of_f32() {
     }
     assert_eq!(steps, impacts << 32);
 }
+
+/// An elastic orbit that gains velocity until it leaves the range: there the kernel says so, and flies on at
+/// the top.
+fn says_where_its_range_ends<K: Kernel>(top: f64) {
+    let kernel = K::build(0.5, 1.0).unwrap();
+    let highest = |phase| K::state(phase, top).unwrap();
+    // Of the launches at the top some gain.
+    let fast = (0..64)
+        .map(|i| kernel.impact(highest(0.1 * f64::from(i))).next)
+        .find(|&next| K::observe(next).velocity > top)
+        .unwrap();
+    assert!(!K::flies(fast) && K::flies(highest(1.0)));
+    let State { phase, velocity } = K::observe(fast);
+    assert!(K::state(phase, velocity).is_err());
+    assert_eq!(
+        kernel.impact(fast).flight,
+        kernel.impact(highest(phase)).flight
+    );
+}
+
+#[test]
+fn a_launch_beyond_the_range_is_told() {
+    says_where_its_range_ends::<Hybrid>(60.0);
+    says_where_its_range_ends::<Single>(60.0);
+    says_where_its_range_ends::<Integer>(29.0);
+}

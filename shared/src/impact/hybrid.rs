@@ -1,9 +1,10 @@
 //! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
 
 use super::anchor::{
-    Candidate, Flight, Found, Launch, Local, PER_STEP, SetUp, Settled, Shape, candidate, fall,
-    search, settle, settle_carefully,
+    Candidate, Flight, Found, Launch, Local, PER_STEP, Settled, Shape, candidate, fall, search,
+    settle, settle_carefully,
 };
+use super::set_up::SetUp;
 use super::{Impact, Kernel, Landing, State};
 use crate::arithmetic::node::{self, Fine};
 use crate::arithmetic::trigonometry::sine_cosine_fine;
@@ -48,8 +49,8 @@ impl HybridState {
 /// impact on a Cortex-M4F, at most 443 on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
-/// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it, and a
-/// launch from it is held at 60.
+/// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it,
+/// [`Kernel::flies`] tells it, and a launch from it is held at 60.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hybrid {
     shape: Shape,
@@ -359,6 +360,11 @@ impl Kernel for Hybrid {
             phase: Phase::from_radians(phase),
             velocity: Velocity::build(velocity, TOP, "0..60 (units of b w)")?,
         })
+    }
+
+    #[inline]
+    fn flies(state: HybridState) -> bool {
+        state.velocity.bits() <= TOP_BITS
     }
 
     fn observe(state: HybridState) -> State {

@@ -17,6 +17,7 @@ mod hybrid;
 mod integer;
 mod observe;
 mod orbit;
+mod set_up;
 mod single;
 mod tangent;
 mod tangential;
@@ -90,6 +91,13 @@ pub trait Kernel: Sized {
     /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`; refused where
     /// the arithmetic cannot hold it.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
+
+    /// Whether a launch from `state` is within the range of this arithmetic. An impact may leave faster
+    /// where restitution is near 1: its state is right, but [`Kernel::impact`] flies it at the top velocity.
+    #[must_use]
+    fn flies(_state: Self::State) -> bool {
+        true
+    }
 
     /// The state as phase in rad and velocity in `b w`.
     fn observe(state: Self::State) -> State;

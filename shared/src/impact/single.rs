@@ -1,9 +1,10 @@
 //! The impact map in f32.
 
 use super::anchor::{
-    Approach, Candidate, Flight, Found, Launch, Local, PER_STEP, STEP, SetUp, Settled, Shape,
-    candidate, fall, larger, node_from_near, search, settle, settle_carefully, smaller,
+    Approach, Candidate, Flight, Found, Launch, Local, PER_STEP, STEP, Settled, Shape, candidate,
+    fall, larger, node_from_near, search, settle, settle_carefully, smaller,
 };
+use super::set_up::SetUp;
 use super::{Impact, Kernel, Landing, State};
 use crate::arithmetic::{Phase, node, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
@@ -33,8 +34,8 @@ pub struct SingleState {
 /// on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
-/// only with a restitution above 0.96): its velocity is then right, `Single::state` refuses it, and a
-/// launch from it is held at 60.
+/// only with a restitution above 0.96): its velocity is then right, `Single::state` refuses it,
+/// [`Kernel::flies`] tells it, and a launch from it is held at 60.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
     shape: Shape,
@@ -258,6 +259,11 @@ impl Kernel for Single {
             phase: Phase::from_radians(phase),
             velocity: velocity as f32,
         })
+    }
+
+    #[inline]
+    fn flies(state: SingleState) -> bool {
+        state.velocity <= TOP as f32
     }
 
     fn observe(state: SingleState) -> State {

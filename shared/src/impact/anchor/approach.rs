@@ -1,0 +1,100 @@
+//! Steps on nodes from the fall of the parabola.
+
+use super::{Flight, Launch, PER_RADIAN, SPACING, Shape, abs, nearest, sine_cosine_at};
+use crate::arithmetic::square_root_single;
+
+/// The impact of a high flight, nearly: node and offset; `None` where the flight is not high or the
+/// steps do not converge soon.
+///
+/// High is a flight that passes every height h of the track faster than the track ever does there, which
+/// is at most `sqrt(1 - h^2)`: on the rise it cannot meet the track, on the fall it crosses it once. The
+/// square of its speed, `v^2 + 2 k (sin - h)`, is above `1 - h^2` for all of them where that at height 0
+/// is above `1 + k^2`, or `2 k` where k >= 1.
+#[inline(always)]
+pub(crate) fn fall<F: Flight>(shape: &Shape, launch: &Launch) -> Option<Approach> {
+    let rise = launch.velocity + launch.cosine;
+    let square = rise * rise + 2.0 * shape.k * launch.sine;
+    if !(rise > 0.0 && square >= shape.high) {
+        return None;
+    }
+    let speed = square_root_single(square);
+    let x = (rise + speed) * shape.inverse;
+    let (node, offset) = F::node_of(launch.phase, x);
+    approach::<F>(shape, node, -offset, speed, 0.0)
+}
+
+/// The last of some steps on nodes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Approach {
+    /// Where it started.
+    pub node: i32,
+    /// Its length, rad.
+    pub step: f32,
+    /// Speed downwards against the track at that node, half the rate at which it grows, sine and cosine.
+    speed: f32,
+    gain: f32,
+    sine: f32,
+    cosine: f32,
+    /// The node nearest to where it ends and the distance from there.
+    pub end: (i32, f32),
+}
+
+impl Approach {
+    /// Arrival speed where it ends, near to its node.
+    #[inline(always)]
+    pub fn arrival(&self) -> f32 {
+        let bend = 0.5 * self.cosine - self.sine * (1.0 / 6.0) * self.step;
+        self.speed + self.step * (self.gain + self.gain - bend * self.step)
+    }
+}
+
+/// Householder's third-order step on nodes until it is short: from a node `late` after the part was at
+/// height `base`, going down at `speed`.
+#[inline(always)]
+pub(super) fn approach<F: Flight>(
+    shape: &Shape,
+    mut node: i32,
+    mut late: f32,
+    speed: f32,
+    base: f32,
+) -> Option<Approach> {
+    for _ in 0..6 {
+        let (sine, cosine) = sine_cosine_at(node);
+        let u0 = late * (speed + shape.half_k * late) + (sine - base);
+        let u1 = speed + shape.k * late + cosine;
+        let b2 = 0.5 * (shape.k - sine);
+        let square = u1 * u1;
+        let product = b2 * u0;
+        let step = householder(u0, u1, square, product, -cosine);
+        let (jump, count) = nearest(step * PER_RADIAN);
+        let next = node.wrapping_add(jump);
+        // Householder's step is short as well where it leads to no root, but not Newton's. The steps may
+        // have led back to launch, where the part rises over the track.
+        let ends = if F::FINAL {
+            abs(u0) < F::LEAP * (u1 - F::SLOW) && abs(product) < 0.1 * square
+        } else {
+            abs(step) < F::LEAP
+        };
+        if ends {
+            return Some(Approach {
+                node,
+                step,
+                speed: u1,
+                gain: b2,
+                sine,
+                cosine,
+                end: (next, step - count * SPACING),
+            });
+        }
+        node = next;
+        late += count * SPACING;
+    }
+    None
+}
+
+/// Householder's third-order step on `u0 + u1 d + b2 d^2 + cos d^3 / 6`, from the square of `u1` and the
+/// product `b2 u0`.
+#[inline(always)]
+pub(super) fn householder(u0: f32, u1: f32, square: f32, product: f32, cosine: f32) -> f32 {
+    -u0 * (square - product) / (u1 * (square - 2.0 * product) + cosine * (1.0 / 6.0) * u0 * u0)
+}

@@ -1,0 +1,108 @@
+//! Where the first impact of a low flight may be, without a search.
+
+use super::approach::approach;
+use super::short::hop;
+use super::{Approach, Flight, Launch, STEP, Shape, TURN, abs, root};
+use crate::arithmetic::square_root_single;
+
+/// No start near launch is farther, in rad: there the cubic does not tell.
+const FAR: f32 = 4.0;
+
+/// Where the first impact of a low flight may be.
+pub(crate) enum Candidate {
+    /// A short hop: flight in rad and arrival speed, final.
+    Hop { flight: f32, arrival: f32 },
+    /// Near `offset` rad from a node, if a down-crossing there is the first.
+    Near { node: i32, offset: f32 },
+    /// At the end of an approach that is [`Flight::FINAL`], if that is the first.
+    Final(Approach),
+    /// Nowhere that is told so quickly.
+    Unknown,
+}
+
+/// A candidate from the flight near launch or the fall of the parabola.
+///
+/// Up to the end of the next hump a down-crossing is the first impact: it may lie in that hump, where `u`
+/// is convex and so above it from the entry on, and where `u` is above 0 at the entry it is above 0 on
+/// the concave stretch from launch; or it lies on that stretch, which it ends. From within a hump `u`
+/// rises to the stretch. See [`Shape::ends`].
+#[inline(always)]
+pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate {
+    let Launch {
+        velocity,
+        sine,
+        cosine,
+        pull,
+        ..
+    } = *launch;
+    // u/d = psi - a1 d + a2 d^2 - sin d^3 / 24 - cos d^4 / 120 + sin d^5 / 720 + ...
+    let a1 = 0.5 * pull;
+    let a2 = cosine * (1.0 / 6.0);
+    let discriminant = a1 * a1 - 4.0 * a2 * velocity;
+    let mut near = FAR;
+    // Below the lower bound it clears the coming hump, or nearly so.
+    let square = a1 * a1;
+    if a1 > 0.0 && discriminant > -0.06 * square {
+        let slope = root(discriminant);
+        near = 2.0 * velocity / (a1 + slope);
+        if near < F::SHORT {
+            if discriminant < 0.2 * square || sine > 0.96 && near_top::<F>(launch) {
+                return Candidate::Unknown;
+            }
+            let (flight, arrival) = hop(launch, near);
+            return Candidate::Hop { flight, arrival };
+        }
+        if near < 1.0 && discriminant > 0.02 * square {
+            let z = near * near;
+            let third = cosine * near;
+            let over = sine * (1.0 / 24.0 - z * (1.0 / 720.0)) + third * (1.0 / 120.0);
+            let steeper = slope + z * (sine * (1.0 / 8.0) + third * (1.0 / 30.0));
+            let inverse = 1.0 / steeper;
+            let newton = z * near * over * inverse;
+            let bend = (a2 - sine * (1.0 / 8.0) * near) * inverse;
+            near -= newton * (1.0 - newton * bend);
+            if !F::FINAL {
+                let (node, offset) = F::node_of(launch.phase, near);
+                return Candidate::Near { node, offset };
+            }
+        }
+    } else if a1 <= 0.0 && a2 < 0.0 {
+        near = (a1 - square_root_single(discriminant)) / (a2 + a2);
+        if near < F::SHORT {
+            return Candidate::Unknown;
+        }
+    }
+    let rise = velocity + cosine;
+    let (mut speed, mut origin, mut base) = (-rise, 0.0, sine);
+    if near >= FAR {
+        let square = rise * rise + 2.0 * shape.k * sine;
+        if !(rise > 0.0 && square > 0.1) {
+            return Candidate::Unknown;
+        }
+        speed = square_root_single(square);
+        origin = (rise + speed) * shape.inverse;
+        // No flight that ends after the hump after the next one is told here.
+        let to_entry = shape.entry.wrapping_sub(launch.phase) as f32 * STEP;
+        if origin > to_entry + (TURN + 0.5) {
+            return Candidate::Unknown;
+        }
+        near = origin;
+        base = 0.0;
+    }
+    let (node, offset) = F::node_of(launch.phase, near);
+    match approach::<F>(shape, node, (near - origin) - offset, speed, base) {
+        Some(approach) if F::FINAL => Candidate::Final(approach),
+        Some(approach) => {
+            let (node, offset) = approach.end;
+            Candidate::Near { node, offset }
+        }
+        None => Candidate::Unknown,
+    }
+}
+
+/// Whether the cubic does not tell a short hop: pull and cosine vanish together at the top of the track
+/// with k near 1.
+#[inline(always)]
+pub(super) fn near_top<F: Flight>(launch: &Launch) -> bool {
+    abs(launch.cosine) < F::SHORT && abs(launch.pull) < 0.3 * F::SHORT * F::SHORT
+}

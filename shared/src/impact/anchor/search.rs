@@ -1,0 +1,275 @@
+//! The segment of convex or concave height that holds the first impact.
+
+use core::f64::consts::PI;
+
+use super::settle::expand;
+use super::short::{Start, hop, start};
+use super::solve::solve;
+use super::{
+    Flight, Launch, PER_STEP, STEP, Shape, TURN, WHOLE, abs, larger, node_of, root, smaller,
+};
+use crate::arithmetic::{Phase, sine_cosine_single};
+
+/// Where the first impact is, nearly.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Found {
+    /// A short hop: flight in rad and arrival speed, final.
+    Short { flight: f32, arrival: f32 },
+    /// At `offset` rad from a node; settled with care for a double root unless it is `simple`.
+    Near {
+        node: i32,
+        offset: f32,
+        simple: bool,
+    },
+}
+
+/// The bracket and start that the segment search hands to the solver.
+#[derive(Clone, Copy)]
+pub(super) struct Bracket {
+    pub(super) low: f32,
+    pub(super) high: f32,
+    pub(super) start: f32,
+}
+
+/// The first impact of any flight that is not at rest, and whether it grazes a hump.
+#[inline(always)]
+pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
+    let first = start::<F>(launch);
+    let (mut guess, mut clears, mut skims) = (0.0, false, false);
+    match first {
+        Start::Hop { near, grazes } if near > 0.0 => {
+            if near < F::SHORT {
+                let (flight, arrival) = hop(launch, near);
+                return (Found::Short { flight, arrival }, grazes);
+            }
+            guess = near;
+        }
+        Start::Clears { grazes } => (clears, skims) = (true, grazes),
+        _ => {}
+    }
+    let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
+    (solve(shape, launch, flight, &bracket), grazes || skims)
+}
+
+#[inline(always)]
+fn segment<F: Flight>(
+    shape: &Shape,
+    launch: &Launch,
+    flight: &F,
+    clears: bool,
+    guess: f32,
+) -> (Bracket, bool) {
+    let Shape {
+        k,
+        half_k,
+        inverse,
+        flank,
+        hump_length,
+        ..
+    } = *shape;
+    let Launch { sine, pull, .. } = *launch;
+    let v = launch.velocity + launch.cosine;
+    if shape.hump == 0 {
+        // Concave throughout: one root, before the parabola leaves height -1.
+        let high = (v + root(v * v + 2.0 * k * (1.0 + sine))) * inverse;
+        let start = if guess > 0.0 && guess < high {
+            guess
+        } else {
+            high
+        };
+        let bracket = Bracket {
+            low: 0.0,
+            high,
+            start,
+        };
+        return (bracket, false);
+    }
+    // Ballistic height over k, and slope over that of the track at a hump's entry.
+    let over_k = |x: f32| x * (v - half_k * x) - pull;
+    let over_flank = |x: f32| v - k * x - flank;
+    // From the very entry of a hump the next one is a whole turn away.
+    let (to_entry, entry) = match shape.entry.wrapping_sub(launch.phase) {
+        0 => (WHOLE, TURN),
+        steps => (i64::from(steps), steps as f32 * STEP),
+    };
+    // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's own precision decides.
+    let mut at_entry = over_k(entry);
+    if abs(at_entry) < 3e-5 {
+        at_entry = flight.above_k(to_entry, at_entry);
+    }
+    if at_entry <= 0.0 && !clears {
+        let low = if shape.throws(launch.phase) {
+            entry - (TURN - hump_length)
+        } else {
+            0.0
+        };
+        let start = if guess > 0.0 && guess < entry && guess < 1.2 {
+            guess
+        } else {
+            let newton = entry - at_entry / over_flank(entry);
+            if guess > 0.0 && guess < newton {
+                0.5 * (guess + newton)
+            } else {
+                newton
+            }
+        };
+        let bracket = Bracket {
+            low,
+            high: entry,
+            start,
+        };
+        return (bracket, false);
+    }
+    // Time when the ball falls through height k.
+    let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
+    // Whether the ball has fallen through height k, by f32 unless that is near.
+    let falls = |time: f32, steps: i64| {
+        if abs(time - through) < 1e-4 {
+            flight.above_k(steps, over_k(time)) <= 0.0
+        } else {
+            time > through
+        }
+    };
+    let mut grazes = false;
+    let (mut begin, mut begin_steps) = if clears {
+        (entry + TURN, to_entry + WHOLE)
+    } else {
+        (entry, to_entry)
+    };
+    // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
+    // above height 1 are looked at, and the rounds are bounded by their count with room for rounding.
+    for _ in 0..16 {
+        // Newton's step from the entry does not overshoot, on the convex side nor on the concave one.
+        let from_entry = || {
+            let slope = over_flank(begin);
+            let step = if slope < 0.0 {
+                over_k(begin) / slope
+            } else {
+                0.0
+            };
+            begin - step
+        };
+        if falls(begin, begin_steps) {
+            let bracket = Bracket {
+                low: smaller(through, begin) - 1e-4,
+                high: begin,
+                start: from_entry(),
+            };
+            return (bracket, grazes);
+        }
+        let end = begin + hump_length;
+        if falls(end, begin_steps + i64::from(shape.hump)) {
+            let bracket = Bracket {
+                low: begin,
+                high: through + 1e-4,
+                start: from_entry(),
+            };
+            return (bracket, grazes);
+        }
+        {
+            let middle = begin + 0.5 * hump_length;
+            let over_top = (sine - 1.0) + middle * (v - half_k * middle);
+            let slope = v - k * middle;
+            if over_top <= -1e-4 {
+                let bracket = Bracket {
+                    low: begin,
+                    high: middle,
+                    start: from_entry(),
+                };
+                return (bracket, grazes);
+            }
+            // 1 - cos x >= 4 x^2 / pi^2 within the hump keeps the track below a parabola of its own.
+            let spare = (4.0 / (PI * PI)) as f32 - half_k;
+            let safe =
+                spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
+            let half = 0.5 * hump_length;
+            if !safe && slope + k * half < flank && slope - k * half > -flank {
+                let (poke, touches) = lowest(shape, *launch, flight, middle, slope);
+                grazes |= touches;
+                if let Some(mut bracket) = poke {
+                    bracket.low = begin;
+                    bracket.start = smaller(larger(bracket.start, begin), bracket.high);
+                    return (bracket, grazes);
+                }
+            }
+        }
+        let mut turns = 1;
+        if begin + hump_length < through - 3.0 * TURN {
+            turns += skip(shape, *launch, begin + TURN);
+        }
+        begin += turns as f32 * TURN;
+        begin_steps += i64::from(turns) << 32;
+    }
+    let bracket = Bracket {
+        low: entry,
+        high: through,
+        start: through,
+    };
+    (bracket, true)
+}
+
+/// Humps between the one that begins at `begin` and the last after it that lies under a ball above
+/// height 1 with all between them.
+#[inline(never)]
+fn skip(shape: &Shape, launch: Launch, begin: f32) -> i32 {
+    let v = launch.velocity + launch.cosine;
+    let leaving = v * v - 2.0 * shape.k * (1.0 - launch.sine);
+    let speed = root(leaving);
+    let (rises, sinks) = ((v - speed) * shape.inverse, (v + speed) * shape.inverse);
+    let last = begin + shape.hump_length;
+    if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
+        ((sinks - last) * (1.0 / TURN)) as i32
+    } else {
+        0
+    }
+}
+
+/// The lowest point over a hump around `middle`: a bracket that ends there if it is below the track,
+/// and whether that is within rounding.
+#[inline(never)]
+fn lowest<F: Flight>(
+    shape: &Shape,
+    launch: Launch,
+    flight: &F,
+    middle: f32,
+    slope: f32,
+) -> (Option<Bracket>, bool) {
+    let half = 0.5 * shape.hump_length;
+    let k = shape.k;
+    let (mut low, mut high) = (-half, half);
+    let mut d = smaller(larger(-slope / (1.0 - k), low), high);
+    for _ in 0..40 {
+        // sin and cos of d: the track is cos(d) around the middle of its hump.
+        let (s, c) = sine_cosine_single(Phase::from_bits((d * PER_STEP) as i32 as u32));
+        let rate = slope - k * d + s;
+        if rate > 0.0 {
+            high = d;
+        } else {
+            low = d;
+        }
+        let newton = d - rate / (c - k);
+        let next = if newton > low && newton < high {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
+        let moved = abs(next - d);
+        d = next;
+        if moved < 1e-6 {
+            break;
+        }
+    }
+    let time = middle + d;
+    let (node, offset) = node_of(launch.phase, time);
+    let local = flight.local(node);
+    let (height, gain, b2) = expand(k, &local, offset);
+    let rate = local.slope + gain;
+    let curvature = b2 + b2;
+    let lowest = height - 0.5 * rate * rate / curvature;
+    let bracket = (lowest <= 0.0).then(|| Bracket {
+        low: 0.0,
+        high: time,
+        start: time - root(-2.0 * lowest / curvature),
+    });
+    (bracket, abs(lowest) < F::ROUNDING + F::DRIFT * time)
+}

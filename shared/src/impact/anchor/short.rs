@@ -1,0 +1,167 @@
+//! Short hops, on the height over the flight time: it keeps every digit.
+
+use super::candidate::near_top;
+use super::settle::down_crossing;
+use super::{Flight, Launch, abs, larger, root, smaller};
+
+/// `w = u / d` of a short flight and its derivative, in forms that keep every digit.
+#[inline(always)]
+fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
+    let Launch {
+        velocity,
+        sine,
+        cosine,
+        pull,
+        ..
+    } = *launch;
+    let z = x * x;
+    let q3 = 1.0 / 6.0 - z * (1.0 / 120.0 - z * (1.0 / 5040.0));
+    let q4 = 1.0 / 24.0 - z * (1.0 / 720.0);
+    let half = 0.5 * pull;
+    (
+        velocity - x * (half - cosine * x * q3 + sine * z * q4),
+        cosine * x * (1.0 / 3.0 - z * (1.0 / 30.0))
+            - half
+            - sine * z * (1.0 / 8.0 - z * (1.0 / 144.0)),
+    )
+}
+
+/// What the cubic near launch says of the first impact.
+pub(super) enum Start {
+    /// Nothing.
+    Open,
+    /// The first impact is `near` this flight time, as far as the cubic holds; whether the flight clears
+    /// the coming hump but for rounding.
+    Hop { near: f32, grazes: bool },
+    /// The flight clears the coming hump; whether by rounding alone.
+    Clears { grazes: bool },
+}
+
+#[inline(always)]
+pub(super) fn start<F: Flight>(launch: &Launch) -> Start {
+    let (limit, rounding) = (F::SHORT, F::PULL);
+    if launch.sine > 0.96 && near_top::<F>(launch) {
+        return flat_start(*launch, limit, rounding);
+    }
+    // u/d = psi - a1 d + a2 d^2 - ...
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.cosine * (1.0 / 6.0);
+    if a1 <= 0.0 && a2 >= 0.0 {
+        return Start::Open;
+    }
+    let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
+    if a1 > 0.0 {
+        if a2 > 0.0 && discriminant < 0.2 * a1 * a1 {
+            return double_start(*launch, a1, a2, rounding);
+        }
+        simple_hop(2.0 * launch.velocity / (a1 + root(discriminant)))
+    } else if discriminant >= 0.0 {
+        simple_hop((a1 - root(discriminant)) / (2.0 * a2))
+    } else {
+        Start::Open
+    }
+}
+
+/// The first root below `limit` of `u/d` where its cubic term decides.
+#[inline(never)]
+fn flat_start(launch: Launch, limit: f32, rounding: f32) -> Start {
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.cosine * (1.0 / 6.0);
+    let a3 = launch.sine * (1.0 / 24.0);
+    let square = a2 * a2 - 3.0 * a1 * a3;
+    let valley = if a2 > 0.0 && square > 0.0 {
+        a1 / (a2 + root(square))
+    } else {
+        (a2 - root(square)) / (3.0 * a3)
+    };
+    // Newton's steps do not overshoot from launch down a convex slope into the valley (or to the
+    // inflection where there is none), nor from the right of the last root.
+    let least = if valley > 0.0 {
+        deflated(&launch, smaller(valley, limit)).0
+    } else {
+        1.0
+    };
+    let grazes = abs(least) < rounding * valley + 4e-7 * launch.velocity;
+    let mut x = if least <= 0.0 {
+        0.0
+    } else if deflated(&launch, limit).0 <= 0.0 {
+        limit
+    } else if launch.pull > 0.0 && launch.cosine > 0.0 {
+        return Start::Clears { grazes };
+    } else {
+        return Start::Open;
+    };
+    for _ in 0..40 {
+        let (w, w1) = deflated(&launch, x);
+        if w1 >= 0.0 {
+            break;
+        }
+        let next = x - w / w1;
+        if !(next > 0.0 && next < limit) {
+            break;
+        }
+        let moved = abs(next - x);
+        x = next;
+        if moved < 1e-3 * x {
+            break;
+        }
+    }
+    Start::Hop { near: x, grazes }
+}
+
+#[inline(always)]
+fn simple_hop(near: f32) -> Start {
+    Start::Hop {
+        near,
+        grazes: false,
+    }
+}
+
+/// Two nearly equal short roots: find the minimum of `u/d` between them.
+#[inline(never)]
+fn double_start(launch: Launch, a1: f32, a2: f32, rounding: f32) -> Start {
+    let mut x = a1 / (2.0 * a2);
+    // Beyond, heights keep enough digits.
+    if x > 0.08 {
+        return Start::Open;
+    }
+    let (mut minimum, mut b2) = (0.0, 1.0);
+    for _ in 0..4 {
+        let (w, w1) = deflated(&launch, x);
+        b2 = a2 - launch.sine * (1.0 / 8.0) * x - launch.cosine * (1.0 / 20.0) * x * x;
+        let e = -w1 / (2.0 * b2);
+        minimum = w + 0.5 * w1 * e;
+        x += e;
+    }
+    let grazes = abs(minimum) < rounding * x + 4e-7 * launch.velocity;
+    if minimum > 0.0 {
+        Start::Clears { grazes }
+    } else {
+        let near = x - root(-minimum / b2);
+        Start::Hop { near, grazes }
+    }
+}
+
+/// A short hop from its start `x`: third-order steps on `u/d`.
+#[inline(always)]
+pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
+    let mut round = 0;
+    loop {
+        let (w, w1) = deflated(launch, x);
+        let b2 = launch.cosine * (1.0 / 6.0) - launch.sine * (1.0 / 8.0) * x;
+        let e = if w1 < 0.0 && abs(w * b2) < 1e-2 * w1 * w1 {
+            let inverse = 1.0 / w1;
+            let newton = w * inverse;
+            -newton * (1.0 + b2 * newton * inverse)
+        } else {
+            down_crossing(w, w1, b2).0
+        };
+        round += 1;
+        if abs(e) <= 4e-3 * x || round >= 6 {
+            // At the root u' = d w'; w'' = 2 b2 carries w' over the last step.
+            let flight = x + e;
+            return (flight, larger(-flight * (w1 + 2.0 * b2 * e), 0.0));
+        }
+        x += e;
+    }
+}
