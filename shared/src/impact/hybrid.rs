@@ -39,10 +39,10 @@ impl HybridState {
 ///
 /// | velocities | phase error: median | p99 | max (rad) | velocity: max |
 /// |---|---|---|---|---|
-/// | 0..20 | 1.1e-9 | 2.0e-8 | 4.3e-7 | 1.4e-7 |
-/// | 0..3 | 1.4e-9 | 2.6e-8 | 1.4e-6 | 1.3e-7 |
-/// | 3e-7..3, logarithmic | 1.2e-9 | 1.5e-7 | 1.2e-5 | 4.0e-7 |
-/// | launches within 0.1 rad of lift-off | 7e-10 | 2.4e-8 | 6.3e-6 | 4.4e-8 |
+/// | 0..20 | 8.0e-10 | 4.1e-9 | 4.3e-7 | 7.2e-8 |
+/// | 0..3 | 1.1e-9 | 1.7e-8 | 1.4e-6 | 9.5e-8 |
+/// | 3e-7..3, logarithmic | 1.1e-9 | 1.4e-7 | 1.1e-5 | 2.4e-7 |
+/// | launches within 0.1 rad of lift-off | 7e-10 | 2.1e-8 | 7.2e-6 | 7.1e-8 |
 ///
 /// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
 /// hump, at any flight time; nearer it is flagged. About 320 instructions an

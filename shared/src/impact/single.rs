@@ -25,9 +25,9 @@ pub struct SingleState {
 ///
 /// | velocities | phase error: median | p99 | max (rad) | velocity: max |
 /// |---|---|---|---|---|
-/// | 0..20 | 1.5e-6 | 4.7e-5 | 3.2e-4 | 2.5e-4 |
-/// | 0..3 | 1.9e-7 | 7.7e-6 | 6.5e-5 | 3.8e-5 |
-/// | 3e-7..3, logarithmic | 6e-9 | 2.6e-6 | 3.9e-4 | 6.9e-5 |
+/// | 0..20 | 1.8e-6 | 5.3e-5 | 3.4e-4 | 2.5e-4 |
+/// | 0..3 | 2.2e-7 | 8.6e-6 | 8.6e-5 | 4.7e-5 |
+/// | 3e-7..3, logarithmic | 6e-9 | 3.1e-6 | 3.9e-4 | 6.9e-5 |
 ///
 /// The first impact is the right one down to a gap of 1e-5 over a hump (times the flight time, where
 /// that is above 1); nearer it is flagged. About 220 instructions an impact on a Cortex-M4F, at most 329

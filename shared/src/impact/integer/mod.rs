@@ -25,9 +25,9 @@ use short::Start;
 /// | velocities | phase error: median | p99 | max (rad) | velocity: max |
 /// |---|---|---|---|---|
 /// | 0..20 | 1.6e-9 | 3.2e-8 | 1.2e-6 | 2.9e-7 |
-/// | 0..3 | 2.3e-9 | 4.6e-8 | 3.3e-6 | 3.1e-7 |
-/// | 3e-7..3, logarithmic | 1.2e-9 | 4.4e-7 | 2.1e-5 | 3.7e-7 |
-/// | launches within 0.1 rad of lift-off | 1.4e-9 | 5.0e-8 | 3.5e-5 | 5.4e-7 |
+/// | 0..3 | 2.2e-9 | 4.6e-8 | 3.3e-6 | 3.1e-7 |
+/// | 3e-7..3, logarithmic | 1.2e-9 | 4.4e-7 | 2.0e-5 | 3.7e-7 |
+/// | launches within 0.1 rad of lift-off | 1.4e-9 | 5.1e-8 | 3.5e-5 | 5.3e-7 |
 ///
 /// No wrong impact among them. The first impact is the right one down to a gap of 1e-7 over a hump (times
 /// the flight time, where that is above 1); nearer it is flagged. About 2100 instructions an impact on a
