@@ -31,11 +31,14 @@ pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L
         - z * (L::splat(1.0 / 120.0)
             - z * (L::splat(1.0 / 5040.0)
                 - z * (L::splat(1.0 / 362_880.0)
-                    - z * (L::splat(1.0 / 39_916_800.0) - z * L::splat(1.0 / 6_227_020_800.0)))));
+                    - z * (L::splat(1.0 / 39_916_800.0)
+                        - z * (L::splat(1.0 / 6_227_020_800.0)
+                            - z * L::splat(1.0 / 1_307_674_368_000.0))))));
     let fourth = L::splat(1.0 / 24.0)
         - z * (L::splat(1.0 / 720.0)
             - z * (L::splat(1.0 / 40_320.0)
-                - z * (L::splat(1.0 / 3_628_800.0) - z * L::splat(1.0 / 479_001_600.0))));
+                - z * (L::splat(1.0 / 3_628_800.0)
+                    - z * (L::splat(1.0 / 479_001_600.0) - z * L::splat(1.0 / 87_178_291_200.0)))));
     let versine = z * (L::splat(0.5) - z * fourth);
     let sagitta = d * z * third;
     let (s, c) = (launch.sine, launch.cosine);
