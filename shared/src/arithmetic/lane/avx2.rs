@@ -180,7 +180,11 @@ impl Lane for Avx2 {
     }
     #[inline(always)]
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
-        let [a, b, c, d, ..] = numbers.map(|number| column[usize::from(number)]);
+        let mut values = [0.0; 4];
+        for (value, number) in values.iter_mut().zip(numbers) {
+            *value = column[usize::from(number)];
+        }
+        let [a, b, c, d] = values;
         // SAFETY: the CPU has AVX2, see the module.
         Self(unsafe { _mm256_setr_pd(a, b, c, d) })
     }

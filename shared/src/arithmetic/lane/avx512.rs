@@ -182,7 +182,11 @@ impl Lane for Avx512 {
     }
     #[inline(always)]
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
-        let [a, b, c, d, e, f, g, h] = numbers.map(|number| column[usize::from(number)]);
+        let mut values = [0.0; 8];
+        for (value, number) in values.iter_mut().zip(numbers) {
+            *value = column[usize::from(number)];
+        }
+        let [a, b, c, d, e, f, g, h] = values;
         // SAFETY: the CPU has AVX-512, see the module.
         Self(unsafe { _mm512_setr_pd(a, b, c, d, e, f, g, h) })
     }

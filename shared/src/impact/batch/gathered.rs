@@ -54,7 +54,7 @@ pub(super) fn advance<L: Lane>(
             let landing = finish(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
             stages.put_landing(n, &landing);
         }
-        for (n, register) in registers.iter().enumerate().take(shorts).skip(talls) {
+        for (n, register) in (talls..shorts).zip(&registers[talls..]) {
             let (landing, certain) =
                 short::landing(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
             stages.put_landing(n, &landing);
@@ -62,7 +62,7 @@ pub(super) fn advance<L: Lane>(
                 search_for::<L>(columns, grazing, stages, n, certain, register.0);
             }
         }
-        for (n, register) in registers.iter().enumerate().take(lows).skip(shorts) {
+        for (n, register) in (shorts..lows).zip(&registers[shorts..]) {
             let (landing, certain) = low::landing(
                 &stages.track::<L>(n),
                 &stages.launch(n),
@@ -121,7 +121,7 @@ fn search_for<L: Lane>(
         if certain >> m & 1 == 0 {
             let all = [lane; WIDEST];
             let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
-            stages.replace_landing(n * L::WIDTH + m, &landing);
+            stages.replace_landing::<L>(n, m, &landing);
             grazing.put(lane.into(), grazes);
         }
     }

@@ -53,10 +53,8 @@ pub(super) fn advance<L: Lane>(
         for (n, &at) in starts.iter().enumerate() {
             let track = columns.track_at(at);
             let landing = stages.landing::<L>(n);
-            let after = Launch::new(
-                landing.phase,
-                columns.restitution_at::<L>(at) * landing.arrival,
-            );
+            let velocity = columns.restitution_at::<L>(at) * landing.arrival;
+            let after = Launch::new(landing.phase, velocity);
             let bits = now.tall.bits(at, L::WIDTH);
             columns.land_at(at, L::mask(bits), landing.flight, &after);
             let tall = L::bits(after.is_tall(&track)) & bits;

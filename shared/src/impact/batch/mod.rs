@@ -52,8 +52,10 @@ pub struct Block {
     resting: Set,
     /// Lanes whose last impact grazes.
     grazing: Set,
-    /// The lanes that fly next, first; then those of the last impact.
+    /// The lanes that fly next, and those of the last impact.
     plans: [Plan; 2],
+    /// Whether those that fly next come second.
+    turned: bool,
     /// Lanes that are in no plan yet.
     fresh: Queue,
     /// Whether every other lane is where it belongs.
@@ -88,6 +90,7 @@ impl Block {
             resting: Set::EMPTY,
             grazing: Set::EMPTY,
             plans: [Plan::EMPTY; 2],
+            turned: false,
             fresh: Queue::EMPTY,
             sorted: true,
             stages: Stages::EMPTY,
@@ -180,7 +183,7 @@ impl Block {
     /// Takes every orbit that does not rest this many impacts further.
     pub fn advance(&mut self, impacts: u32) {
         if !self.sorted {
-            self.plans[0].clear();
+            self.plans[usize::from(self.turned)].clear();
             self.fresh.clear();
             for lane in self.filled.without(&self.resting).iter() {
                 self.fresh.push(lane as u8, true);
@@ -204,16 +207,22 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         columns,
         resting,
         grazing,
-        plans: [plan, other],
+        plans: [first, second],
+        turned,
         fresh,
         stages,
         ..
     } = block;
+    let (mut next, mut now) = if *turned {
+        (second, first)
+    } else {
+        (first, second)
+    };
     for register in fresh.registers(L::WIDTH) {
         let (lanes, _) = register;
         let launch = columns.launch_anew::<L>(lanes);
         let restitution = columns.restitution(lanes);
-        plan.sort(
+        next.sort(
             resting,
             &columns.track(lanes),
             restitution,
@@ -222,7 +231,6 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         );
     }
     fresh.clear();
-    let (mut now, mut next) = (other, plan);
     for _ in 0..impacts {
         core::mem::swap(&mut now, &mut next);
         next.clear();
@@ -243,9 +251,7 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         }
         fresh.clear();
     }
-    if impacts % 2 == 1 {
-        core::mem::swap(now, next);
-    }
+    *turned ^= impacts % 2 == 1;
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -5,27 +5,39 @@ use crate::arithmetic::lane::Lane;
 use crate::impact::flight::{Landing, Launch, Track, low, tall};
 
 /// Lanes that go through the stages together.
-pub(super) const ROOM: usize = 128;
+pub(super) const ROOM: usize = 64;
 
-/// What the stages hand on.
+/// What the stages hand on: all of a register together, so that the cache holds them all.
 #[derive(Clone, Debug)]
-pub(super) struct Stages {
-    launch: [Aligned<ROOM>; 4],
-    track: [Aligned<ROOM>; 3],
-    /// Where the first stage takes the flight: a crossing, or a stretch.
-    begin: [Aligned<ROOM>; 4],
-    close: Aligned<ROOM>,
-    landing: [Aligned<ROOM>; 3],
-}
+pub(super) struct Stages(Aligned<{ ROOM * QUANTITIES }>);
+
+const QUANTITIES: usize = 15;
+const LAUNCH: usize = 0;
+const TRACK: usize = 4;
+/// Where the first stage takes the flight: a crossing, or a stretch.
+const BEGIN: usize = 7;
+const CLOSE: usize = 11;
+const LANDING: usize = 12;
 
 impl Stages {
-    pub const EMPTY: Self = Self {
-        launch: [Aligned::ZERO; 4],
-        track: [Aligned::ZERO; 3],
-        begin: [Aligned::ZERO; 4],
-        close: Aligned::ZERO,
-        landing: [Aligned::ZERO; 3],
-    };
+    pub const EMPTY: Self = Self(Aligned::ZERO);
+
+    /// Hands on quantities of register `n`, from number `first` on.
+    #[inline(always)]
+    fn put<L: Lane, const N: usize>(&mut self, n: usize, first: usize, values: [L; N]) {
+        for (m, value) in values.into_iter().enumerate() {
+            value.store(&mut self.0.0, (n * QUANTITIES + first + m) * L::WIDTH);
+        }
+    }
+
+    #[inline(always)]
+    fn get<L: Lane, const N: usize>(&self, n: usize, first: usize) -> [L; N] {
+        let mut values = [L::splat(0.0); N];
+        for (m, value) in values.iter_mut().enumerate() {
+            *value = L::load(&self.0.0, (n * QUANTITIES + first + m) * L::WIDTH);
+        }
+        values
+    }
 
     #[inline(always)]
     pub fn put_launch<L: Lane>(&mut self, n: usize, launch: &Launch<L>) {
@@ -35,12 +47,12 @@ impl Stages {
             sine,
             cosine,
         } = *launch;
-        put(&mut self.launch, n, [phase, velocity, sine, cosine]);
+        self.put(n, LAUNCH, [phase, velocity, sine, cosine]);
     }
 
     #[inline(always)]
     pub fn launch<L: Lane>(&self, n: usize) -> Launch<L> {
-        let [phase, velocity, sine, cosine] = get(&self.launch, n);
+        let [phase, velocity, sine, cosine] = self.get(n, LAUNCH);
         Launch {
             phase,
             velocity,
@@ -51,12 +63,12 @@ impl Stages {
 
     #[inline(always)]
     pub fn put_track<L: Lane>(&mut self, n: usize, track: &Track<L>) {
-        put(&mut self.track, n, [track.k, track.per_k, track.edge]);
+        self.put(n, TRACK, [track.k, track.per_k, track.edge]);
     }
 
     #[inline(always)]
     pub fn track<L: Lane>(&self, n: usize) -> Track<L> {
-        let [k, per_k, edge] = get(&self.track, n);
+        let [k, per_k, edge] = self.get(n, TRACK);
         Track {
             k,
             per_k,
@@ -67,30 +79,28 @@ impl Stages {
 
     #[inline(always)]
     pub fn put_crossing<L: Lane>(&mut self, n: usize, crossing: &tall::Crossing<L>) {
-        let [time, speed, ..] = &mut self.begin;
-        crossing.time.store(&mut time.0, n * L::WIDTH);
-        crossing.speed.store(&mut speed.0, n * L::WIDTH);
+        self.put(n, BEGIN, [crossing.time, crossing.speed]);
     }
 
     #[inline(always)]
     pub fn crossing<L: Lane>(&self, n: usize) -> tall::Crossing<L> {
-        let [time, speed, ..] = get(&self.begin, n);
+        let [time, speed] = self.get(n, BEGIN);
         tall::Crossing { time, speed }
     }
 
     #[inline(always)]
     pub fn put_stretch<L: Lane>(&mut self, n: usize, stretch: &low::Stretch<L>) {
         let certain = L::splat(1.0).only(stretch.certain);
-        put(
-            &mut self.begin,
+        self.put(
             n,
+            BEGIN,
             [stretch.start, stretch.low, stretch.high, certain],
         );
     }
 
     #[inline(always)]
     pub fn stretch<L: Lane>(&self, n: usize) -> low::Stretch<L> {
-        let [start, low, high, certain] = get(&self.begin, n);
+        let [start, low, high, certain] = self.get(n, BEGIN);
         low::Stretch {
             start,
             low,
@@ -101,12 +111,13 @@ impl Stages {
 
     #[inline(always)]
     pub fn put_close<L: Lane>(&mut self, n: usize, close: L) {
-        close.store(&mut self.close.0, n * L::WIDTH);
+        self.put(n, CLOSE, [close]);
     }
 
     #[inline(always)]
     pub fn close<L: Lane>(&self, n: usize) -> L {
-        L::load(&self.close.0, n * L::WIDTH)
+        let [close] = self.get(n, CLOSE);
+        close
     }
 
     #[inline(always)]
@@ -116,12 +127,12 @@ impl Stages {
             phase,
             arrival,
         } = *landing;
-        put(&mut self.landing, n, [flight, phase, arrival]);
+        self.put(n, LANDING, [flight, phase, arrival]);
     }
 
     #[inline(always)]
     pub fn landing<L: Lane>(&self, n: usize) -> Landing<L> {
-        let [flight, phase, arrival] = get(&self.landing, n);
+        let [flight, phase, arrival] = self.get(n, LANDING);
         Landing {
             flight,
             phase,
@@ -129,26 +140,16 @@ impl Stages {
         }
     }
 
-    /// Replaces the landing of one lane.
-    pub fn replace_landing(&mut self, lane: usize, landing: &Landing<f64>) {
-        put(
-            &mut self.landing,
-            lane,
-            [landing.flight, landing.phase, landing.arrival],
-        );
+    /// Replaces the landing of one lane of register `n`.
+    #[inline(always)]
+    pub fn replace_landing<L: Lane>(&mut self, n: usize, lane: usize, landing: &Landing<f64>) {
+        let Landing {
+            flight,
+            phase,
+            arrival,
+        } = *landing;
+        for (m, value) in [flight, phase, arrival].into_iter().enumerate() {
+            self.0.0[(n * QUANTITIES + LANDING + m) * L::WIDTH + lane] = value;
+        }
     }
-}
-
-#[inline(always)]
-fn put<L: Lane, const N: usize>(columns: &mut [Aligned<ROOM>; N], n: usize, values: [L; N]) {
-    for (column, value) in columns.iter_mut().zip(values) {
-        value.store(&mut column.0, n * L::WIDTH);
-    }
-}
-
-#[inline(always)]
-fn get<L: Lane, const N: usize>(columns: &[Aligned<ROOM>; N], n: usize) -> [L; N] {
-    columns
-        .each_ref()
-        .map(|column| L::load(&column.0, n * L::WIDTH))
 }
