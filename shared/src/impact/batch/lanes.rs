@@ -80,6 +80,21 @@ impl Queue {
         }
     }
 
+    /// Adds those lanes of a register whose bits are set.
+    #[inline(always)]
+    pub fn push_chosen(&mut self, lanes: [u8; WIDEST], bits: u32) {
+        if bits == 0 {
+            return;
+        }
+        let chosen = PLACES[bits as usize % PLACES.len()].to_le_bytes();
+        if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
+            for (place, n) in places.iter_mut().zip(chosen) {
+                *place = lanes[usize::from(n) % WIDEST];
+            }
+            self.count += bits.count_ones() as usize;
+        }
+    }
+
     /// Adds lanes from `at` on, one bit each.
     #[inline(always)]
     pub fn push_bits(&mut self, at: usize, bits: u32) {

@@ -50,25 +50,35 @@ impl Plan {
         launch: &Launch<L>,
         (lanes, count): ([u8; WIDEST], usize),
     ) {
-        let tall = L::bits(launch.is_tall(track));
-        let mut short = 0;
-        let mut home = 0;
-        let mut rests = 0;
-        if tall != L::bits(L::mask(u32::MAX)) {
-            short = L::bits(launch.is_short(track)) & !tall;
-            home = L::bits(launch.is_home(track)) & !(tall | short);
-            rests = L::bits(launch.chatters_out(track, restitution)) & !tall;
+        let all = (1 << count) - 1;
+        let tall = L::bits(launch.is_tall(track)) & all;
+        for lane in chosen(lanes, tall) {
+            self.tall.put(lane, true);
         }
-        let low = !(tall | short | home | rests);
-        let (short, home) = (short & !rests, home & !rests);
-        for (n, lane) in lanes.into_iter().enumerate().take(count) {
-            let is = |mask: u32| mask >> n & 1 == 1;
-            self.tall.add(lane.into(), tall >> n & 1);
-            resting.add(lane.into(), rests >> n & 1);
-            let [_, shorts, homes, lows] = &mut self.queues;
-            shorts.push(lane, is(short));
-            homes.push(lane, is(home));
-            lows.push(lane, is(low));
+        if tall == all {
+            return;
         }
+        let rests = L::bits(launch.chatters_out(track, restitution)) & all & !tall;
+        for lane in chosen(lanes, rests) {
+            resting.put(lane, true);
+        }
+        let left = all & !(tall | rests);
+        let short = L::bits(launch.is_short(track)) & left;
+        let home = L::bits(launch.is_home(track)) & left & !short;
+        let [_, shorts, homes, lows] = &mut self.queues;
+        shorts.push_chosen(lanes, short);
+        homes.push_chosen(lanes, home);
+        lows.push_chosen(lanes, left & !(short | home));
     }
+}
+
+/// The lanes of a register whose bits are set.
+#[inline(always)]
+fn chosen(lanes: [u8; WIDEST], bits: u32) -> impl Iterator<Item = usize> {
+    let mut left = bits;
+    core::iter::from_fn(move || {
+        let n = (left != 0).then(|| left.trailing_zeros() as usize)?;
+        left &= left - 1;
+        Some(lanes[n % WIDEST].into())
+    })
 }
