@@ -102,6 +102,11 @@ impl Lane for Avx2 {
         Self(unsafe { _mm256_sqrt_pd(self.0) })
     }
     #[inline(always)]
+    fn rough_sqrt(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_cvtps_pd(_mm_sqrt_ps(_mm256_cvtpd_ps(self.0))) })
+    }
+    #[inline(always)]
     fn max(self, other: Self) -> Self {
         // SAFETY: the CPU has AVX2, see the module.
         Self(unsafe { _mm256_max_pd(self.0, other.0) })
@@ -140,6 +145,11 @@ impl Lane for Avx2 {
     fn node(rounded: Self) -> (Self, Self) {
         let (sine, cosine) = fetch(rounded.index());
         (Self(sine), Self(cosine))
+    }
+    #[inline(always)]
+    fn is_same_node(rounded: Self, other: Self) -> Mask {
+        // SAFETY: the CPU has AVX2, see the module.
+        Mask(unsafe { _mm256_castsi256_pd(_mm256_cmpeq_epi64(rounded.index(), other.index())) })
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {

@@ -100,6 +100,11 @@ impl Lane for Avx512 {
         Self(unsafe { _mm512_sqrt_pd(self.0) })
     }
     #[inline(always)]
+    fn rough_sqrt(self) -> Self {
+        // SAFETY: the CPU has AVX-512, see the module.
+        Self(unsafe { _mm512_cvtps_pd(_mm256_sqrt_ps(_mm512_cvtpd_ps(self.0))) })
+    }
+    #[inline(always)]
     fn max(self, other: Self) -> Self {
         // SAFETY: the CPU has AVX-512, see the module.
         Self(unsafe { _mm512_max_pd(self.0, other.0) })
@@ -154,6 +159,11 @@ impl Lane for Avx512 {
                 Self(_mm512_unpackhi_pd(even, odd)),
             )
         }
+    }
+    #[inline(always)]
+    fn is_same_node(rounded: Self, other: Self) -> Mask {
+        // SAFETY: the CPU has AVX-512, see the module.
+        Mask(unsafe { _mm512_cmpeq_epi64_mask(rounded.index(), other.index()) })
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {

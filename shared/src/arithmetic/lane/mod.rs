@@ -49,6 +49,8 @@ pub(crate) trait Lane:
     fn splat(value: f64) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
+    /// Square root in f32, of what f32 can hold: relative error 6e-8, in a third of the time.
+    fn rough_sqrt(self) -> Self;
     /// `self > other ? self : other`, so that a NaN gives `other`.
     fn max(self, other: Self) -> Self;
     /// `self < other ? self : other`, so that a NaN gives `other`.
@@ -76,6 +78,8 @@ pub(crate) trait Lane:
     }
     /// Sine and cosine at the node whose number stands in the low bits of a [`ROUNDER`] sum.
     fn node(rounded: Self) -> (Self, Self);
+    /// Where two [`ROUNDER`] sums name the same node of a turn.
+    fn is_same_node(rounded: Self, other: Self) -> Self::Mask;
     /// The phase of that node within its turn, as a sum: its number times [`node::SPACING_HIGH`], and
     /// times [`node::SPACING_LOW`].
     fn within_turn(rounded: Self) -> (Self, Self);
@@ -109,7 +113,7 @@ pub(crate) struct Node<L> {
     /// How far the node lies ahead of the origin that was given to [`Node::near`], in rad.
     pub distance: L,
     /// The [`ROUNDER`] sum that names the node.
-    rounded: L,
+    pub rounded: L,
 }
 
 impl<L: Lane> Node<L> {
@@ -119,7 +123,7 @@ impl<L: Lane> Node<L> {
     /// the phase is an integer mask.
     #[inline(always)]
     pub fn near(origin: L, ahead: L) -> Self {
-        let rounded = (origin + ahead) * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDER);
+        let rounded = name(origin + ahead);
         let count = rounded - L::splat(ROUNDER);
         let (sine, cosine) = L::node(rounded);
         Self {
@@ -128,6 +132,19 @@ impl<L: Lane> Node<L> {
             distance: (count * L::splat(node::SPACING_HIGH) - origin)
                 + count * L::splat(node::SPACING_LOW),
             rounded,
+        }
+    }
+
+    /// [`sine_cosine`] of a phase in 0..2 pi to which this node is most often the nearest: then its sine and
+    /// cosine need not be fetched.
+    #[inline(always)]
+    pub fn sine_cosine(&self, phase: L) -> (L, L) {
+        let rounded = name(phase);
+        let same = L::is_same_node(rounded, self.rounded);
+        if L::any(!same) {
+            between(phase, rounded, L::node(rounded))
+        } else {
+            between(phase, rounded, (self.sine, self.cosine))
         }
     }
 
@@ -183,9 +200,20 @@ impl<L: Lane> Arc<L> {
 /// Sine and cosine of `phase` in 0..2 pi; error at most 1.7e-16.
 #[inline(always)]
 pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
-    let rounded = phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDER);
+    let rounded = name(phase);
+    between(phase, rounded, L::node(rounded))
+}
+
+/// The [`ROUNDER`] sum that names the node nearest to `phase`.
+#[inline(always)]
+fn name<L: Lane>(phase: L) -> L {
+    phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDER)
+}
+
+/// Sine and cosine of `phase` in 0..2 pi from those of the nearest node.
+#[inline(always)]
+fn between<L: Lane>(phase: L, rounded: L, (sine, cosine): (L, L)) -> (L, L) {
     let count = rounded - L::splat(ROUNDER);
-    let (sine, cosine) = L::node(rounded);
     let arc = Arc::of(
         (phase - count * L::splat(node::SPACING_HIGH)) - count * L::splat(node::SPACING_LOW),
     );

@@ -1,7 +1,7 @@
 //! One f64: what the lanes of a wider register do, alone.
 
 use super::{Column, Lane, WIDEST};
-use crate::arithmetic::{node, square_root};
+use crate::arithmetic::{node, square_root, square_root_single};
 
 pub(crate) use decision::Mask;
 
@@ -17,6 +17,10 @@ impl Lane for f64 {
     #[inline(always)]
     fn sqrt(self) -> Self {
         square_root(self)
+    }
+    #[inline(always)]
+    fn rough_sqrt(self) -> Self {
+        f64::from(square_root_single(self as f32))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
@@ -54,6 +58,11 @@ impl Lane for f64 {
     fn node(rounded: Self) -> (Self, Self) {
         let [sine, cosine] = node::DOUBLE[rounded.to_bits() as usize % node::COUNT];
         (sine.lone(), cosine.lone())
+    }
+    #[inline(always)]
+    fn is_same_node(rounded: Self, other: Self) -> Mask {
+        let differ = (rounded.to_bits() ^ other.to_bits()) % node::COUNT as u64;
+        decision::below(0.0 - f64::from(u8::from(differ == 0)), 0.0)
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {

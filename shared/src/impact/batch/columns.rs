@@ -78,6 +78,19 @@ impl Columns {
         }
     }
 
+    /// The launches of a register of neighbours; sine and cosine of those that `which` holds for are found
+    /// and remembered.
+    #[inline(always)]
+    pub fn begin_at<L: Lane>(&mut self, at: usize, which: L::Mask) -> Launch<L> {
+        let Launch {
+            phase, velocity, ..
+        } = self.launch_at::<L>(at);
+        let launch = Launch::new(phase, velocity);
+        replace(launch.sine, which, &mut self.sine, at);
+        replace(launch.cosine, which, &mut self.cosine, at);
+        launch
+    }
+
     /// k of a register of neighbours, all that a tall flight knows of its track from its crossing on.
     #[inline(always)]
     pub fn track_at<L: Lane>(&self, at: usize) -> Track<L> {
@@ -115,18 +128,6 @@ impl Columns {
             sine: L::pick(&self.sine.0, lanes),
             cosine: L::pick(&self.cosine.0, lanes),
         }
-    }
-
-    /// The launches of these lanes from their phases alone, which is remembered.
-    #[inline(always)]
-    pub fn launch_anew<L: Lane>(&mut self, lanes: [u8; WIDEST]) -> Launch<L> {
-        let launch = Launch::new(
-            L::pick(&self.phase.0, lanes),
-            L::pick(&self.velocity.0, lanes),
-        );
-        scatter(launch.sine, &mut self.sine, lanes);
-        scatter(launch.cosine, &mut self.cosine, lanes);
-        launch
     }
 
     /// The tracks of these lanes.

@@ -5,7 +5,7 @@ use super::lanes::Set;
 use super::plan::{Kind, Plan};
 use super::stages::{ROOM, Stages};
 use crate::arithmetic::lane::{Lane, WIDEST};
-use crate::impact::flight::{Launch, finish, hard, low, short, tall};
+use crate::impact::flight::{Launch, Near, hard, low, short, tall};
 
 /// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
 /// are short, one kind alone would wait for itself.
@@ -51,7 +51,8 @@ pub(super) fn advance<L: Lane>(
             stages.put_close(n, close);
         }
         for n in 0..talls {
-            let landing = finish(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
+            let track = stages.track::<L>(n);
+            let landing = Near::at(&track, &stages.launch(n), stages.close(n)).finish(&track);
             stages.put_landing(n, &landing);
         }
         for (n, register) in (talls..shorts).zip(&registers[talls..]) {

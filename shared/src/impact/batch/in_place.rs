@@ -6,7 +6,7 @@ use super::lanes::Queue;
 use super::plan::{Kind, Plan};
 use super::stages::Stages;
 use crate::arithmetic::lane::Lane;
-use crate::impact::flight::{Launch, finish, tall};
+use crate::impact::flight::{Launch, Near, tall};
 
 /// Registers that go through a stage together.
 const GROUP: usize = 8;
@@ -47,14 +47,18 @@ pub(super) fn advance<L: Lane>(
         }
         for (n, &at) in starts.iter().enumerate() {
             let close = stages.close::<L>(n);
-            let landing = finish(&columns.track_at(at), &columns.launch_at(at), close);
+            let near = Near::at(&columns.track_at(at), &columns.launch_at(at), close);
+            stages.put_near(n, &near);
+        }
+        for (n, &at) in starts.iter().enumerate() {
+            let landing = stages.near::<L>(n).finish(&columns.track_at(at));
             stages.put_landing(n, &landing);
         }
         for (n, &at) in starts.iter().enumerate() {
             let track = columns.track_at(at);
             let landing = stages.landing::<L>(n);
             let velocity = columns.restitution_at::<L>(at) * landing.arrival;
-            let after = Launch::new(landing.phase, velocity);
+            let after = Launch::near(landing.phase, velocity, &stages.node(n));
             let bits = now.tall.bits(at, L::WIDTH);
             columns.land_at(at, L::mask(bits), landing.flight, &after);
             let tall = L::bits(after.is_tall(&track)) & bits;

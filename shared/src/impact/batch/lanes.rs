@@ -71,15 +71,6 @@ impl Queue {
         self.count = 0;
     }
 
-    /// Adds the lane if it belongs in; without a branch, as no CPU predicts which does.
-    #[inline(always)]
-    pub fn push(&mut self, lane: u8, belongs: bool) {
-        if let Some(place) = self.lanes.get_mut(self.count) {
-            *place = lane;
-            self.count += usize::from(belongs);
-        }
-    }
-
     /// Adds those lanes of a register whose bits are set.
     #[inline(always)]
     pub fn push_chosen(&mut self, lanes: [u8; WIDEST], bits: u32) {

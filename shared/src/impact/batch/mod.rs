@@ -56,10 +56,12 @@ pub struct Block {
     plans: [Plan; 2],
     /// Whether those that fly next come second.
     turned: bool,
-    /// Lanes that are in no plan yet.
-    fresh: Queue,
+    /// Lanes that are in no plan yet, and of which no more than the state is known.
+    fresh: Set,
     /// Whether every other lane is where it belongs.
     sorted: bool,
+    /// Lanes that are to be planned.
+    unsorted: Queue,
     stages: Stages,
 }
 
@@ -91,8 +93,9 @@ impl Block {
             grazing: Set::EMPTY,
             plans: [Plan::EMPTY; 2],
             turned: false,
-            fresh: Queue::EMPTY,
+            fresh: Set::EMPTY,
             sorted: true,
+            unsorted: Queue::EMPTY,
             stages: Stages::EMPTY,
         }
     }
@@ -143,7 +146,7 @@ impl Block {
         self.columns.start(lane, state.phase, state.velocity);
         self.filled.put(lane, true);
         self.grazing.put(lane, false);
-        self.fresh.push(lane as u8, self.sorted);
+        self.fresh.put(lane, true);
     }
 
     /// The state of the orbit in a lane; `None` where there is none.
@@ -184,10 +187,7 @@ impl Block {
     pub fn advance(&mut self, impacts: u32) {
         if !self.sorted {
             self.plans[usize::from(self.turned)].clear();
-            self.fresh.clear();
-            for lane in self.filled.without(&self.resting).iter() {
-                self.fresh.push(lane as u8, true);
-            }
+            self.fresh = self.filled.without(&self.resting);
             self.sorted = true;
         }
         match self.simd {
@@ -210,6 +210,7 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         plans: [first, second],
         turned,
         fresh,
+        unsorted,
         stages,
         ..
     } = block;
@@ -218,9 +219,48 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
     } else {
         (first, second)
     };
-    for register in fresh.registers(L::WIDTH) {
+    if *fresh != Set::EMPTY {
+        begin::<L>(columns, next, resting, fresh, unsorted);
+        *fresh = Set::EMPTY;
+    }
+    for _ in 0..impacts {
+        core::mem::swap(&mut now, &mut next);
+        next.clear();
+        *grazing = Set::EMPTY;
+        in_place::advance::<L>(columns, stages, now, next, unsorted);
+        gathered::advance::<L>(columns, stages, now, next, resting, grazing);
+        sort::<L>(columns, next, resting, unsorted);
+    }
+    *turned ^= impacts % 2 == 1;
+}
+
+/// Plans the first flights of lanes of which no more than the state is known.
+#[inline(always)]
+fn begin<L: Lane>(
+    columns: &mut Columns,
+    next: &mut Plan,
+    resting: &mut Set,
+    fresh: &Set,
+    unsorted: &mut Queue,
+) {
+    for at in (0..LANES).step_by(L::WIDTH) {
+        let bits = fresh.bits(at, L::WIDTH);
+        if bits != 0 {
+            let launch = columns.begin_at::<L>(at, L::mask(bits));
+            let tall = L::bits(launch.is_tall(&columns.track_at(at))) & bits;
+            next.tall.add(at, tall);
+            unsorted.push_bits(at, bits & !tall);
+        }
+    }
+    sort::<L>(columns, next, resting, unsorted);
+}
+
+/// Plans the next flights of the lanes of a queue, and empties it.
+#[inline(always)]
+fn sort<L: Lane>(columns: &Columns, next: &mut Plan, resting: &mut Set, unsorted: &mut Queue) {
+    for register in unsorted.registers(L::WIDTH) {
         let (lanes, _) = register;
-        let launch = columns.launch_anew::<L>(lanes);
+        let launch = columns.launch::<L>(lanes);
         let restitution = columns.restitution(lanes);
         next.sort(
             resting,
@@ -230,28 +270,7 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
             register,
         );
     }
-    fresh.clear();
-    for _ in 0..impacts {
-        core::mem::swap(&mut now, &mut next);
-        next.clear();
-        *grazing = Set::EMPTY;
-        in_place::advance::<L>(columns, stages, now, next, fresh);
-        gathered::advance::<L>(columns, stages, now, next, resting, grazing);
-        for register in fresh.registers(L::WIDTH) {
-            let (lanes, _) = register;
-            let launch = columns.launch::<L>(lanes);
-            let restitution = columns.restitution(lanes);
-            next.sort(
-                resting,
-                &columns.track(lanes),
-                restitution,
-                &launch,
-                register,
-            );
-        }
-        fresh.clear();
-    }
-    *turned ^= impacts % 2 == 1;
+    unsorted.clear();
 }
 
 #[cfg(target_arch = "x86_64")]

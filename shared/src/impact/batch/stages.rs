@@ -1,8 +1,8 @@
 //! What the stages of the kernels hand on: register by register, dense.
 
 use super::columns::Aligned;
-use crate::arithmetic::lane::Lane;
-use crate::impact::flight::{Landing, Launch, Track, low, tall};
+use crate::arithmetic::lane::{Lane, Node};
+use crate::impact::flight::{Landing, Launch, Near, Track, low, tall};
 
 /// Lanes that go through the stages together.
 pub(super) const ROOM: usize = 64;
@@ -18,6 +18,8 @@ const TRACK: usize = 4;
 const BEGIN: usize = 7;
 const CLOSE: usize = 11;
 const LANDING: usize = 12;
+/// In the place of launch, track and beginning, where lanes fly as they stand: those are in the columns.
+const NEAR: usize = 0;
 
 impl Stages {
     pub const EMPTY: Self = Self(Aligned::ZERO);
@@ -118,6 +120,46 @@ impl Stages {
     pub fn close<L: Lane>(&self, n: usize) -> L {
         let [close] = self.get(n, CLOSE);
         close
+    }
+
+    #[inline(always)]
+    pub fn put_near<L: Lane>(&mut self, n: usize, near: &Near<L>) {
+        let Near {
+            node,
+            x,
+            value,
+            slope,
+            curvature,
+            third,
+        } = *near;
+        let at = [node.sine, node.cosine, node.rounded, node.distance];
+        self.put(n, NEAR, at);
+        self.put(n, NEAR + at.len(), [x, value, slope, curvature, third]);
+    }
+
+    #[inline(always)]
+    pub fn near<L: Lane>(&self, n: usize) -> Near<L> {
+        let node = self.node(n);
+        let [x, value, slope, curvature, third] = self.get(n, NEAR + 4);
+        Near {
+            node,
+            x,
+            value,
+            slope,
+            curvature,
+            third,
+        }
+    }
+
+    #[inline(always)]
+    pub fn node<L: Lane>(&self, n: usize) -> Node<L> {
+        let [sine, cosine, rounded, distance] = self.get(n, NEAR);
+        Node {
+            sine,
+            cosine,
+            rounded,
+            distance,
+        }
     }
 
     #[inline(always)]

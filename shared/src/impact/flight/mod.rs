@@ -98,7 +98,17 @@ impl<L: Lane> Launch<L> {
     /// The launch of a state.
     #[inline(always)]
     pub fn new(phase: L, velocity: L) -> Self {
-        let (sine, cosine) = sine_cosine(phase);
+        Self::with(phase, velocity, sine_cosine(phase))
+    }
+
+    /// The launch of a state that an impact near `node` leads to.
+    #[inline(always)]
+    pub fn near(phase: L, velocity: L, node: &Node<L>) -> Self {
+        Self::with(phase, velocity, node.sine_cosine(phase))
+    }
+
+    #[inline(always)]
+    fn with(phase: L, velocity: L, (sine, cosine): (L, L)) -> Self {
         Self {
             phase,
             velocity,
@@ -298,27 +308,25 @@ fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
 ///
 /// What comes late is used late: every sum is in the order in which its terms are ready.
 #[derive(Clone, Copy)]
-struct Near<L> {
-    /// Phase of the node, as a sum.
-    turned: (L, L),
-    /// Time from the launch to the node.
-    distance: L,
+pub(crate) struct Near<L> {
+    /// The node.
+    pub node: Node<L>,
     /// Time from the node.
-    x: L,
+    pub x: L,
     /// `u`.
-    value: L,
+    pub value: L,
     /// `u'`.
-    slope: L,
+    pub slope: L,
     /// `u''`.
-    curvature: L,
+    pub curvature: L,
     /// The derivative of that: the cosine.
-    third: L,
+    pub third: L,
 }
 
 impl<L: Lane> Near<L> {
     /// About `d` after the launch, to the digits that the number of the node leaves.
     #[inline(always)]
-    fn at(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
+    pub fn at(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
         let half = track.half();
         let per_node = L::splat(node::COUNT as f64 / TAU);
         let nodes = d * per_node + launch.phase * per_node;
@@ -336,8 +344,12 @@ impl<L: Lane> Near<L> {
         let bend = (sine * arc.versine + cosine * arc.sagitta).lone();
         let lag = (sine * arc.sagitta - cosine * arc.versine).lone();
         Self {
-            turned: L::within_turn(rounded),
-            distance,
+            node: Node {
+                sine,
+                cosine,
+                distance,
+                rounded,
+            },
             x,
             value: (value + x * (slope - half * x)) + bend,
             slope: (slope + excess * x) - lag,
@@ -349,11 +361,26 @@ impl<L: Lane> Near<L> {
     /// The landing `back` before; its phase may be a hair below zero.
     #[inline(always)]
     fn landing(&self, back: L, arrival: L) -> Landing<L> {
+        let (high, low) = L::within_turn(self.node.rounded);
         Landing {
-            flight: (self.distance + (self.x - back)).lone(),
-            phase: (self.turned.0 + ((self.turned.1 + self.x) - back)).lone(),
+            flight: (self.node.distance + (self.x - back)).lone(),
+            phase: (high + ((low + self.x) - back)).lone(),
             arrival: arrival.lone(),
         }
+    }
+
+    /// The last step, to the root, of fourth order.
+    #[inline(always)]
+    pub fn finish(&self, track: &Track<L>) -> Landing<L> {
+        let (f, g, g2, g3) = (self.value, self.slope, self.curvature, self.third);
+        let sine = g2 + track.k;
+        let back = householder(f, g, g2, g3, -sine);
+        let half_third = g3 * L::splat(0.5);
+        let bend = half_third
+            + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
+        let mut landing = self.landing(back, back * (g2 - back * bend) - g);
+        landing.phase = in_turn(landing.phase);
+        landing
     }
 }
 
@@ -367,21 +394,6 @@ fn in_turn<L: Lane>(phase: L) -> L {
     } else {
         phase
     }
-}
-
-/// The last step: from `d`, close to the root, to the root, by one step of fourth order.
-#[inline(always)]
-pub(crate) fn finish<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> Landing<L> {
-    let near = Near::at(track, launch, d);
-    let (f, g, g2, g3) = (near.value, near.slope, near.curvature, near.third);
-    let sine = g2 + track.k;
-    let back = householder(f, g, g2, g3, -sine);
-    let half_third = g3 * L::splat(0.5);
-    let bend = half_third
-        + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
-    let mut landing = near.landing(back, back * (g2 - back * bend) - g);
-    landing.phase = in_turn(landing.phase);
-    landing
 }
 
 /// The first impact after `launch`, and whether it grazes; `None` where the part rests.
