@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 use std::hint::black_box;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, Single, State};
@@ -60,6 +60,9 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
 /// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
 /// after the others' turns does not count, so few that a turn is over before a busy machine interrupts it.
 pub const TURN: usize = 16 * LANES;
+
+/// How many times as many impacts the batch kernel makes in a turn, which then lasts as long as the others'.
+const BATCHES: usize = 4;
 
 /// The part of `all` whose turn `n` is.
 fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
@@ -141,7 +144,7 @@ impl Contestant for Baseline {
             // By reference, so that the result is not copied.
             black_box(&(self.first_impact)(launch.k, phase, velocity));
         }
-        per_impact(begun, launches.len())
+        per_impact(begun.elapsed(), launches.len())
     }
 
     fn errors(&mut self) -> Errors {
@@ -195,7 +198,7 @@ impl<K: Kernel> Contestant for Kernels<K> {
         for (kernel, state, _) in ready {
             black_box(&kernel.impact(*state));
         }
-        per_impact(begun, ready.len())
+        per_impact(begun.elapsed(), ready.len())
     }
 
     fn errors(&mut self) -> Errors {
@@ -251,20 +254,24 @@ impl Contestant for Blocks {
     }
 
     fn turns(&self) -> usize {
-        self.launches.len().div_ceil(TURN)
+        self.launches.len().div_ceil(BATCHES * TURN)
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        let launches = slice(&self.launches, n, TURN);
-        let filled = &mut self.blocks[..launches.len().div_ceil(LANES)];
-        for (block, launches) in filled.iter_mut().zip(launches.chunks(LANES)) {
-            Self::fill(block, launches);
+        let launches = slice(&self.launches, n, BATCHES * TURN);
+        let mut spent = Duration::ZERO;
+        for launches in launches.chunks(TURN) {
+            let filled = &mut self.blocks[..launches.len().div_ceil(LANES)];
+            for (block, launches) in filled.iter_mut().zip(launches.chunks(LANES)) {
+                Self::fill(block, launches);
+            }
+            let begun = Instant::now();
+            for block in filled {
+                block.advance(1);
+            }
+            spent += begun.elapsed();
         }
-        let begun = Instant::now();
-        for block in filled {
-            block.advance(1);
-        }
-        per_impact(begun, launches.len())
+        per_impact(spent, launches.len())
     }
 
     fn errors(&mut self) -> Errors {
@@ -355,12 +362,12 @@ impl Contestant for Orbits {
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        const IMPACTS: u32 = 16;
+        const IMPACTS: u32 = (BATCHES * TURN / LANES) as u32;
         let turns = self.blocks.len();
         let (block, lanes) = &mut self.blocks[n % turns];
         let begun = Instant::now();
         Self::advance(block, lanes, IMPACTS);
-        per_impact(begun, LANES * IMPACTS as usize)
+        per_impact(begun.elapsed(), LANES * IMPACTS as usize)
     }
 
     fn errors(&mut self) -> Errors {
@@ -385,6 +392,6 @@ impl Contestant for Orbits {
     }
 }
 
-fn per_impact(begun: Instant, impacts: usize) -> f64 {
-    begun.elapsed().as_nanos() as f64 / impacts.max(1) as f64
+fn per_impact(spent: Duration, impacts: usize) -> f64 {
+    spent.as_nanos() as f64 / impacts.max(1) as f64
 }
