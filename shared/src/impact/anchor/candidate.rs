@@ -92,11 +92,12 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
     let (node, offset) = F::node_of(launch.phase, near);
     match approach::<F>(shape, node, (near - origin) - offset, speed, base) {
         Some(approach) if F::FINAL => Candidate::Final(approach),
-        Some(approach) => {
+        // Far from a root the step is short by chance, and the exact height wraps.
+        Some(approach) if abs(approach.height) < 1.0 => {
             let (node, offset) = approach.end;
             Candidate::Near { node, offset }
         }
-        None => Candidate::Unknown,
+        _ => Candidate::Unknown,
     }
 }
 
