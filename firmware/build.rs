@@ -19,6 +19,9 @@ const BUDGET: &str = "\
 ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 256K, \"kband: the image exceeds 256 KiB of flash\");
 ";
 
+/// Marks the emulated board's image: it asks a debugger for everything, alone it would hang.
+const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
+
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rustc-env=KBAND_BUILD={}", commit());
@@ -34,7 +37,11 @@ fn main() {
     println!("cargo:rerun-if-changed={}", memory.display());
     // No file of this name may lie at the workspace's root: the linker runs there, and looks there first.
     fs::copy(&memory, out.join("memory.x")).expect("the board's memory is described");
-    for (name, script) in [("layout.x", LAYOUT), ("budget.x", BUDGET)] {
+    for (name, script) in [
+        ("layout.x", LAYOUT),
+        ("budget.x", BUDGET),
+        ("emulated.x", EMULATED),
+    ] {
         fs::write(out.join(name), script).expect("OUT_DIR is writable");
     }
     println!("cargo:rustc-link-search={}", out.display());
@@ -42,6 +49,7 @@ fn main() {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
     println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
+    println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");
 }
 
 /// The commit an image is built from, or "unknown" outside a repository.

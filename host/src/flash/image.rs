@@ -127,10 +127,13 @@ impl Image {
                 format!("it is for another chip; {BUILD}"),
             ));
         }
-        // The emulated board's image has no log and asks a debugger for everything: alone it would hang.
+        // It asks a debugger for everything: alone it would hang.
+        if size(b".emulated").is_some() {
+            return Err(Refusal::new("this image is the emulated board's", BUILD));
+        }
         if size(b".defmt").is_none_or(|size| size == 0) {
             return Err(Refusal::new(
-                "this image has no log of the board's: it is the emulated board's or another program's",
+                "this image has no log as a board's has: it is another program's",
                 BUILD,
             ));
         }
@@ -264,6 +267,7 @@ mod tests {
         code_at: u32,
         stack: (u32, u32),
         log: u32,
+        emulated: bool,
     }
 
     fn elf_with(change: impl FnOnce(&mut Parts)) -> Vec<u8> {
@@ -273,11 +277,12 @@ mod tests {
             code_at: 0x0800_0188,
             stack: (0x2000_0000, 0x8000),
             log: 15,
+            emulated: false,
         };
         parts.vectors[0] = 0x2000_8000;
         parts.vectors[7] = 0;
         change(&mut parts);
-        let names = b"\0.vector_table\0.defmt\0.names\0\0\0\0";
+        let names = b"\0.vector_table\0.defmt\0.names\0.emulated\0\0";
         let table: Vec<u8> = parts
             .vectors
             .iter()
@@ -302,7 +307,8 @@ mod tests {
             &mut file,
             &[1, 0x0800_0189, segments_at, sections_at, 0x0500_0400],
         );
-        for value in [52, 32, count as u16, 40, 4, 3] {
+        let sections = 4 + u16::from(parts.emulated);
+        for value in [52, 32, count as u16, 40, sections, 3] {
             half(&mut file, value);
         }
         let size = table.len() as u32;
@@ -349,6 +355,9 @@ mod tests {
             &mut file,
             &[22, 3, 0, 0, names_at, names.len() as u32, 0, 0, 1, 0],
         );
+        if parts.emulated {
+            words(&mut file, &[29, 1, 0, 0, code_at, 1, 0, 0, 1, 0]);
+        }
         file
     }
 
@@ -370,7 +379,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused_with_what_it_is() {
         type Change = fn(&mut Parts);
-        let cases: [(Change, &[&str]); 10] = [
+        let cases: [(Change, &[&str]); 11] = [
             (|parts| parts.machine = 3, &["machine", "3", "40"]),
             (|parts| parts.code_at = 0x080b_fff0, &["0x080b", "settings"]),
             (
@@ -395,7 +404,8 @@ mod tests {
                 |parts| parts.vectors[20] = 0x0800_1001,
                 &["entry 20", "0x08001001"],
             ),
-            (|parts| parts.log = 0, &["emulated board"]),
+            (|parts| parts.log = 0, &["no log"]),
+            (|parts| parts.emulated = true, &["emulated board"]),
         ];
         for (change, expected) in cases {
             let message = refused(&elf_with(change));
