@@ -21,7 +21,7 @@ pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
 pub struct Watch<'a> {
     /// Whether it is to be drawn.
     pub drawn: bool,
-    /// Whether every cycle is kept ([`Outcome::moments`]).
+    /// Whether every cycle is kept.
     pub kept: bool,
     /// Takes every cycle.
     pub cycle: Option<Take<'a, Moment>>,
