@@ -82,11 +82,11 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
 fn an_image_beyond_flash_or_ram_is_refused_by_the_linker() {
     // The scripts come with the image.
     let _ = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    // What the image may have: 256 KiB, and 64 KiB with the stack of 32 KiB among them.
-    assert_eq!(refusal([254, 31], BOARD), None);
-    let flash = refusal([256, 31], BOARD).expect("too much flash");
+    // What the image may have: 256 KiB, and 64 KiB with the stack of 40 KiB among them.
+    assert_eq!(refusal([254, 23], BOARD), None);
+    let flash = refusal([256, 23], BOARD).expect("too much flash");
     assert!(flash.contains("exceeds 256 KiB of flash"), "{flash}");
-    let ram = refusal([254, 33], BOARD).expect("too much RAM");
+    let ram = refusal([254, 25], BOARD).expect("too much RAM");
     assert!(
         ram.contains("stack and static data exceed 64 KiB of RAM"),
         "{ram}"
@@ -94,6 +94,6 @@ fn an_image_beyond_flash_or_ram_is_refused_by_the_linker() {
     // What the chip has, where it is less than that.
     let flash = refusal([120, 1], [100, 128]).expect("too much for the chip");
     assert!(flash.contains("will not fit in region 'FLASH'"), "{flash}");
-    let ram = refusal([1, 1], [1024, 32]).expect("no room beside the stack");
+    let ram = refusal([1, 1], [1024, 40]).expect("no room beside the stack");
     assert!(ram.contains("will not fit in region 'RAM'"), "{ram}");
 }
