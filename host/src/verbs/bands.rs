@@ -157,7 +157,9 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, 
         let peak = setpoint.map(|k| track.acceleration(track.amplitude(k)));
         let reached = match row.reach {
             None => "-".to_string(),
-            Some(Reach { edge: Some(edge), .. }) => format!("up to {edge:.4}"),
+            Some(Reach {
+                edge: Some(edge), ..
+            }) => format!("up to {edge:.4}"),
             Some(Reach { highest: None, .. }) => "nowhere".to_string(),
             Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
         };
@@ -184,9 +186,13 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, 
             row.k1.into(),
             row.band.is_none().into(),
             setpoint.into(),
-            margins.map(|margins| margins.low.k.min(margins.high.k)).into(),
+            margins
+                .map(|margins| margins.low.k.min(margins.high.k))
+                .into(),
             margins.map(|margins| 100.0 * margins.smallest()).into(),
-            b.zip(margins).map(|(b, margins)| b * margins.smallest()).into(),
+            b.zip(margins)
+                .map(|(b, margins)| b * margins.smallest())
+                .into(),
             row.first_chaos.map(|chaos| chaos.value).into(),
             row.first_chaos.map(|chaos| chaos.error).into(),
             row.last_chaos.map(|chaos| chaos.value).into(),
@@ -218,8 +224,10 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, 
         }
     }
     if rows.iter().any(|row| {
-        row.reach
-            .is_some_and(|reach| row.band.is_some_and(|band| reach.edge.is_none_or(|edge| edge < band.setpoint())))
+        row.reach.is_some_and(|reach| {
+            row.band
+                .is_some_and(|band| reach.edge.is_none_or(|edge| edge < band.setpoint()))
+        })
     }) {
         report = report.note(
             "From rest a part does not lock at these setpoints by itself: see kband capture.",

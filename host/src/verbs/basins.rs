@@ -76,7 +76,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             None => counts.push((*end, 1)),
         }
     }
-    let rank = |regime| TONES.iter().position(|(tone, _)| *tone == ending::tone(regime));
+    let rank = |regime| {
+        TONES
+            .iter()
+            .position(|(tone, _)| *tone == ending::tone(regime))
+    };
     counts.sort_by_key(|(regime, count)| (rank(*regime), std::cmp::Reverse(*count)));
     let share = |count: usize| count as f64 / ends.len() as f64;
     let mut table = Table::new(&[
@@ -85,7 +89,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Column::new("starts", ""),
     ]);
     for (end, count) in &counts {
-        table.push([ending::name(*end).into(), (100.0 * share(*count)).into(), (*count).into()]);
+        table.push([
+            ending::name(*end).into(),
+            (100.0 * share(*count)).into(),
+            (*count).into(),
+        ]);
     }
     let shares: Vec<_> = counts
         .iter()
@@ -151,8 +159,10 @@ fn picture(
             (tone, format!("{name}: {share:.1} %"))
         })
         .collect();
-    let names: Vec<(Tone, &str)> =
-        words.iter().map(|(tone, name)| (*tone, name.as_str())).collect();
+    let names: Vec<(Tone, &str)> = words
+        .iter()
+        .map(|(tone, name)| (*tone, name.as_str()))
+        .collect();
     let tones = ends.iter().map(|end| ending::tone(*end)).collect();
     let locks = endings
         .locks()
@@ -162,18 +172,25 @@ fn picture(
         .collect();
     let panel = Panel::new(
         Axis::new("phase t of the drive at the start", Unit::RADIANS, 0.0, TAU).in_pi(),
-        Axis::new("velocity ψ at the start", Unit::VELOCITY, 0.0, arguments.velocity),
+        Axis::new(
+            "velocity ψ at the start",
+            Unit::VELOCITY,
+            0.0,
+            arguments.velocity,
+        ),
     )
     .height(560.0)
     .classes(Grid::new(arguments.grid, tones), &names)
     .markers("the locked orbit", 1, locks);
-    Picture::new("Where a part ends, by how it starts").width(780.0).panel(panel).caption(format!(
-        "k = {}, R = {}; {} × {} starts, up to {} impacts each",
-        number(arguments.k, 6),
-        number(arguments.restitution, 6),
-        arguments.grid,
-        arguments.grid,
-        arguments.impacts
-    ))
+    Picture::new("Where a part ends, by how it starts")
+        .width(780.0)
+        .panel(panel)
+        .caption(format!(
+            "k = {}, R = {}; {} × {} starts, up to {} impacts each",
+            number(arguments.k, 6),
+            number(arguments.restitution, 6),
+            arguments.grid,
+            arguments.grid,
+            arguments.impacts
+        ))
 }
-

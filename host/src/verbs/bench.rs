@@ -179,8 +179,20 @@ fn picture(lines: &[Line]) -> Picture {
     for workload in [Workload::High, Workload::Low] {
         let name = workload.name();
         let mut panel = Panel::new(
-            Axis::new("Time of one impact", Unit::new("ns"), 0.5 * fastest, 2.0 * slowest).logarithmic(),
-            Axis::new("Median error of its phase", Unit::RADIANS, 0.1 * FOOT, 10.0 * coarsest).logarithmic(),
+            Axis::new(
+                "Time of one impact",
+                Unit::new("ns"),
+                0.5 * fastest,
+                2.0 * slowest,
+            )
+            .logarithmic(),
+            Axis::new(
+                "Median error of its phase",
+                Unit::RADIANS,
+                0.1 * FOOT,
+                10.0 * coarsest,
+            )
+            .logarithmic(),
         )
         .heading(match workload {
             Workload::High => "Velocities up to 20",
@@ -205,7 +217,10 @@ fn picture(lines: &[Line]) -> Picture {
         let groups: [(&str, &[&str]); 3] = [
             ("baselines", &["bracket", "textbook"]),
             ("desk", &["f64", "f64-exact", "batch"]),
-            ("microcontrollers' arithmetic, run at the desk", &["hybrid", "f32", "integer"]),
+            (
+                "microcontrollers' arithmetic, run at the desk",
+                &["hybrid", "f32", "integer"],
+            ),
         ];
         for (series, (group, kernels)) in groups.into_iter().enumerate() {
             let members = lines

@@ -84,8 +84,15 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
         .panel(places);
     if let (Some(first), Some(end)) = (gaps.first().copied(), gaps.last().copied()) {
         // Feigenbaum's law through the last gap, which has come closest to it.
-        let law = gaps.iter().map(|(n, _)| (*n, end.1 * FEIGENBAUM.powf(end.0 - n)));
-        let axis = Axis::new("gap to the flip before", Unit::NONE, 0.4 * end.1, 2.5 * first.1);
+        let law = gaps
+            .iter()
+            .map(|(n, _)| (*n, end.1 * FEIGENBAUM.powf(end.0 - n)));
+        let axis = Axis::new(
+            "gap to the flip before",
+            Unit::NONE,
+            0.4 * end.1,
+            2.5 * first.1,
+        );
         picture = picture.panel(
             Panel::new(numbered(), axis.logarithmic())
                 .height(230.0)

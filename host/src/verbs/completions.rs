@@ -8,7 +8,9 @@ use crate::report;
 
 /// Print the completion script for a shell.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Example:\n  kband completions bash > ~/.local/share/bash-completion/completions/kband")]
+#[command(
+    after_help = "Example:\n  kband completions bash > ~/.local/share/bash-completion/completions/kband"
+)]
 pub struct Arguments {
     /// The shell.
     #[arg(value_enum)]

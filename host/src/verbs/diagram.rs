@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use kband::impact::{Kernel, Map};
 use serde::Serialize;
 
-use crate::arguments::{self, Drive, Drawn, Printed, Range};
+use crate::arguments::{self, Drawn, Drive, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 

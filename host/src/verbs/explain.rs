@@ -78,7 +78,14 @@ fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
             let found = sections(page, &format!("{heading}{number}:"));
             found.into_iter().next().ok_or_else(|| {
                 Refusal::value(
-                    format!("number of the {}", if topic == Topic::Fault { "fault" } else { "limit" }),
+                    format!(
+                        "number of the {}",
+                        if topic == Topic::Fault {
+                            "fault"
+                        } else {
+                            "limit"
+                        }
+                    ),
                     number,
                     numbers(page, heading),
                     "leave the number out to read about all of them",
@@ -91,9 +98,10 @@ fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
             "a number after fault or limit only",
             "leave the number out",
         )),
-        None => sections(page, heading).into_iter().next().ok_or_else(|| {
-            Refusal::new("the manual has no such section", "look into docs/")
-        }),
+        None => sections(page, heading)
+            .into_iter()
+            .next()
+            .ok_or_else(|| Refusal::new("the manual has no such section", "look into docs/")),
     }
 }
 
@@ -144,7 +152,10 @@ mod tests {
             let text = text(topic, Some(number)).unwrap();
             let title = text.lines().next().unwrap_or_default().to_string();
             assert!(title.ends_with(&format!(" {number}: {name}")), "{title}");
-            assert!(text.contains("**Cause.**") && text.contains("**Remedy.**"), "{title}");
+            assert!(
+                text.contains("**Cause.**") && text.contains("**Remedy.**"),
+                "{title}"
+            );
         };
         for fault in Fault::ALL {
             titled(Topic::Fault, fault.number(), fault.name());

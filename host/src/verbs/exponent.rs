@@ -158,16 +158,31 @@ fn picture(
         values
             .iter()
             .zip(found)
-            .filter(|(_, exponent)| wanted(exponent.motion) && exponent.per_impact.value.is_finite())
+            .filter(|(_, exponent)| {
+                wanted(exponent.motion) && exponent.per_impact.value.is_finite()
+            })
             .map(|(k, exponent)| (*k, exponent.per_impact.value))
             .collect()
     };
     let all = point(&|_| true);
-    let low = all.iter().fold(-0.5_f64, |low, (_, y)| low.min(*y)).max(-3.0);
+    let low = all
+        .iter()
+        .fold(-0.5_f64, |low, (_, y)| low.min(*y))
+        .max(-3.0);
     let high = all.iter().fold(0.5_f64, |high, (_, y)| high.max(*y));
     let mut panel = Panel::new(
-        Axis::new("k = g cos α / (b ω²)", Unit::NONE, arguments.k.low, arguments.k.high),
-        Axis::new("Lyapunov exponent per impact", Unit::NONE, low - 0.1, high + 0.1),
+        Axis::new(
+            "k = g cos α / (b ω²)",
+            Unit::NONE,
+            arguments.k.low,
+            arguments.k.high,
+        ),
+        Axis::new(
+            "Lyapunov exponent per impact",
+            Unit::NONE,
+            low - 0.1,
+            high + 0.1,
+        ),
     )
     .height(360.0);
     if let Some(band) = band {

@@ -73,7 +73,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             sector.number.into(),
             address.as_str().into(),
             size.into(),
-            if bytes > 0 { bytes.into() } else { Value::Missing },
+            if bytes > 0 {
+                bytes.into()
+            } else {
+                Value::Missing
+            },
             what.into(),
         ]);
         sectors.push(json!({"sector": sector.number, "address": address, "kib": size, "bytes": bytes, "what": what}));
@@ -86,7 +90,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             image.size(),
             chip.settings.start - chip.flash.start
         ))
-        .note(format!("RAM              {} bytes of {memory}, the stack included", image.memory()));
+        .note(format!(
+            "RAM              {} bytes of {memory}, the stack included",
+            image.memory()
+        ));
     if arguments.dry_run {
         report = report.note("nothing was written: --dry-run");
     } else {

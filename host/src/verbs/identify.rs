@@ -53,15 +53,31 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let condition = Condition::ask(&mut line)?;
     match condition.test {
         Some(test) => {
-            let verdict = |good: bool, bad: &str| if good { "good".into() } else { bad.to_string() };
-            row("sensor", verdict(test.sensor, "not at zero acceleration: check its cable, sensor_zero and sensitivity"));
-            row("settings", verdict(test.settings, "those in use are not those kept: kband settings save"));
+            let verdict =
+                |good: bool, bad: &str| if good { "good".into() } else { bad.to_string() };
+            row(
+                "sensor",
+                verdict(
+                    test.sensor,
+                    "not at zero acceleration: check its cable, sensor_zero and sensitivity",
+                ),
+            );
+            row(
+                "settings",
+                verdict(
+                    test.settings,
+                    "those in use are not those kept: kband settings save",
+                ),
+            );
             row("stack never used", format!("{} bytes", test.stack_free));
             row("late cycles", test.missed.to_string());
         }
         None => row("self-test", "not while the drive runs".into()),
     }
-    row("last words", condition.words.clone().unwrap_or_else(|| "none".into()));
+    row(
+        "last words",
+        condition.words.clone().unwrap_or_else(|| "none".into()),
+    );
     let Counters {
         requests,
         oversized,
@@ -73,7 +89,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     row("requests read", requests.to_string());
     row(
         "frames refused",
-        format!("{oversized} oversized, {corrupt} corrupt, {foreign} foreign, {unknown} unknown, {flooded} too many"),
+        format!(
+            "{oversized} oversized, {corrupt} corrupt, {foreign} foreign, {unknown} unknown, {flooded} too many"
+        ),
     );
     json["self_test"] = condition.test.map_or(json!(null), |test| {
         json!({
@@ -88,7 +106,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         "requests": requests, "oversized": oversized, "corrupt": corrupt,
         "foreign": foreign, "unknown": unknown, "flooded": flooded,
     });
-    Report::new(table).json(&json)?.print(arguments.printed.format)?;
+    Report::new(table)
+        .json(&json)?
+        .print(arguments.printed.format)?;
     Ok(Exit::Done)
 }
 

@@ -104,8 +104,19 @@ type States = Vec<(f64, f64)>;
 fn portrait(arguments: &Arguments, states: States) -> Picture {
     let fastest = states.iter().fold(0.0_f64, |high, state| high.max(state.1));
     let panel = Panel::new(
-        Axis::new("phase t of the drive after the impact", Unit::RADIANS, 0.0, TAU).in_pi(),
-        Axis::new("velocity ψ after the impact", Unit::VELOCITY, 0.0, 1.05 * fastest),
+        Axis::new(
+            "phase t of the drive after the impact",
+            Unit::RADIANS,
+            0.0,
+            TAU,
+        )
+        .in_pi(),
+        Axis::new(
+            "velocity ψ after the impact",
+            Unit::VELOCITY,
+            0.0,
+            1.05 * fastest,
+        ),
     )
     .height(460.0);
     let map = match (arguments.k, arguments.restitution) {
@@ -125,7 +136,9 @@ struct Row<K: Kernel> {
 }
 
 fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {
-    rows.iter().map(|row| row.kernel.impact(row.state)).collect()
+    rows.iter()
+        .map(|row| row.kernel.impact(row.state))
+        .collect()
 }
 
 fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<State>> {
@@ -175,7 +188,10 @@ fn table<K: Kernel>(
         if let Some((count, first)) = left {
             let first = first.to_string();
             let first = first.trim_start_matches("error: ");
-            eprintln!("left empty, as arithmetic {} cannot hold them: {count} row(s), the first in {first}", K::NAME);
+            eprintln!(
+                "left empty, as arithmetic {} cannot hold them: {count} row(s), the first in {first}",
+                K::NAME
+            );
         }
         return Ok((table, states));
     }
@@ -241,17 +257,23 @@ fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Rows<K>, Refusal> {
         .map(|(n, line)| (n + 1, line.trim()))
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
     let header = lines.next().map_or("", |(_, line)| line);
-    let names: Vec<&str> = header.split(',').map(|name| name.trim().trim_matches('"')).collect();
+    let names: Vec<&str> = header
+        .split(',')
+        .map(|name| name.trim().trim_matches('"'))
+        .collect();
     let mut places = [0; 4];
     for (place, column) in places.iter_mut().zip(COLUMNS) {
-        *place = names.iter().position(|name| *name == column).ok_or_else(|| {
-            Refusal::value(
-                format!("header of {name}"),
-                format!("'{header}'"),
-                "the columns k,restitution,phase,velocity in any order",
-                format!("add the column {column}"),
-            )
-        })?;
+        *place = names
+            .iter()
+            .position(|name| *name == column)
+            .ok_or_else(|| {
+                Refusal::value(
+                    format!("header of {name}"),
+                    format!("'{header}'"),
+                    "the columns k,restitution,phase,velocity in any order",
+                    format!("add the column {column}"),
+                )
+            })?;
     }
     let mut rows = Rows {
         held: Vec::new(),
@@ -325,12 +347,30 @@ mod tests {
             ("", "header of a.csv = '' is refused"),
             ("k,restitution,phase\n1,1,1\n", "add the column velocity"),
             ("k,restitution,phase,velocity\n", "a.csv has no rows"),
-            ("k,restitution,phase,velocity\n0.4,0.2,1,1\n\n0.4,1.2,1,1\n", "line 4: restitution = 1.2"),
-            ("k,restitution,phase,velocity\r\n\r\n# note\r\n0.4,0.2,x,1\r\n", "line 4: phase = 'x'"),
-            ("k,restitution,phase,velocity\n0.4,0.2,1\n", "line 2: velocity = ''"),
-            ("k,restitution,phase,velocity\n0.4,0.2,1,-1\n", "line 2: velocity = -1"),
-            ("velocity,k,restitution,phase\n1,nan,0.2,1\n", "line 2: k = NaN"),
-            ("k,restitution,phase,velocity\n0,0.2,1,1\n", "accepted: 0.001..1000 (arithmetic f64)"),
+            (
+                "k,restitution,phase,velocity\n0.4,0.2,1,1\n\n0.4,1.2,1,1\n",
+                "line 4: restitution = 1.2",
+            ),
+            (
+                "k,restitution,phase,velocity\r\n\r\n# note\r\n0.4,0.2,x,1\r\n",
+                "line 4: phase = 'x'",
+            ),
+            (
+                "k,restitution,phase,velocity\n0.4,0.2,1\n",
+                "line 2: velocity = ''",
+            ),
+            (
+                "k,restitution,phase,velocity\n0.4,0.2,1,-1\n",
+                "line 2: velocity = -1",
+            ),
+            (
+                "velocity,k,restitution,phase\n1,nan,0.2,1\n",
+                "line 2: k = NaN",
+            ),
+            (
+                "k,restitution,phase,velocity\n0,0.2,1,1\n",
+                "accepted: 0.001..1000 (arithmetic f64)",
+            ),
         ];
         for (text, expected) in cases {
             let message = refusal(text);
@@ -345,9 +385,15 @@ mod tests {
         assert_eq!(rows.places, [None, Some(0), None]);
         let (count, first) = rows.left.unwrap();
         assert_eq!(count, 2);
-        assert!(first.to_string().contains("line 2: velocity = 70"), "{first}");
+        assert!(
+            first.to_string().contains("line 2: velocity = 70"),
+            "{first}"
+        );
         // Where nothing is left, it is refused.
-        let none = read_rows::<Hybrid>(Path::new("a.csv"), "k,restitution,phase,velocity\n0.4,0.2,1,70\n");
+        let none = read_rows::<Hybrid>(
+            Path::new("a.csv"),
+            "k,restitution,phase,velocity\n0.4,0.2,1,70\n",
+        );
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
     }
 
@@ -355,6 +401,9 @@ mod tests {
     fn columns_may_come_in_any_order_among_others() {
         let text = "class,velocity,phase,restitution,k\nhigh,2,1,0.5,0.4\n";
         let rows = read_rows::<Map>(Path::new("a.csv"), text).unwrap().held;
-        assert_eq!((rows.len(), rows[0].kernel.k(), rows[0].state.velocity), (1, 0.4, 2.0));
+        assert_eq!(
+            (rows.len(), rows[0].kernel.k(), rows[0].state.velocity),
+            (1, 0.4, 2.0)
+        );
     }
 }

@@ -95,7 +95,10 @@ fn simulation(arguments: &Arguments) -> Result<crate::live::Simulation, Refusal>
         Some(path) => {
             let name = path.display().to_string();
             let text = file::read_text(path)?;
-            (name.clone(), SceneFile::parse(&text).map_err(|refusal| refusal.at(name))?)
+            (
+                name.clone(),
+                SceneFile::parse(&text).map_err(|refusal| refusal.at(name))?,
+            )
         }
         None => ("the default scene".into(), SceneFile::parse(DEFAULT)?),
     };

@@ -4,6 +4,25 @@
 //! the example) and `run(arguments, desk) -> Result<Exit, Refusal>`; a line in the list below gives
 //! it its name.
 
+pub mod bands;
+pub mod basins;
+pub mod bench;
+pub mod capture;
+pub mod cascade;
+pub mod completions;
+pub mod diagram;
+pub mod explain;
+pub mod exponent;
+pub mod flash;
+pub mod identify;
+pub mod impacts;
+pub mod live;
+pub mod monitor;
+pub mod paper;
+pub mod settings;
+pub mod simulate;
+pub mod transport;
+
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
@@ -15,8 +34,6 @@ use crate::refusal::{Exit, Refusal};
 
 macro_rules! verbs {
     ($($verb:ident => $module:ident,)*) => {
-        $(pub mod $module;)*
-
         #[derive(Debug, clap::Subcommand)]
         enum Verb {
             $($verb($module::Arguments),)*

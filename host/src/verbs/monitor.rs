@@ -85,7 +85,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 /// Prints a record.
 fn again(path: &Path, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     let open = |error: std::io::Error| {
-        Refusal::file(path, &error, "give the path of a file that kband monitor --record wrote")
+        Refusal::file(
+            path,
+            &error,
+            "give the path of a file that kband monitor --record wrote",
+        )
     };
     let record = BufReader::new(File::open(path).map_err(open)?);
     let remains = replay(record, |said| Ok(rows.take(said)? && desk.go_on().is_ok()))
@@ -164,7 +168,10 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
     while going && desk.go_on().is_ok() && limit.is_none_or(|limit| begun.elapsed() < limit) {
         let left = limit.map_or(LOOK, |limit| limit.saturating_sub(begun.elapsed()));
         for said in line.listen(LOOK.min(left))? {
-            if arguments.rows.is_some_and(|most| rows.cycles >= most as u64) {
+            if arguments
+                .rows
+                .is_some_and(|most| rows.cycles >= most as u64)
+            {
                 going = false;
                 break;
             }
@@ -180,7 +187,8 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
         if let Some(watch) = &mut watch {
             going &= rows.log(watch)?;
         }
-        going &= log(&mut line, rows)? && arguments.rows.is_none_or(|most| rows.cycles < most as u64);
+        going &=
+            log(&mut line, rows)? && arguments.rows.is_none_or(|most| rows.cycles < most as u64);
     }
     line.tell(&Request::Telemetry(0))?;
     rows.close();
@@ -305,7 +313,9 @@ impl Rows {
     }
 
     fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
-        let state = State::ALL.iter().find(|state| state.number() == telemetry.state);
+        let state = State::ALL
+            .iter()
+            .find(|state| state.number() == telemetry.state);
         let held = held(telemetry);
         let cycles = self.clock.now(telemetry.cycle);
         let mut row = self.when(cycles);
@@ -318,7 +328,11 @@ impl Rows {
             shortest(telemetry.rate).into(),
             shortest(telemetry.phase).into(),
             shortest(telemetry.confidence).into(),
-            if held.is_empty() { Value::Missing } else { held.into() },
+            if held.is_empty() {
+                Value::Missing
+            } else {
+                held.into()
+            },
         ]);
         row
     }
@@ -331,19 +345,36 @@ impl Rows {
 
 /// Fault and limits of a cycle in words.
 fn held(telemetry: &Telemetry) -> String {
-    let fault = Fault::ALL.iter().find(|fault| fault.number() == telemetry.fault);
+    let fault = Fault::ALL
+        .iter()
+        .find(|fault| fault.number() == telemetry.fault);
     let fault = fault.map(|fault| format!("fault {}: {}", fault.number(), fault.name()));
-    let limits = Limits::ALL.iter().filter(|limit| limit.bits() & telemetry.limits != 0);
+    let limits = Limits::ALL
+        .iter()
+        .filter(|limit| limit.bits() & telemetry.limits != 0);
     let limits = limits.map(|limit| format!("limit {}: {}", limit.number(), limit.name()));
-    fault.into_iter().chain(limits).collect::<Vec<_>>().join("; ")
+    fault
+        .into_iter()
+        .chain(limits)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 fn happened(record: &Record) -> String {
-    let event = Event::ALL.iter().find(|event| event.number() == record.event);
-    let name = event.map_or_else(|| format!("event {}", record.event), |event| event.name().into());
-    let fault = Fault::ALL.iter().find(|fault| fault.number() == record.fault);
+    let event = Event::ALL
+        .iter()
+        .find(|event| event.number() == record.event);
+    let name = event.map_or_else(
+        || format!("event {}", record.event),
+        |event| event.name().into(),
+    );
+    let fault = Fault::ALL
+        .iter()
+        .find(|fault| fault.number() == record.fault);
     match (event, fault) {
-        (Some(Event::Faulted), Some(fault)) => format!("{name}: {} (fault {})", fault.name(), fault.number()),
+        (Some(Event::Faulted), Some(fault)) => {
+            format!("{name}: {} (fault {})", fault.name(), fault.number())
+        }
         _ => name,
     }
 }

@@ -62,8 +62,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         ));
     }
     let rows = recomputed(desk)?;
-    let failed: Vec<&str> =
-        rows.iter().filter(|row| !row.holds()).map(|row| row.equation.as_str()).collect();
+    let failed: Vec<&str> = rows
+        .iter()
+        .filter(|row| !row.holds())
+        .map(|row| row.equation.as_str())
+        .collect();
     report(&rows)?.print(arguments.printed.format)?;
     if let Some(target) = target {
         let page = page::page(&rows, arguments.restitution, arguments.theme, desk)?;
@@ -73,14 +76,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if failed.is_empty() {
         return Ok(Exit::Done);
     }
-    eprintln!("recomputation disagrees with its reference: {}", failed.join(", "));
+    eprintln!(
+        "recomputation disagrees with its reference: {}",
+        failed.join(", ")
+    );
     Ok(Exit::CheckFailed)
 }
 
 /// All rows in the order of the paper.
 fn recomputed(desk: &Desk) -> Result<Vec<Row>, Refusal> {
-    let work: Vec<row::Work> =
-        [flight::ROWS, lock::ROWS, chaos::ROWS].into_iter().flatten().copied().collect();
+    let work: Vec<row::Work> = [flight::ROWS, lock::ROWS, chaos::ROWS]
+        .into_iter()
+        .flatten()
+        .copied()
+        .collect();
     let mut rows: Vec<Row> = desk
         .try_map("the paper", work.len(), |n| work[n]())?
         .into_iter()

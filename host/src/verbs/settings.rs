@@ -177,7 +177,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                 .map(|(now, _)| now)
                 .collect();
             let notes = [
-                format!("{} settings in the file, {} changed", wanted.len(), changed.len()),
+                format!(
+                    "{} settings in the file, {} changed",
+                    wanted.len(),
+                    changed.len()
+                ),
                 kept(&mut line, *save, address)?,
             ];
             list(changed, &notes)?.print(arguments.format)?;
@@ -240,7 +244,9 @@ fn list<'a>(
     let report = notes
         .iter()
         .filter(|note| !note.is_empty())
-        .fold(Report::new(table), |report, note| report.note(note.as_str()));
+        .fold(Report::new(table), |report, note| {
+            report.note(note.as_str())
+        });
     report.json(&rows)
 }
 
@@ -279,7 +285,10 @@ impl Imported {
                 text[..span.start.min(text.len())].matches('\n').count() + 1
             });
             Refusal::new(
-                format!("line {line} is not TOML: {}", error.message().replace('\n', " ")),
+                format!(
+                    "line {line} is not TOML: {}",
+                    error.message().replace('\n', " ")
+                ),
                 "correct this line; kband settings export shows a whole file",
             )
         })?;
@@ -328,7 +337,10 @@ mod tests {
     #[test]
     fn a_file_is_numbers_or_refused_with_what_is_wrong() {
         let read = Imported::parse("frequency = 60\nincline = -2.5 # degrees\n").unwrap();
-        let pairs = [("frequency".to_string(), 60.0), ("incline".to_string(), -2.5)];
+        let pairs = [
+            ("frequency".to_string(), 60.0),
+            ("incline".to_string(), -2.5),
+        ];
         assert_eq!(read.0, pairs);
         for (text, words) in [
             ("frequency = 60\nincline", "line 2"),

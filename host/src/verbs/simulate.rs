@@ -17,7 +17,8 @@ use crate::report::rows_file;
 use crate::report::{self, Column, Format, Report, Table, Value, number};
 use crate::simulate::sweep::{Axes, Sweep};
 use crate::simulate::{
-    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, draw, runs, scene_table, schema, trace, words,
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, draw, runs, scene_table, schema, trace,
+    words,
 };
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
@@ -216,7 +217,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         let all = many_runs(&file, count, arguments.seed as u64, fidelity, desk)?;
         write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
         let report = Report::new(runs::summary(&all));
-        return tell_many(report, &runs::table(&all), &picture, trace, arguments.format);
+        return tell_many(
+            report,
+            &runs::table(&all),
+            &picture,
+            trace,
+            arguments.format,
+        );
     }
     let outcome = rows_file::write(trace, &trace::TRACE, |cycles| {
         rows_file::write(scope.as_ref(), &trace::SCOPE, |samples| {
@@ -235,7 +242,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             }
             match &arguments.on {
                 Some(on) => {
-                    let line = Address::of(on, arguments.image.as_deref()).open(Emulated::AtRest)?;
+                    let line =
+                        Address::of(on, arguments.image.as_deref()).open(Emulated::AtRest)?;
                     Outcome::run_on(line, &file, watch, desk)
                 }
                 None => Outcome::watched(&file, fidelity, watch, desk),
@@ -361,7 +369,11 @@ fn told(
         let k = f64::from(report.k);
         let mut event = happened.event.name().to_string();
         if happened.event == kband::control::Event::KickBegun {
-            event = format!("{event} ({} of {})", report.attempts, outcome.attempts_allowed());
+            event = format!(
+                "{event} ({} of {})",
+                report.attempts,
+                outcome.attempts_allowed()
+            );
         }
         if let (kband::control::Event::Faulted, Some(fault)) = (happened.event, report.fault) {
             event = format!("{event}: {} (fault {})", fault.name(), fault.number());
@@ -415,7 +427,11 @@ fn told(
             number(band.low(), 4),
             number(band.high(), 4),
             band.order(),
-            if band.contains(k) { "k inside" } else { "k outside" }
+            if band.contains(k) {
+                "k inside"
+            } else {
+                "k outside"
+            }
         )),
         None => say(format!(
             "band             none: {}",
@@ -449,9 +465,12 @@ fn told(
         ));
     }
     if let Some(phase) = outcome.lock_phase() {
-        let expected = outcome
-            .expected_phase()
-            .map_or(String::new(), |phase| format!(" (the map says {} for the middle of the lot)", number(phase, 3)));
+        let expected = outcome.expected_phase().map_or(String::new(), |phase| {
+            format!(
+                " (the map says {} for the middle of the lot)",
+                number(phase, 3)
+            )
+        });
         say(format!(
             "lock phase       {} rad, heard {} rad{expected}",
             number(phase, 3),

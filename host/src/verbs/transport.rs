@@ -9,7 +9,7 @@ use kband::impact::{Kernel, Map, State, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Start};
 
-use crate::arguments::{self, Drive, Drawn, Printed, Range};
+use crate::arguments::{self, Drawn, Drive, Printed, Range};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
@@ -198,12 +198,10 @@ impl Feeder {
     fn single_k(&self, arguments: &Arguments) -> Result<f64, Refusal> {
         let given = arguments.k.or(arguments.b);
         match given {
-            Some(range) if range.count == 1 => {
-                match arguments.b {
-                    Some(b) => self.k_of(b.low),
-                    None => Ok(range.low),
-                }
-            }
+            Some(range) if range.count == 1 => match arguments.b {
+                Some(b) => self.k_of(b.low),
+                None => Ok(range.low),
+            },
             Some(range) => Err(Refusal::value(
                 if arguments.b.is_some() { "--b" } else { "--k" },
                 range,
@@ -236,7 +234,11 @@ fn starts(k: f64, restitution: f64, count: usize) -> Vec<Start> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
     let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
     let mut starts = vec![Start::Rest];
-    starts.extend(locks(k, restitution).iter().map(|lock| Start::Hop(lock.state())));
+    starts.extend(
+        locks(k, restitution)
+            .iter()
+            .map(|lock| Start::Hop(lock.state())),
+    );
     starts.extend((0..count).map(|n| {
         let n = n as f64 + 1.0;
         Start::Hop(State {

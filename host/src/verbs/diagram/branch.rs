@@ -111,7 +111,12 @@ pub(super) fn follow(
 
 /// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
 /// `state` is left where they end, `None` where the part rests for ever.
-pub(super) fn column_of(map: &Map, state: &mut Option<State>, settle: usize, impacts: usize) -> Vec<State> {
+pub(super) fn column_of(
+    map: &Map,
+    state: &mut Option<State>,
+    settle: usize,
+    impacts: usize,
+) -> Vec<State> {
     let orbit = match *state {
         Some(state) => Orbit::new(map, state),
         None => Orbit::from_rest(map),
@@ -150,7 +155,11 @@ pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
             let (mut inside, mut outside) = (inside, outside);
             for _ in 0..60 {
                 let middle = 0.5 * (inside + outside);
-                if attracts(middle) { inside = middle } else { outside = middle }
+                if attracts(middle) {
+                    inside = middle
+                } else {
+                    outside = middle
+                }
             }
             inside
         };
@@ -167,7 +176,11 @@ pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
             }
         }
         if let (Some(low), Some(high)) = (begun, values.last()) {
-            bands.push(Stretch { order, low, high: *high });
+            bands.push(Stretch {
+                order,
+                low,
+                high: *high,
+            });
         }
     }
     bands

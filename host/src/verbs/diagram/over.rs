@@ -70,19 +70,36 @@ pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
     let wide = |range: Range| range.count > 1;
     let ranges = "exactly one of --k, --b and --restitution as a range LO..HI";
     let refused = |given: String| {
-        Refusal::value("the range", given, ranges, "for example --restitution 0.2 --k 0.3..0.5")
+        Refusal::value(
+            "the range",
+            given,
+            ranges,
+            "for example --restitution 0.2 --k 0.3..0.5",
+        )
     };
     let track = arguments.drive.track()?;
     let single = restitution.low;
     match (arguments.k, arguments.b, wide(restitution)) {
-        (Some(k), _, false) if wide(k) => Ok((Over::K { restitution: single }, k)),
+        (Some(k), _, false) if wide(k) => Ok((
+            Over::K {
+                restitution: single,
+            },
+            k,
+        )),
         (Some(k), _, true) if !wide(k) => Ok((Over::Restitution { k: k.low }, restitution)),
-        (_, Some(b), false) if wide(b) => {
-            Ok((Over::Amplitude { restitution: single, track }, b))
-        }
-        (_, Some(b), true) if !wide(b) => {
-            Ok((Over::Restitution { k: track.k(b.low * 1e-3) }, restitution))
-        }
+        (_, Some(b), false) if wide(b) => Ok((
+            Over::Amplitude {
+                restitution: single,
+                track,
+            },
+            b,
+        )),
+        (_, Some(b), true) if !wide(b) => Ok((
+            Over::Restitution {
+                k: track.k(b.low * 1e-3),
+            },
+            restitution,
+        )),
         (None, None, false) => {
             let low = kband::regime::band::flip(single, 1)?;
             let high = kband::regime::band::birth(single, 1)?;
@@ -91,17 +108,32 @@ pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
                 high: 1.05 * high,
                 count: 1000,
             };
-            Ok((Over::K { restitution: single }, range))
+            Ok((
+                Over::K {
+                    restitution: single,
+                },
+                range,
+            ))
         }
         (k, b, _) => {
             let words = |name: &str, range: Option<Range>| {
                 range.map(|range| {
-                    let shown = if wide(range) { range.to_string() } else { range.low.to_string() };
+                    let shown = if wide(range) {
+                        range.to_string()
+                    } else {
+                        range.low.to_string()
+                    };
                     format!("--{name} {shown}")
                 })
             };
-            let given = [words("k", k), words("b", b), words("restitution", Some(restitution))];
-            Err(refused(given.into_iter().flatten().collect::<Vec<_>>().join(" ")))
+            let given = [
+                words("k", k),
+                words("b", b),
+                words("restitution", Some(restitution)),
+            ];
+            Err(refused(
+                given.into_iter().flatten().collect::<Vec<_>>().join(" "),
+            ))
         }
     }
 }

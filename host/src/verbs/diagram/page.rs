@@ -47,7 +47,12 @@ impl Diagram {
                 // Chaos is full of narrow windows; the table to read shows what is wider than them.
                 if 100 * (last - first + 1) >= self.values.len() {
                     let start = branch.start.name();
-                    table.push([start.into(), low.into(), high.into(), ending::name(ending).into()]);
+                    table.push([
+                        start.into(),
+                        low.into(),
+                        high.into(),
+                        ending::name(ending).into(),
+                    ]);
                 } else {
                     left_out += 1;
                 }
@@ -82,7 +87,9 @@ impl Diagram {
         }
         let rows = Arc::clone(self);
         report
-            .note(format!("{drawn} impacts; --out FILE.svg draws them, FILE.csv lists them"))
+            .note(format!(
+                "{drawn} impacts; --out FILE.svg draws them, FILE.csv lists them"
+            ))
             .csv(move |out| rows.write_csv(out))
             .json(&serde_json::json!({
                 "over": self.over.name(),
@@ -92,14 +99,26 @@ impl Diagram {
     }
 
     pub(super) fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        let unit = if matches!(self.over, Over::Amplitude { .. }) { " (mm)" } else { "" };
-        writeln!(out, "start,{}{unit},phase (rad),velocity (b w)", self.over.name())?;
+        let unit = if matches!(self.over, Over::Amplitude { .. }) {
+            " (mm)"
+        } else {
+            ""
+        };
+        writeln!(
+            out,
+            "start,{}{unit},phase (rad),velocity (b w)",
+            self.over.name()
+        )?;
         for branch in &self.branches {
             let start = branch.start.name();
             for (x, column) in self.values.iter().zip(&branch.columns) {
                 let x = number(*x, 17);
                 for state in &column.impacts {
-                    writeln!(out, "{start},{x},{:.16e},{:.16e}", state.phase, state.velocity)?;
+                    writeln!(
+                        out,
+                        "{start},{x},{:.16e},{:.16e}",
+                        state.phase, state.velocity
+                    )?;
                 }
             }
         }
@@ -116,10 +135,16 @@ impl Diagram {
     }
 
     pub(super) fn picture(&self, arguments: &Arguments) -> Picture {
-        let states = || self.branches.iter().flat_map(|branch| branch.columns.iter().flat_map(|column| &column.impacts));
+        let states = || {
+            self.branches
+                .iter()
+                .flat_map(|branch| branch.columns.iter().flat_map(|column| &column.impacts))
+        };
         let (low, high) = states()
             .map(|state| self.shown(*state))
-            .fold((0.0, 0.1), |(low, high): (f64, f64), y| (low.min(y), high.max(y)));
+            .fold((0.0, 0.1), |(low, high): (f64, f64), y| {
+                (low.min(y), high.max(y))
+            });
         let room = 0.05 * (high - low);
         let y_axis = match self.show {
             Show::Phase => Axis::new(
@@ -135,7 +160,11 @@ impl Diagram {
         };
         let mut picture = Picture::new(format!(
             "Impact {} over {}",
-            if self.show == Show::Phase { "phase" } else { "velocity" },
+            if self.show == Show::Phase {
+                "phase"
+            } else {
+                "velocity"
+            },
             match self.over {
                 Over::K { .. } => "k",
                 Over::Amplitude { .. } => "amplitude",
@@ -167,9 +196,17 @@ impl Diagram {
                 .collect();
             let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
                 .heading(branch.start.words())
-                .height(if self.branches.len() == 1 { 420.0 } else { 240.0 });
+                .height(if self.branches.len() == 1 {
+                    420.0
+                } else {
+                    240.0
+                });
             for band in &self.bands {
-                panel = panel.strip(named("band: the period-1 orbit attracts"), band.low, band.high);
+                panel = panel.strip(
+                    named("band: the period-1 orbit attracts"),
+                    band.low,
+                    band.high,
+                );
             }
             panel = panel.columns(named("impacts, few to many"), self.values.len(), points);
             panel = panel.ribbon(self.ribbon(branch), if place == 0 { &names } else { &[] });

@@ -2,7 +2,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Contact, Count, Impact, Kernel, Map, Observer, Orbit, State, Tangential, TangentialSettings};
+use kband::impact::{
+    Contact, Count, Impact, Kernel, Map, Observer, Orbit, State, Tangential, TangentialSettings,
+};
 use kband::regime::band;
 use kband::regime::exponent::{self, ExponentSettings};
 use kband::transport::{
@@ -34,8 +36,14 @@ const CHAOS: TangentialSettings = TangentialSettings {
 };
 
 /// Hopping regimes in which the stationary means are checked.
-const HOPPING: [(f64, f64); 6] =
-    [(0.05, 0.9), (0.1, 0.95), (0.2, 0.9), (0.34, 0.2), (0.36, 0.2), (0.43, 0.2)];
+const HOPPING: [(f64, f64); 6] = [
+    (0.05, 0.9),
+    (0.1, 0.95),
+    (0.2, 0.9),
+    (0.34, 0.2),
+    (0.36, 0.2),
+    (0.43, 0.2),
+];
 
 /// Sums over impacts that the derivation of (33) and (34) takes for zero.
 #[derive(Default)]
@@ -79,21 +87,34 @@ fn means() -> Result<Vec<Row>, Refusal> {
             orbit.watch(IMPACTS, &mut (&mut conveying, &mut brackets, &mut sum));
             let conveyed = conveying.conveyed();
             // A run in which the part came to rest, as wide chaos does now and then, has no impact mean.
-            let (Some(found), Some(interval)) = (conveyed.impact_mean(), conveyed.mean_interval()) else {
+            let (Some(found), Some(interval)) = (conveyed.impact_mean(), conveyed.mean_interval())
+            else {
                 continue;
             };
             mean.see(found - sum.total / count);
-            launch.see((brackets.velocity / count - stationary::mean_velocity(k, restitution, interval)) / ends);
+            launch.see(
+                (brackets.velocity / count - stationary::mean_velocity(k, restitution, interval))
+                    / ends,
+            );
             bracket.see(brackets.cosine / count / ends);
-            let closed = stationary::impact_mean(k, restitution, &CHAOS, interval).unwrap_or(f64::NAN);
+            let closed =
+                stationary::impact_mean(k, restitution, &CHAOS, interval).unwrap_or(f64::NAN);
             exact.see((found - closed) / ends);
-            let fall = CHAOS.incline_tangent * (1.0 + CHAOS.restitution) / (1.0 - CHAOS.restitution);
+            let fall =
+                CHAOS.incline_tangent * (1.0 + CHAOS.restitution) / (1.0 - CHAOS.restitution);
             printed.see((found - closed - k * interval * fall) / ends);
         }
     }
     // In units of what the ends of a finite run may differ by.
     let row = |place, equation, subject, printed, recomputed, verdict, worst| {
-        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1.0)
+        Row::of(
+            place,
+            equation,
+            [subject, printed, recomputed],
+            verdict,
+            worst,
+            1.0,
+        )
     };
     let (step, missing) = (Verdict::Step, "not transcribed");
     Ok(vec![
@@ -209,7 +230,12 @@ fn renewal() -> Result<Vec<Row>, Refusal> {
         let mut orbit = Orbit::new(&map, start);
         orbit.watch(300, &mut ());
         let mut seen = Intervals::<200, 1>::new(0.0, 1000.0, 150.0);
-        let mut windows = Windows { length: 3000.0, time: 0.0, impacts: 0, counts: Vec::new() };
+        let mut windows = Windows {
+            length: 3000.0,
+            time: 0.0,
+            impacts: 0,
+            counts: Vec::new(),
+        };
         let mut count = Count::default();
         orbit.watch(impacts, &mut (&mut seen, &mut windows, &mut count));
         let total = seen.count() as f64;
@@ -229,8 +255,10 @@ fn renewal() -> Result<Vec<Row>, Refusal> {
         lag.add(seen.autocorrelation(1).unwrap_or(f64::NAN));
         let counted = Spread::of(windows.counts.iter().copied());
         let expected = windows.length / plain;
-        let (counts, error) =
-            (counted.mean().unwrap_or(f64::NAN), counted.error().unwrap_or(f64::NAN));
+        let (counts, error) = (
+            counted.mean().unwrap_or(f64::NAN),
+            counted.error().unwrap_or(f64::NAN),
+        );
         // The windows leave out the last, incomplete one.
         rate.see((counts - expected) / (6.0 * error));
         let variance = error * error * counted.count() as f64;
@@ -238,11 +266,23 @@ fn renewal() -> Result<Vec<Row>, Refusal> {
         let independent = deviation * deviation * windows.length / plain.powi(3);
         dispersion.add(variance / independent);
     }
-    let (rho, rho_error) = (lag.mean().unwrap_or(f64::NAN), lag.error().unwrap_or(f64::NAN));
-    let (ratio, ratio_error) =
-        (dispersion.mean().unwrap_or(f64::NAN), dispersion.error().unwrap_or(f64::NAN));
+    let (rho, rho_error) = (
+        lag.mean().unwrap_or(f64::NAN),
+        lag.error().unwrap_or(f64::NAN),
+    );
+    let (ratio, ratio_error) = (
+        dispersion.mean().unwrap_or(f64::NAN),
+        dispersion.error().unwrap_or(f64::NAN),
+    );
     let cases = u64::from(runs as u32) * impacts;
-    let row = |place, equation: &str, subject, printed: &str, recomputed: String, verdict, residual, tolerance| Row {
+    let row = |place,
+               equation: &str,
+               subject,
+               printed: &str,
+               recomputed: String,
+               verdict,
+               residual,
+               tolerance| Row {
         place,
         equation: equation.into(),
         subject,
@@ -406,7 +446,10 @@ fn wide_chaos(k: f64, runs: u32, impacts: u64) -> Result<Vec<Conveyed>, Refusal>
         .map(|n| {
             let n = f64::from(n);
             let start = Start::Hop(Map::state(0.5 + 0.37 * n, 3.0 + 0.41 * n)?);
-            let effort = Effort { settle: 300, impacts };
+            let effort = Effort {
+                settle: 300,
+                impacts,
+            };
             Ok(measure(&map, tangential, start, effort, &mut ()).conveyed)
         })
         .collect()
@@ -433,7 +476,10 @@ fn bound() -> Result<Vec<Row>, Refusal> {
         }
     }
     let values = |spread: &Spread| {
-        (spread.mean().unwrap_or(f64::NAN), spread.error().unwrap_or(f64::NAN))
+        (
+            spread.mean().unwrap_or(f64::NAN),
+            spread.error().unwrap_or(f64::NAN),
+        )
     };
     let ((time, time_error), (impact, impact_error)) = (values(&per_time), values(&per_impact));
     // Long runs gave 0.0463 and 0.272, rounded there.
@@ -481,14 +527,19 @@ fn dead() -> Result<Vec<Row>, Refusal> {
         let k = cases.within(0.05, 0.95);
         let dead = Inelastic::build(k)?;
         let Some(low) = dead.lift_off() else { continue };
-        let phase = cases.within(low + 0.01 * (PI - 2.0 * low), PI - low - 0.01 * (PI - 2.0 * low));
+        let phase = cases.within(
+            low + 0.01 * (PI - 2.0 * low),
+            PI - low - 0.01 * (PI - 2.0 * low),
+        );
         let settings = TangentialSettings {
             restitution: 0.0,
             amplitude_ratio: cases.within(0.2, 3.0),
             phase_lead: 0.0,
             incline_tangent: cases.within(-0.3, 0.3),
         };
-        let Some(flight) = dead.flight(phase) else { continue };
+        let Some(flight) = dead.flight(phase) else {
+            continue;
+        };
         let launch = Map::state(phase, 0.0)?;
         let impact = Impact {
             flight: flight.flight,
@@ -496,7 +547,13 @@ fn dead() -> Result<Vec<Row>, Refusal> {
             grazes: false,
         };
         let way = Tangential::build(k, settings)?.way(launch, &impact, 0.0) / flight.flight;
-        worst.see(way - dead.velocity(flight.flight, settings.amplitude_ratio, settings.incline_tangent));
+        worst.see(
+            way - dead.velocity(
+                flight.flight,
+                settings.amplitude_ratio,
+                settings.incline_tangent,
+            ),
+        );
         let misprint = flight.flight * (k - 0.5 * k * settings.incline_tangent);
         printed.see(way - misprint);
     }
@@ -530,7 +587,10 @@ fn lyapunov() -> Result<Vec<Row>, Refusal> {
     let impacts = 40_000;
     for (k, restitution, reference) in references {
         let map = Map::build(k, restitution)?;
-        let settings = ExponentSettings { settle: 3000, impacts };
+        let settings = ExponentSettings {
+            settle: 3000,
+            impacts,
+        };
         let found = exponent::measure(&map, exponent::start(&map, 1), settings)?.per_impact;
         worst.see((found.value - reference) / (0.003 + 6.0 * found.error));
     }
@@ -539,9 +599,10 @@ fn lyapunov() -> Result<Vec<Row>, Refusal> {
         equation: "claim, chaos".into(),
         subject: "chaos beyond the doublings",
         printed: "chaotic below the cascade".into(),
-        recomputed: "Lyapunov exponents positive there (0.08 to 0.50 at R = 0.2), in a narrow band of k; \
+        recomputed:
+            "Lyapunov exponents positive there (0.08 to 0.50 at R = 0.2), in a narrow band of k; \
                      below it parts chatter to rest and repeat"
-            .into(),
+                .into(),
         verdict: Verdict::Agrees,
         residual: worst.value,
         tolerance: 1.0,
@@ -553,8 +614,16 @@ fn lyapunov() -> Result<Vec<Row>, Refusal> {
 /// The claim that chaos makes the feed rate insensitive.
 fn insensitive() -> Result<Vec<Row>, Refusal> {
     let at = |k: f64| -> Result<(f64, f64, f64), Refusal> {
-        let spread = Spread::of(wide_chaos(k, 20, 6000)?.iter().filter_map(Conveyed::time_mean));
-        Ok((k, spread.mean().unwrap_or(f64::NAN), spread.error().unwrap_or(f64::NAN)))
+        let spread = Spread::of(
+            wide_chaos(k, 20, 6000)?
+                .iter()
+                .filter_map(Conveyed::time_mean),
+        );
+        Ok((
+            k,
+            spread.mean().unwrap_or(f64::NAN),
+            spread.error().unwrap_or(f64::NAN),
+        ))
     };
     let found = Sensitivity::between(at(0.03)?, at(0.09)?);
     let (value, error) = found.map_or((f64::NAN, f64::NAN), |found| (found.value, found.error));

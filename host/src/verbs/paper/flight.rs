@@ -7,8 +7,15 @@ use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
 use super::row::{Cases, Row, Verdict, Work, Worst, integrated};
 use crate::refusal::Refusal;
 
-pub(super) const ROWS: &[Work] =
-    &[laboratory, laws_of_impact, first_return, trajectories, flight_time, maps, mean_velocity];
+pub(super) const ROWS: &[Work] = &[
+    laboratory,
+    laws_of_impact,
+    first_return,
+    trajectories,
+    flight_time,
+    maps,
+    mean_velocity,
+];
 
 fn settings(cases: &mut Cases) -> TangentialSettings {
     TangentialSettings {
@@ -38,7 +45,8 @@ fn laboratory() -> Result<Vec<Row>, Refusal> {
         let a = settings.amplitude_ratio * b;
         let gamma = settings.phase_lead;
         let thrown = b * w * (psi + t.cos());
-        let height = thrown * time - 0.5 * gravity * incline.cos() * time * time
+        let height = thrown * time
+            - 0.5 * gravity * incline.cos() * time * time
             - b * ((t + d).sin() - t.sin());
         let pushed = b * w * phi + a * w * (t + gamma).cos();
         let advance = pushed * time
@@ -130,8 +138,20 @@ fn laws_of_impact() -> Result<Vec<Row>, Refusal> {
         cases: worst.cases,
     };
     Ok(vec![
-        step(40, "(4)", "impact, normal", "u'(after) = −R u'(before)", normal),
-        step(50, "(5)", "impact, along the track", "v'(after) = Rt v'(before)", along),
+        step(
+            40,
+            "(4)",
+            "impact, normal",
+            "u'(after) = −R u'(before)",
+            normal,
+        ),
+        step(
+            50,
+            "(5)",
+            "impact, along the track",
+            "v'(after) = Rt v'(before)",
+            along,
+        ),
     ])
 }
 
@@ -141,7 +161,11 @@ fn first_return() -> Result<Vec<Row>, Refusal> {
     let mut earlier = Worst::default();
     for _ in 0..400 {
         let flight = cases.flight()?;
-        let (t, psi, d) = (flight.launch.phase, flight.launch.velocity, flight.impact.flight);
+        let (t, psi, d) = (
+            flight.launch.phase,
+            flight.launch.velocity,
+            flight.impact.flight,
+        );
         let steps = (d / 0.002) as u32;
         let deepest = (1..steps)
             .map(|n| height(flight.k, t, psi, d * f64::from(n) / f64::from(steps)))
@@ -171,10 +195,15 @@ fn height(k: f64, t: f64, psi: f64, d: f64) -> f64 {
 /// (7): both coordinates during a flight.
 fn trajectories() -> Result<Vec<Row>, Refusal> {
     let mut cases = Cases::new(4);
-    let (mut normal, mut along, mut printed) = (Worst::default(), Worst::default(), Worst::default());
+    let (mut normal, mut along, mut printed) =
+        (Worst::default(), Worst::default(), Worst::default());
     for _ in 0..300 {
         let settings = settings(&mut cases);
-        let (k, t, d) = (cases.within(0.1, 1.5), cases.within(0.0, TAU), cases.within(0.1, 12.0));
+        let (k, t, d) = (
+            cases.within(0.1, 1.5),
+            cases.within(0.0, TAU),
+            cases.within(0.1, 12.0),
+        );
         let (psi, phi) = (cases.within(0.1, 3.0), cases.within(-2.0, 2.0));
         let (u, _) = integrated(t, d, psi, |tau| tau.sin() - k);
         normal.see(height(k, t, psi, d) - u);
@@ -220,7 +249,11 @@ fn flight_time() -> Result<Vec<Row>, Refusal> {
     let mut root = Worst::default();
     for _ in 0..2000 {
         let flight = cases.flight()?;
-        let (t, psi, d) = (flight.launch.phase, flight.launch.velocity, flight.impact.flight);
+        let (t, psi, d) = (
+            flight.launch.phase,
+            flight.launch.velocity,
+            flight.impact.flight,
+        );
         // In units of what the terms of (8) are made of.
         let scale = (1.0 + psi) * d + flight.k * d * d + 2.0;
         root.see(height(flight.k, t, psi, d) / scale);
@@ -272,7 +305,8 @@ fn flight_time() -> Result<Vec<Row>, Refusal> {
 /// (9), (10): the map of both velocities over many impacts, against the integrated motion.
 fn maps() -> Result<Vec<Row>, Refusal> {
     let mut cases = Cases::new(6);
-    let (mut normal, mut along, mut printed) = (Worst::default(), Worst::default(), Worst::default());
+    let (mut normal, mut along, mut printed) =
+        (Worst::default(), Worst::default(), Worst::default());
     for _ in 0..60 {
         let settings = settings(&mut cases);
         let k = cases.within(0.1, 1.5);

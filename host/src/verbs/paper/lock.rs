@@ -11,8 +11,9 @@ use super::row::{Cases, Row, Verdict, Work, Worst};
 use crate::refusal::Refusal;
 use crate::report::number;
 
-pub(super) const ROWS: &[Work] =
-    &[period_one, edges, examples, above_one, cascade, conveying, phase_lead];
+pub(super) const ROWS: &[Work] = &[
+    period_one, edges, examples, above_one, cascade, conveying, phase_lead,
+];
 
 /// Restitutions and orders of the cases, with both edges of the band.
 fn bands() -> Result<Vec<(f64, u32, f64, f64)>, Refusal> {
@@ -32,13 +33,18 @@ fn bands() -> Result<Vec<(f64, u32, f64, f64)>, Refusal> {
 }
 
 fn lock(k: f64, restitution: f64, order: u32) -> Result<Lock, Refusal> {
-    Lock::at(k, restitution, order)?
-        .ok_or_else(|| Refusal::new(format!("no lock of order {order} at k = {k}"), "report this"))
+    Lock::at(k, restitution, order)?.ok_or_else(|| {
+        Refusal::new(
+            format!("no lock of order {order} at k = {k}"),
+            "report this",
+        )
+    })
 }
 
 /// (12) to (14): the orbit that returns to itself after r drive periods.
 fn period_one() -> Result<Vec<Row>, Refusal> {
-    let (mut period, mut velocity, mut phase) = (Worst::default(), Worst::default(), Worst::default());
+    let (mut period, mut velocity, mut phase) =
+        (Worst::default(), Worst::default(), Worst::default());
     for (restitution, order, low, high) in bands()? {
         for part in [0.1, 0.5, 0.9] {
             let k = low + part * (high - low);
@@ -58,12 +64,35 @@ fn period_one() -> Result<Vec<Row>, Refusal> {
     }
     // An attracting orbit holds its rounding, a few ulp of a flight of up to 32 rad over 1 - |mu|.
     let row = |place, equation, subject, printed, recomputed, verdict, worst| {
-        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1e-11)
+        Row::of(
+            place,
+            equation,
+            [subject, printed, recomputed],
+            verdict,
+            worst,
+            1e-11,
+        )
     };
     let (step, missing) = (Verdict::Step, "not transcribed");
     Ok(vec![
-        row(120, "(12)", "period 1", missing, "t' = t + 2π r, every flight alike", step, period),
-        row(130, "(13)", "launch velocity of the lock", missing, "ψ = 2π r k R/(1+R)", step, velocity),
+        row(
+            120,
+            "(12)",
+            "period 1",
+            missing,
+            "t' = t + 2π r, every flight alike",
+            step,
+            period,
+        ),
+        row(
+            130,
+            "(13)",
+            "launch velocity of the lock",
+            missing,
+            "ψ = 2π r k R/(1+R)",
+            step,
+            velocity,
+        ),
         row(
             140,
             "(14b)",
@@ -78,8 +107,12 @@ fn period_one() -> Result<Vec<Row>, Refusal> {
 
 /// (15) to (17): where the orbit is born and where it flips, by the multipliers of the map itself.
 fn edges() -> Result<Vec<Row>, Refusal> {
-    let (mut birth, mut slope, mut flip, mut factor) =
-        (Worst::default(), Worst::default(), Worst::default(), Worst::default());
+    let (mut birth, mut slope, mut flip, mut factor) = (
+        Worst::default(),
+        Worst::default(),
+        Worst::default(),
+        Worst::default(),
+    );
     let trace = |k: f64, restitution: f64, order: u32| -> Result<f64, Refusal> {
         let map = Map::build(k, restitution)?;
         let state = lock(k, restitution, order)?.state();
@@ -143,7 +176,11 @@ fn edges() -> Result<Vec<Row>, Refusal> {
 /// The worked example at R = 0.2, as printed to four digits, and what it lists.
 fn examples() -> Result<Vec<Row>, Refusal> {
     let mut rows = Vec::new();
-    let printed = [(1, 0.3928, 0.4774), (2, 0.2213, 0.2387), (3, 0.1551, 0.1591)];
+    let printed = [
+        (1, 0.3928, 0.4774),
+        (2, 0.2213, 0.2387),
+        (3, 0.1551, 0.1591),
+    ];
     for (order, low, high) in printed {
         let (flip, birth) = (band::flip(0.2, order)?, band::birth(0.2, order)?);
         // Checked by the multiplier of the map at the edge, turned into k by its derivative there.
@@ -158,7 +195,11 @@ fn examples() -> Result<Vec<Row>, Refusal> {
             subject: "band at R = 0.2",
             printed: format!("{low}, {high}"),
             recomputed: format!("{}, {}", number(flip, 5), number(birth, 5)),
-            verdict: if agrees { Verdict::Agrees } else { Verdict::Corrected },
+            verdict: if agrees {
+                Verdict::Agrees
+            } else {
+                Verdict::Corrected
+            },
             residual: residual.abs(),
             tolerance: 1e-9,
             printed_error: (!agrees).then_some(off),
@@ -172,7 +213,10 @@ fn examples() -> Result<Vec<Row>, Refusal> {
         equation: "example".into(),
         subject: "what the listed numbers are",
         printed: "values of cos α / b".into(),
-        recomputed: format!("values of k; cos α / b in 1e-4 m is k/{}", number(factor, 5)),
+        recomputed: format!(
+            "values of k; cos α / b in 1e-4 m is k/{}",
+            number(factor, 5)
+        ),
         verdict: Verdict::Corrected,
         residual: (factor - 0.993_96).abs(),
         tolerance: 5e-6,
@@ -266,7 +310,12 @@ fn cascade() -> Result<Vec<Row>, Refusal> {
     for (restitution, order, flips) in references {
         let cascade = Cascade::locate(restitution, order, flips.len())?;
         for (n, flip) in flips.iter().enumerate() {
-            worst.see(cascade.flips().get(n).map_or(f64::NAN, |found| found - flip));
+            worst.see(
+                cascade
+                    .flips()
+                    .get(n)
+                    .map_or(f64::NAN, |found| found - flip),
+            );
         }
         let ratio = cascade.ratios().last().unwrap_or(f64::NAN);
         feigenbaum.see(ratio / FEIGENBAUM - 1.0);
@@ -304,7 +353,12 @@ fn cascade() -> Result<Vec<Row>, Refusal> {
 }
 
 /// Time mean of a locked part, measured on the map after it has settled.
-fn measured(k: f64, lock: &Lock, restitution: f64, settings: TangentialSettings) -> Result<f64, Refusal> {
+fn measured(
+    k: f64,
+    lock: &Lock,
+    restitution: f64,
+    settings: TangentialSettings,
+) -> Result<f64, Refusal> {
     let map = Map::build(k, restitution)?;
     let tangential = Tangential::build(k, settings)?;
     let mut conveying = Conveying::new(tangential, Contact::new(&map));
@@ -329,7 +383,9 @@ fn conveying() -> Result<Vec<Row>, Refusal> {
             phase_lead: cases.within(-3.0, 3.0),
             incline_tangent: cases.within(-0.3, 0.3),
         };
-        general.see(measured(k, &lock, restitution, settings)? - locked::velocity(&lock, k, &settings));
+        general.see(
+            measured(k, &lock, restitution, settings)? - locked::velocity(&lock, k, &settings),
+        );
         settings.phase_lead = 0.0;
         let closed = locked::velocity_in_phase(order, k, restitution, &settings);
         in_phase.see(measured(k, &lock, restitution, settings)? - closed);
@@ -338,7 +394,14 @@ fn conveying() -> Result<Vec<Row>, Refusal> {
     }
     // Velocities of up to 30 on orbits known to 1e-12.
     let row = |place, equation, subject, printed, recomputed, verdict, worst| {
-        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1e-10)
+        Row::of(
+            place,
+            equation,
+            [subject, printed, recomputed],
+            verdict,
+            worst,
+            1e-10,
+        )
     };
     Ok(vec![
         row(
@@ -387,12 +450,28 @@ fn phase_lead() -> Result<Vec<Row>, Refusal> {
         // The gamma part alone: what a lead adds to the velocity in phase, from equation (11).
         let gamma = settings.phase_lead;
         let with = measured(k, &lock, restitution, settings)?;
-        let without = measured(k, &lock, restitution, TangentialSettings { phase_lead: 0.0, ..settings })?;
+        let without = measured(
+            k,
+            &lock,
+            restitution,
+            TangentialSettings {
+                phase_lead: 0.0,
+                ..settings
+            },
+        )?;
         let t0 = lock.state().phase;
         let eta = settings.amplitude_ratio;
         lead.see(with - without - eta * ((gamma.cos() - 1.0) * t0.cos() - gamma.sin() * t0.sin()));
         let at = |phase_lead: f64| {
-            measured(k, &lock, restitution, TangentialSettings { phase_lead, ..settings })
+            measured(
+                k,
+                &lock,
+                restitution,
+                TangentialSettings {
+                    phase_lead,
+                    ..settings
+                },
+            )
         };
         // No lead beside -t0 conveys more.
         let top = at(-t0)?;
@@ -403,7 +482,14 @@ fn phase_lead() -> Result<Vec<Row>, Refusal> {
         }
     }
     let row = |place, equation, subject, printed, recomputed, verdict, worst| {
-        Row::of(place, equation, [subject, printed, recomputed], verdict, worst, 1e-10)
+        Row::of(
+            place,
+            equation,
+            [subject, printed, recomputed],
+            verdict,
+            worst,
+            1e-10,
+        )
     };
     Ok(vec![
         row(

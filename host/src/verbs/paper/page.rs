@@ -62,11 +62,16 @@ pub(super) fn page(
             "The limit (38) of dead parts: a map of the launch phase alone.".into(),
         ),
     ];
-    let mut page = String::from("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
+    let mut page =
+        String::from("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
     page.push_str("<meta name=\"viewport\" content=\"width=device-width\">");
     page.push_str(&format!(
         "<title>The paper, recomputed</title><style>{STYLE}</style></head><body{}>\n",
-        if theme == Theme::Dark { " class=\"dark\"" } else { "" }
+        if theme == Theme::Dark {
+            " class=\"dark\""
+        } else {
+            ""
+        }
     ));
     page.push_str(
         "<h1>The paper, recomputed</h1>\n<p>M.-O. Hongler, J. Figour, <em>Periodic versus chaotic dynamics in \
@@ -107,17 +112,31 @@ fn table(rows: &[Row]) -> String {
          <tbody>\n",
     );
     for row in rows {
-        let words = [row.equation.as_str(), row.subject, &row.printed, &row.recomputed];
-        table.push_str(if row.holds() { "<tr>" } else { "<tr class=\"fails\">" });
+        let words = [
+            row.equation.as_str(),
+            row.subject,
+            &row.printed,
+            &row.recomputed,
+        ];
+        table.push_str(if row.holds() {
+            "<tr>"
+        } else {
+            "<tr class=\"fails\">"
+        });
         for word in words {
             table.push_str(&format!("<td>{}</td>", escaped(word)));
         }
-        let verdict = if row.holds() { row.verdict.words() } else { "recomputation fails" };
+        let verdict = if row.holds() {
+            row.verdict.words()
+        } else {
+            "recomputation fails"
+        };
         table.push_str(&format!("<td class=\"verdict\">{verdict}</td>"));
         for value in [
             number(row.residual, 2),
             number(row.tolerance, 2),
-            row.printed_error.map_or_else(String::new, |off| number(off, 2)),
+            row.printed_error
+                .map_or_else(String::new, |off| number(off, 2)),
             row.cases.to_string(),
         ] {
             table.push_str(&format!("<td class=\"number\">{value}</td>"));
@@ -133,7 +152,10 @@ fn inline(svg: &str) -> &str {
 }
 
 fn escaped(words: &str) -> String {
-    words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    words
+        .replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
 }
 
 /// Fig. 3: phases of impact over k, with the bands.
@@ -149,13 +171,20 @@ fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
             // A little beside it, or the unstable orbit itself would be drawn.
             starts.extend(Lock::at(k, restitution, order)?.map(|lock| {
                 let State { phase, velocity } = lock.state();
-                Some(State { phase: phase + 1e-3, velocity })
+                Some(State {
+                    phase: phase + 1e-3,
+                    velocity,
+                })
             }));
         }
         let mut found = Columns::default();
         for start in starts {
             let (rests, phases) = settled(&map, start);
-            let place = if rests { &mut found.resting } else { &mut found.hopping };
+            let place = if rests {
+                &mut found.resting
+            } else {
+                &mut found.hopping
+            };
             place.extend(phases.into_iter().map(|phase| (k, phase)));
         }
         Ok(found)
@@ -166,7 +195,10 @@ fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
     )
     .height(460.0);
     for order in 1..=3 {
-        let (flip, birth) = (band::flip(restitution, order)?, band::birth(restitution, order)?);
+        let (flip, birth) = (
+            band::flip(restitution, order)?,
+            band::birth(restitution, order)?,
+        );
         if flip > low {
             panel = panel
                 .strip("stable period 1", flip, birth)
@@ -178,12 +210,18 @@ fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
     };
     let resting = points(|found| &found.resting);
     let hopping = points(|found| &found.hopping);
-    let shown = panel.clone().heading("Parts that hop and never rest").density("impacts", hopping);
+    let shown = panel
+        .clone()
+        .heading("Parts that hop and never rest")
+        .density("impacts", hopping);
     let rested = panel
         .heading("Parts that come to rest: impacts between two rests, chatter left out")
         .density("impacts", resting);
     Ok(Picture::new("Regimes over k (Fig. 3)")
-        .caption(format!("R = {}, from rest and from the locks r = 1, 2, 3", number(restitution, 4)))
+        .caption(format!(
+            "R = {}, from rest and from the locks r = 1, 2, 3",
+            number(restitution, 4)
+        ))
         .panel(shown)
         .panel(rested))
 }

@@ -127,7 +127,10 @@ impl Cases {
         let k = self.within(0.1, 1.5);
         let restitution = self.within(0.0, 1.0);
         let map = Map::build(k, restitution)?;
-        let launch = Map::state(self.within(0.0, std::f64::consts::TAU), self.within(0.05, 3.0))?;
+        let launch = Map::state(
+            self.within(0.0, std::f64::consts::TAU),
+            self.within(0.05, 3.0),
+        )?;
         Ok(Flight {
             k,
             restitution,
@@ -160,8 +163,11 @@ pub(super) fn integrated(
     let (mut way, mut speed) = (0.0, velocity);
     for n in 0..STEPS {
         let tau = t + f64::from(n) * h;
-        let (early, middle, late) =
-            (acceleration(tau), acceleration(tau + 0.5 * h), acceleration(tau + h));
+        let (early, middle, late) = (
+            acceleration(tau),
+            acceleration(tau + 0.5 * h),
+            acceleration(tau + h),
+        );
         way += h * (speed + h * (early + 2.0 * middle) / 6.0);
         speed += h * (early + 4.0 * middle + late) / 6.0;
     }

@@ -44,8 +44,13 @@ pub(super) fn run(
     )];
     if apply {
         rest(&mut line)?;
-        let wanted = [("restitution_low".to_string(), low), ("restitution_high".to_string(), high)];
-        let taken = settings.change(&mut line, &wanted).and_then(|()| kept(&mut line, true, address));
+        let wanted = [
+            ("restitution_low".to_string(), low),
+            ("restitution_high".to_string(), high),
+        ];
+        let taken = settings
+            .change(&mut line, &wanted)
+            .and_then(|()| kept(&mut line, true, address));
         line.tell(&Request::Enable(true))?;
         notes.push(taken?);
     } else {
@@ -66,7 +71,9 @@ pub(super) fn run(
     ]);
     notes
         .iter()
-        .fold(Report::new(table), |report, note| report.note(note.as_str()))
+        .fold(Report::new(table), |report, note| {
+            report.note(note.as_str())
+        })
         .json(&json!({
             "restitution": shortest(found.restitution),
             "deviation": shortest(found.deviation),
@@ -104,7 +111,8 @@ fn listen(line: &mut Line, within: Duration, desk: &Desk) -> Result<Identified, 
                             Unidentified::Dead => {
                                 "the parts bounce so little that the ringing of an impact hides the next"
                             }
-                            Unidentified::Unlike => "what is heard is not the chatter of parts of one restitution",
+                            Unidentified::Unlike =>
+                                "what is heard is not the chatter of parts of one restitution",
                         }
                     ),
                     "put parts of one kind on the track, a dozen or so, and try again",
@@ -122,7 +130,10 @@ fn listen(line: &mut Line, within: Duration, desk: &Desk) -> Result<Identified, 
         }
     }
     Err(Refusal::new(
-        format!("after {} s the board has heard {heard} hops and has no result", within.as_secs()),
+        format!(
+            "after {} s the board has heard {heard} hops and has no result",
+            within.as_secs()
+        ),
         "give it longer with --within S; it needs half a minute of its own time",
     ))
 }
@@ -164,7 +175,11 @@ fn rest(line: &mut Line) -> Result<(), Refusal> {
     }
     // A drive that does not stop is not told to go on.
     Err(Refusal::new(
-        format!("{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed", line.name(), REST.as_secs()),
+        format!(
+            "{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed",
+            line.name(),
+            REST.as_secs()
+        ),
         "withdraw the enable input, see why the drive runs on, and reset the board",
     ))
 }
@@ -182,12 +197,21 @@ fn offered(found: &Identified) -> (f32, f32) {
 fn commands(settings: &BoardSettings, low: f32, high: f32, address: &Address) -> [String; 2] {
     let now = settings.known();
     let set = |key: &str, value: f32, save: &str| {
-        format!("  kband settings set {key} {value}{save}{}", address.options())
+        format!(
+            "  kband settings set {key} {value}{save}{}",
+            address.options()
+        )
     };
     if low <= now.restitution_high {
-        [set("restitution_low", low, ""), set("restitution_high", high, " --save")]
+        [
+            set("restitution_low", low, ""),
+            set("restitution_high", high, " --save"),
+        ]
     } else {
-        [set("restitution_high", high, ""), set("restitution_low", low, " --save")]
+        [
+            set("restitution_high", high, ""),
+            set("restitution_low", low, " --save"),
+        ]
     }
 }
 

@@ -46,7 +46,11 @@ pub(super) fn computed(
     let mut rows = Vec::new();
     let (mut straight, mut rested) = (Vec::new(), Vec::new());
     for (launch, flight) in flights.iter().flatten() {
-        let velocity = dead.velocity(flight.flight, settings.amplitude_ratio, settings.incline_tangent);
+        let velocity = dead.velocity(
+            flight.flight,
+            settings.amplitude_ratio,
+            settings.incline_tangent,
+        );
         table.push([
             (*launch).into(),
             flight.next.into(),
@@ -64,9 +68,13 @@ pub(super) fn computed(
         straight.push(if flight.wait > 0.0 { missing } else { point });
         rested.push(if flight.wait > 0.0 { point } else { missing });
     }
-    let share = rested.iter().filter(|point| point.1.is_finite()).count() as f64 / rows.len().max(1) as f64;
+    let share =
+        rested.iter().filter(|point| point.1.is_finite()).count() as f64 / rows.len().max(1) as f64;
     let report = Report::new(table)
-        .heading(format!("First-return map of dead parts at k = {}", number(k, 6)))
+        .heading(format!(
+            "First-return map of dead parts at k = {}",
+            number(k, 6)
+        ))
         .note(format!(
             "{:.1} % of the launch phases lead to a rest, and so to arcsin k = {} rad",
             100.0 * share,
@@ -79,8 +87,16 @@ pub(super) fn computed(
             |label: &str| Axis::new(label, Unit::RADIANS, lift_off - room, PI - lift_off + room);
         let panel = Panel::new(axis("phase of launch"), axis("phase of the next launch"))
             .height(560.0)
-            .line("next launch = launch", 6, vec![(lift_off, lift_off), (PI - lift_off, PI - lift_off)])
-            .line("lands where the track throws: flies on at once", 0, straight)
+            .line(
+                "next launch = launch",
+                6,
+                vec![(lift_off, lift_off), (PI - lift_off, PI - lift_off)],
+            )
+            .line(
+                "lands where the track throws: flies on at once",
+                0,
+                straight,
+            )
             .line("lands, rests, is thrown off at arcsin k", 1, rested);
         Picture::new("First-return map of dead parts (R, Rt → 0)")
             .caption(format!("k = {}", number(k, 6)))

@@ -37,12 +37,7 @@ pub(super) fn computed(
     Ok((report, Box::new(move || picture(&feeder, &found))))
 }
 
-fn found(
-    feeder: &Feeder,
-    k: f64,
-    arguments: &Arguments,
-    desk: &Desk,
-) -> Result<Found, Refusal> {
+fn found(feeder: &Feeder, k: f64, arguments: &Arguments, desk: &Desk) -> Result<Found, Refusal> {
     let map = Map::build(k, feeder.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     // More starts than for a speed: each gives one independent value of every correlation.
@@ -56,7 +51,11 @@ fn found(
         let mut seen = Seen::new(0.0, 1.0, 0.0);
         watch(starts[n], &mut seen).then_some((seen.longest(), seen.mean().unwrap_or(0.0)))
     })?;
-    let longest = first.iter().flatten().map(|found| found.0).fold(0.0, f64::max);
+    let longest = first
+        .iter()
+        .flatten()
+        .map(|found| found.0)
+        .fold(0.0, f64::max);
     let kept: Vec<(Start, f64)> = starts
         .iter()
         .zip(&first)
@@ -126,7 +125,8 @@ impl Found {
             .map(|(lag, mean, error)| (lag, mean, error, mean.abs() / error.max(1e-12)))
             .max_by(|a, b| a.3.total_cmp(&b.3));
         match farthest {
-            None => "every interval is alike: the parts are locked, there is nothing to correlate".into(),
+            None => "every interval is alike: the parts are locked, there is nothing to correlate"
+                .into(),
             Some((lag, mean, error, far)) if far > 5.0 => format!(
                 "not a renewal process: the intervals are correlated, {mean:.3} ± {error:.3} at lag {lag}"
             ),

@@ -7,8 +7,8 @@ use fit::fits;
 use page::{picture, report};
 
 use kband::impact::{Growth, Kernel, Map, Tangential};
-use kband::regime::classify::Regime;
 use kband::regime::band;
+use kband::regime::classify::Regime;
 use kband::transport::{Sensitivity, Spread, Start, measure};
 
 use super::{Arguments, Computed, Feeder, effort, starts};
@@ -29,7 +29,10 @@ fn named(regime: Regime) -> String {
 
 /// Regimes whose speeds are one row: all that hop and rest.
 fn alike(one: Regime, other: Regime) -> bool {
-    matches!((one, other), (Regime::HopAndRest { .. }, Regime::HopAndRest { .. })) || one == other
+    matches!(
+        (one, other),
+        (Regime::HopAndRest { .. }, Regime::HopAndRest { .. })
+    ) || one == other
 }
 
 /// Regimes whose sensitivity is one number: locks of one order, and one kind of any other.
@@ -128,29 +131,58 @@ impl Over {
         };
         let k: Vec<f64> = values
             .iter()
-            .map(|value| if amplitude { feeder.k_of(*value) } else { Ok(*value) })
+            .map(|value| {
+                if amplitude {
+                    feeder.k_of(*value)
+                } else {
+                    Ok(*value)
+                }
+            })
             .collect::<Result<_, Refusal>>()?;
-        Ok(Self { amplitude, low: range.low, high: range.high, k, shown })
+        Ok(Self {
+            amplitude,
+            low: range.low,
+            high: range.high,
+            k,
+            shown,
+        })
     }
 
     fn place(&self, feeder: &Feeder, k: f64) -> f64 {
-        if self.amplitude { feeder.amplitude(k) } else { k }
+        if self.amplitude {
+            feeder.amplitude(k)
+        } else {
+            k
+        }
     }
 
     fn axis(&self) -> Axis {
         let axis = if self.amplitude {
-            Axis::new("amplitude b normal to the track", Unit::MILLIMETRES, self.low, self.high)
+            Axis::new(
+                "amplitude b normal to the track",
+                Unit::MILLIMETRES,
+                self.low,
+                self.high,
+            )
         } else {
             Axis::new("k = g cos α / (b ω²)", Unit::NONE, self.low, self.high)
         };
-        if self.high > 4.0 * self.low { axis.logarithmic() } else { axis }
+        if self.high > 4.0 * self.low {
+            axis.logarithmic()
+        } else {
+            axis
+        }
     }
 
     fn words(&self) -> String {
         let name = if self.amplitude { "b" } else { "k" };
         let unit = if self.amplitude { " mm" } else { "" };
         let (low, high) = (number(self.low, 6), number(self.high, 6));
-        if low == high { format!("{name} = {low}{unit}") } else { format!("{name} = {low}..{high}{unit}") }
+        if low == high {
+            format!("{name} = {low}{unit}")
+        } else {
+            format!("{name} = {low}..{high}{unit}")
+        }
     }
 }
 
@@ -180,8 +212,10 @@ fn rows(
         rows.extend(grouped(*k, &tasks[first..last], &runs[first..last]));
         first = last;
     }
-    let sensitivities: Vec<Option<Sensitivity>> =
-        rows.iter().map(|row| sensitivity(over, &rows, row)).collect();
+    let sensitivities: Vec<Option<Sensitivity>> = rows
+        .iter()
+        .map(|row| sensitivity(over, &rows, row))
+        .collect();
     for (row, sensitivity) in rows.iter_mut().zip(sensitivities) {
         row.sensitivity = sensitivity;
     }
@@ -216,7 +250,10 @@ fn measured(
         time_mean: conveyed.time_mean().unwrap_or(0.0),
         impact_mean: conveyed.impact_mean(),
         interval: conveyed.mean_interval(),
-        exponent: growth.exponents().map(|[largest, _]| largest).filter(|_| hops),
+        exponent: growth
+            .exponents()
+            .map(|[largest, _]| largest)
+            .filter(|_| hops),
     })
 }
 
@@ -254,7 +291,9 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     let at = over.k.iter().position(|k| *k == row.k)?;
     let find = |n: usize| {
         let k = *over.k.get(n)?;
-        let found = rows.iter().find(|other| other.k == k && alike(other.regime, row.regime))?;
+        let found = rows
+            .iter()
+            .find(|other| other.k == k && alike(other.regime, row.regime))?;
         Some((k, found.mean(), found.error()))
     };
     let here = (row.k, row.mean(), row.error());
@@ -304,8 +343,10 @@ mod tests {
     fn a_lock_is_found_fast_or_slow_from_rest_or_not_and_does_not_feel_the_amplitude() {
         let line = "--restitution 0.2 --k 0.40..0.44:3 --impacts 400 --settle 400";
         let (feeder, _, rows) = rows_of(line, 2);
-        let locked: Vec<&Row> =
-            rows.iter().filter(|row| row.regime == (Regime::Locked { order: 1 })).collect();
+        let locked: Vec<&Row> = rows
+            .iter()
+            .filter(|row| row.regime == (Regime::Locked { order: 1 }))
+            .collect();
         assert_eq!(locked.len(), 3);
         for row in &locked {
             let closed = closed_form(&feeder, row).unwrap();
@@ -316,20 +357,32 @@ mod tests {
         // Physics, section 7: from rest the part locks below k = 0.4117 and never above 0.4183.
         let from_rest: Vec<bool> = locked.iter().map(|row| row.from_rest).collect();
         assert_eq!(from_rest, [true, false, false]);
-        let speeds: Vec<f64> =
-            locked.iter().map(|row| row.mean() * feeder.velocity_unit(row.k)).collect();
-        assert!((speeds[0] - speeds[2]).abs() < 1e-9 * speeds[0], "{speeds:?}");
+        let speeds: Vec<f64> = locked
+            .iter()
+            .map(|row| row.mean() * feeder.velocity_unit(row.k))
+            .collect();
+        assert!(
+            (speeds[0] - speeds[2]).abs() < 1e-9 * speeds[0],
+            "{speeds:?}"
+        );
     }
 
     #[test]
     fn wide_chaos_grows_like_the_amplitude_and_a_single_k_has_a_sensitivity() {
-        let line = "--restitution 0.9 --k 0.03..0.08:6 --amplitude-ratio 2 --impacts 2500 --settle 300";
+        let line =
+            "--restitution 0.9 --k 0.03..0.08:6 --amplitude-ratio 2 --impacts 2500 --settle 300";
         let (_, over, rows) = rows_of(line, 2);
         let fit = fit(Regime::Chaotic, &over, &rows).unwrap();
         // Six values of k, each the mean of 13 runs; the soak found 1.000 +- 0.002.
-        assert!((fit.slope - 1.0).abs() < 6.0 * fit.error.max(0.01), "{fit:?}");
+        assert!(
+            (fit.slope - 1.0).abs() < 6.0 * fit.error.max(0.01),
+            "{fit:?}"
+        );
         let (_, _, single) = rows_of("--restitution 0.2 --k 0.43 --impacts 300", 2);
-        let locked = single.iter().find(|row| row.regime == (Regime::Locked { order: 1 })).unwrap();
+        let locked = single
+            .iter()
+            .find(|row| row.regime == (Regime::Locked { order: 1 }))
+            .unwrap();
         assert!(locked.sensitivity.unwrap().value.abs() < 1e-6);
         assert!(single.iter().all(|row| row.k == 0.43));
     }

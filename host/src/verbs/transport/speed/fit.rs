@@ -50,8 +50,14 @@ pub(super) fn continues(one: Regime, other: Regime) -> bool {
     match (one, other) {
         (Regime::Doubled { order: a, .. }, Regime::Doubled { order: b, .. }) => a == b,
         (
-            Regime::Periodic { impacts: p, cycles: r },
-            Regime::Periodic { impacts: q, cycles: s },
+            Regime::Periodic {
+                impacts: p,
+                cycles: r,
+            },
+            Regime::Periodic {
+                impacts: q,
+                cycles: s,
+            },
         ) => u64::from(r) * u64::from(q) == u64::from(s) * u64::from(p),
         _ => kin(one, other),
     }
@@ -62,9 +68,15 @@ pub(super) fn continues(one: Regime, other: Regime) -> bool {
 pub(super) fn fit(regime: Regime, over: &Over, rows: &[Row]) -> Option<Fit> {
     let mut stretches: Vec<(usize, Vec<&Row>)> = Vec::new();
     for (n, k) in over.k.iter().enumerate() {
-        for row in rows.iter().filter(|row| row.k == *k && kin(row.regime, regime) && row.mean() > 0.0) {
+        for row in rows
+            .iter()
+            .filter(|row| row.k == *k && kin(row.regime, regime) && row.mean() > 0.0)
+        {
             let open = stretches.iter_mut().find(|(last, stretch)| {
-                last + 1 == n && stretch.last().is_some_and(|before| continues(before.regime, row.regime))
+                last + 1 == n
+                    && stretch
+                        .last()
+                        .is_some_and(|before| continues(before.regime, row.regime))
             });
             match open {
                 Some((last, stretch)) => {
@@ -79,8 +91,14 @@ pub(super) fn fit(regime: Regime, over: &Over, rows: &[Row]) -> Option<Fit> {
     let (mut squares, mut products, mut heights) = (0.0, 0.0, 0.0);
     for (_, stretch) in &stretches {
         let count = stretch.len() as f64;
-        let points = || stretch.iter().map(|row| (-row.k.ln(), (row.mean() / row.k).ln()));
-        let (x, y) = points().fold((0.0, 0.0), |sum, point| (sum.0 + point.0 / count, sum.1 + point.1 / count));
+        let points = || {
+            stretch
+                .iter()
+                .map(|row| (-row.k.ln(), (row.mean() / row.k).ln()))
+        };
+        let (x, y) = points().fold((0.0, 0.0), |sum, point| {
+            (sum.0 + point.0 / count, sum.1 + point.1 / count)
+        });
         for point in points() {
             let (dx, dy) = (point.0 - x, point.1 - y);
             squares += dx * dx;
@@ -89,9 +107,14 @@ pub(super) fn fit(regime: Regime, over: &Over, rows: &[Row]) -> Option<Fit> {
         }
     }
     let used: usize = stretches.iter().map(|(_, stretch)| stretch.len()).sum();
-    let free = used.checked_sub(stretches.len() + 1).filter(|free| *free > 0)?;
+    let free = used
+        .checked_sub(stretches.len() + 1)
+        .filter(|free| *free > 0)?;
     let slope = products / squares;
-    let k = stretches.iter().flat_map(|(_, stretch)| stretch).map(|row| row.k);
+    let k = stretches
+        .iter()
+        .flat_map(|(_, stretch)| stretch)
+        .map(|row| row.k);
     Some(Fit {
         regime,
         rows: used,

@@ -1,7 +1,7 @@
 //! Speeds as table, JSON and picture.
 
-use kband::regime::{Lock, band};
 use kband::regime::classify::Regime;
+use kband::regime::{Lock, band};
 use kband::transport::{locked, stationary};
 use serde_json::json;
 
@@ -20,15 +20,19 @@ pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
             Some(locked::velocity(&lock, row.k, &feeder.settings))
         }
         Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic => {
-            stationary::impact_mean(row.k, feeder.restitution, &feeder.settings, row.interval.mean()?)
+            stationary::impact_mean(
+                row.k,
+                feeder.restitution,
+                &feeder.settings,
+                row.interval.mean()?,
+            )
         }
         Regime::HopAndRest { .. } | Regime::Rest | Regime::Undecided => None,
     }
 }
 
 pub(super) fn bound(feeder: &Feeder) -> Option<f64> {
-    (feeder.settings.phase_lead == 0.0)
-        .then(|| locked::bound(feeder.restitution, &feeder.settings))
+    (feeder.settings.phase_lead == 0.0).then(|| locked::bound(feeder.restitution, &feeder.settings))
 }
 
 pub(super) fn report(
@@ -70,9 +74,14 @@ pub(super) fn report(
             speed.into(),
             row.time_mean.error().map(|error| error * unit).into(),
             row.impact_mean.mean().map(|mean| mean * unit).into(),
-            closed_form(feeder, row).map(|velocity| velocity * unit).into(),
+            closed_form(feeder, row)
+                .map(|velocity| velocity * unit)
+                .into(),
             bound(feeder).map(|velocity| velocity * unit).into(),
-            row.interval.mean().map(|mean| mean / std::f64::consts::TAU).into(),
+            row.interval
+                .mean()
+                .map(|mean| mean / std::f64::consts::TAU)
+                .into(),
             row.exponent.mean().into(),
             row.sensitivity.map(|found| found.value).into(),
             row.sensitivity.map(|found| found.error).into(),
@@ -82,7 +91,10 @@ pub(super) fn report(
         }
         table.push_row(cells);
     }
-    let shown: Vec<_> = rows.iter().map(|row| row_json(feeder, arguments, row)).collect();
+    let shown: Vec<_> = rows
+        .iter()
+        .map(|row| row_json(feeder, arguments, row))
+        .collect();
     let regimes: Vec<_> = fits
         .iter()
         .map(|fit| {
@@ -103,7 +115,11 @@ pub(super) fn report(
             "{}: (dV/V)/(db/b) = {:.3} ± {:.3} over k = {}..{} ({} values)",
             kind(fit.regime),
             // No minus sign before a zero.
-            if fit.slope.abs() < 5e-4 { 0.0 } else { fit.slope },
+            if fit.slope.abs() < 5e-4 {
+                0.0
+            } else {
+                fit.slope
+            },
             fit.error,
             number(fit.low, 4),
             number(fit.high, 4),
@@ -167,8 +183,13 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     let highest = rows.iter().map(speed).fold(0.0, f64::max);
     let lowest = rows.iter().map(speed).fold(0.0, f64::min);
     let room = 0.15 * (highest - lowest).max(1e-9);
-    let slowest = rows.iter().map(speed).filter(|speed| *speed > 0.0).fold(highest, f64::min);
-    let axis = |low: f64, high: f64| Axis::new("conveying speed", Unit::MILLIMETRES_A_SECOND, low, high);
+    let slowest = rows
+        .iter()
+        .map(speed)
+        .filter(|speed| *speed > 0.0)
+        .fold(highest, f64::min);
+    let axis =
+        |low: f64, high: f64| Axis::new("conveying speed", Unit::MILLIMETRES_A_SECOND, low, high);
     // Double logarithmic, a speed that grows like b is a straight line and a locked one is level.
     let up = if lowest < 0.0 || highest <= 0.0 {
         axis(lowest - room, highest + room)
@@ -177,20 +198,27 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     } else {
         axis(0.0, highest + room)
     };
-    let mut panel = Panel::new(over.axis(), up).height(340.0).heading(
-        "Time mean of the speed, measured (markers) and in closed form (lines)",
+    let mut panel = Panel::new(over.axis(), up)
+        .height(340.0)
+        .heading("Time mean of the speed, measured (markers) and in closed form (lines)");
+    let (first, last) = (
+        place(over.k[over.shown.start]),
+        place(over.k[over.shown.end - 1]),
     );
-    let (first, last) = (place(over.k[over.shown.start]), place(over.k[over.shown.end - 1]));
     let mut covered: Vec<(f64, f64)> = Vec::new();
     for order in ORDERS {
         let edges = (
             band::flip(feeder.restitution, order),
             band::first_return_edge(feeder.restitution, order),
         );
-        let (Ok(flip), Ok(birth)) = edges else { continue };
+        let (Ok(flip), Ok(birth)) = edges else {
+            continue;
+        };
         let (left, right) = (place(flip).min(place(birth)), place(flip).max(place(birth)));
         let (left, right) = (left.max(over.low), right.min(over.high));
-        let apart = covered.iter().all(|other| right < other.0 || left > other.1);
+        let apart = covered
+            .iter()
+            .all(|other| right < other.0 || left > other.1);
         if order <= 3 && left < right && apart {
             panel = panel
                 .strip("bands of the locks", left, right)
@@ -203,26 +231,45 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
             .map(|n| {
                 let part = f64::from(n) / 600.0;
                 let at = first * (last / first).powf(part);
-                let k = if over.amplitude { feeder.track.k(1e-3 * at) } else { at };
-                (at, line(k).map_or(f64::NAN, |velocity| velocity * feeder.velocity_unit(k)))
+                let k = if over.amplitude {
+                    feeder.track.k(1e-3 * at)
+                } else {
+                    at
+                };
+                (
+                    at,
+                    line(k).map_or(f64::NAN, |velocity| velocity * feeder.velocity_unit(k)),
+                )
             })
             .collect()
     };
     let lock = |order: u32| {
         smooth(&|k| {
             let lock = Lock::at(k, feeder.restitution, order).ok().flatten()?;
-            lock.attracts().then(|| locked::velocity(&lock, k, &feeder.settings))
+            lock.attracts()
+                .then(|| locked::velocity(&lock, k, &feeder.settings))
         })
     };
     for order in ORDERS {
-        let name = if order == 1 { "locked, equation 20" } else { "" };
+        let name = if order == 1 {
+            "locked, equation 20"
+        } else {
+            ""
+        };
         panel = panel.line(name, 0, lock(order));
     }
     if let Some(bound) = bound(feeder) {
-        panel = panel.line("bound of the impact mean, equation 37", 1, smooth(&|_| Some(bound)));
+        panel = panel.line(
+            "bound of the impact mean, equation 37",
+            1,
+            smooth(&|_| Some(bound)),
+        );
     }
     let names = &TONES[..6];
-    let measured = rows.iter().map(|row| (place(row.k), speed(row), row.regime)).collect();
+    let measured = rows
+        .iter()
+        .map(|row| (place(row.k), speed(row), row.regime))
+        .collect();
     panel = marked(panel, measured).ribbon(ribbon(over, rows, &place), names);
     let answers = rows
         .iter()
@@ -261,7 +308,11 @@ pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel
 }
 
 /// The regime of a part from rest, from half way to the left neighbour to half way to the right one.
-pub(super) fn ribbon(over: &Over, rows: &[Row], place: &dyn Fn(f64) -> f64) -> Vec<(f64, f64, Tone)> {
+pub(super) fn ribbon(
+    over: &Over,
+    rows: &[Row],
+    place: &dyn Fn(f64) -> f64,
+) -> Vec<(f64, f64, Tone)> {
     let found: Vec<(f64, Tone)> = rows
         .iter()
         .filter(|row| row.from_rest)
@@ -271,7 +322,11 @@ pub(super) fn ribbon(over: &Over, rows: &[Row], place: &dyn Fn(f64) -> f64) -> V
     let mut stretches: Vec<(f64, f64, Tone)> = Vec::new();
     for (n, (_, tone)) in found.iter().enumerate() {
         let left = if n == 0 { over.low } else { middle(n - 1) };
-        let right = if n + 1 == found.len() { over.high } else { middle(n) };
+        let right = if n + 1 == found.len() {
+            over.high
+        } else {
+            middle(n)
+        };
         match stretches.last_mut() {
             Some(last) if last.2 == *tone => last.1 = right,
             _ => stretches.push((left, right, *tone)),
