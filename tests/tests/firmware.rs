@@ -371,7 +371,7 @@ fn the_stack_bears_every_request() {
     {
         line.tell(&request).unwrap();
     }
-    let (free, size) = (free(&mut line), 32 * 1024);
+    let (free, size) = (free(&mut line), 40 * 1024);
     println!(
         "stack {} of {size} bytes after every request, {} after the start",
         size - free,
