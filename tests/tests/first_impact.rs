@@ -2,7 +2,8 @@
 
 use std::sync::Mutex;
 
-use kband_tests::soak::soak;
+use kband_tests::soak::{replay, soak};
+use kband_tests::states::Launch;
 
 /// The full soak is `soak` in this crate's binaries; this is some thousand launches of each kind.
 #[test]
@@ -17,4 +18,51 @@ fn every_impact_is_the_first() {
     let wrong = wrong.into_inner().unwrap();
     assert!(wrong.is_empty(), "{wrong}");
     assert!(tallies.iter().all(|(_, tally)| tally.launches >= 8_000));
+}
+
+/// What soaks have found, each in one arithmetic: the approach stopped far from any root, or at a later one.
+#[test]
+fn launches_that_went_astray_once_do_not_again() {
+    for [k, restitution, phase, velocity] in [
+        [
+            0.023132896551010206,
+            0.2710876237171167,
+            2.8393086632844273,
+            1.6835547912497957,
+        ],
+        [
+            0.03519012428370688,
+            0.5763116760714332,
+            2.8007446242647305,
+            1.7171284895259213,
+        ],
+        [
+            0.04754633112523418,
+            0.6642165470791498,
+            3.860470293454715,
+            1.7564294934272766,
+        ],
+        [
+            0.2986721122179514,
+            0.7829545940725362,
+            2.6758354118050307,
+            1.831135646729145,
+        ],
+        [
+            0.9669330791417855,
+            0.10066063358845945,
+            1.0178831069881449,
+            0.011780376227499037,
+        ],
+    ] {
+        let launch = Launch {
+            k,
+            restitution,
+            phase,
+            velocity,
+        };
+        if let Err(wrong) = replay(&launch) {
+            panic!("{wrong}");
+        }
+    }
 }

@@ -50,6 +50,9 @@ impl Approach {
     }
 }
 
+/// Largest height that an approach ends at: the fastest part is nearer to its crossing of height 0.
+const NEAR: f32 = 2.0;
+
 /// Householder's third-order step on nodes until it is short: from a node `late` after the part was at
 /// height `base`, going down at `speed`.
 #[inline(always)]
@@ -75,7 +78,8 @@ pub(super) fn approach<F: Flight>(
         let ends = if F::FINAL {
             abs(u0) < F::LEAP * (u1 - F::SLOW) && abs(product) < 0.1 * square
         } else {
-            abs(step) < F::LEAP
+            // Far from a root the step is short by chance, and the exact height wraps.
+            abs(step) < F::LEAP && abs(u0) < NEAR
         };
         if ends {
             return Some(Approach {
