@@ -37,6 +37,13 @@ impl Trial {
         scene: linked,
     };
 
+    /// The default scene for a lot whose plan takes all the effort that a plan may take.
+    pub const LIVELY: Self = Self {
+        name: "lively",
+        cycles: 500,
+        scene: lively,
+    };
+
     /// The default scene, as long as somebody talks to it.
     pub const RUN: Self = Self {
         name: "run",
@@ -69,6 +76,15 @@ impl Trial {
     pub fn scene(&self) -> Scene {
         (self.scene)()
     }
+}
+
+/// The default scene with livelier parts.
+fn lively() -> Scene {
+    let mut scene = Scene::default();
+    scene.parts[0] = 0.5;
+    scene.settings.restitution_low = 0.48;
+    scene.settings.restitution_high = 0.52;
+    scene
 }
 
 /// The default scene with only the link to be heard, and the enable input withdrawn at first.

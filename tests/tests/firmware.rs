@@ -171,6 +171,15 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
     println!("control: mean {mean}, most {most} instructions a cycle");
     // An eighth of a cycle at 50 Hz and 168 MHz, so that most of it is left to the plan and the link.
     assert!(mean > 1_000 && most <= 420_000, "{text}");
+    plan_takes_half_a_second_at_most(&text);
+}
+
+#[test]
+fn the_plan_for_lively_parts_takes_half_a_second_at_most() {
+    plan_takes_half_a_second_at_most(&clocked("count-lively", Clock::Instructions, 60).passed());
+}
+
+fn plan_takes_half_a_second_at_most(text: &str) {
     let plan = text.lines().find(|line| line.starts_with("capture plan:"));
     let words: Vec<&str> = plan.unwrap_or_default().split_whitespace().collect();
     let (all, slice): (u32, u32) = (words[2].parse().unwrap(), words[8].parse().unwrap());

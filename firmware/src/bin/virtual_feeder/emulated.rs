@@ -409,6 +409,7 @@ fn begin(spawner: Spawner) {
     }
     let trial = match word {
         "hang" | "count" | "count-link" => Trial::ALL.first().copied(),
+        "count-lively" => Some(Trial::LIVELY),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
         "sag" if cause == Cause::Power => Some(Trial::BEFORE_SAG),
@@ -443,7 +444,7 @@ fn begin(spawner: Spawner) {
             finish(false);
         }
     };
-    if word == "count" {
+    if matches!(word, "count" | "count-lively") {
         count_with_bench(&mut core, signal, station);
     }
     if word == "count-link" {

@@ -60,8 +60,8 @@ pub struct PlanSettings {
 }
 
 impl PlanSettings {
-    /// What 84 million instructions buy on a Cortex-M4F, less a reserve of 10 %: measured there, a
-    /// search that needs all its effort takes about 1950 for each impact's worth of it.
+    /// What 84 million instructions buy on a Cortex-M4F, less a small reserve: measured there, a
+    /// search that needs all its effort takes about 2040 for each impact's worth of it.
     pub const EFFORT: u32 = 40_000;
 }
 
