@@ -13,6 +13,7 @@ use super::part::{Part, Strike, Track};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
+use super::sense::Sense;
 use crate::arithmetic::Phase;
 use crate::control::{Cycle, HEARD_PER_CYCLE, Heard, SAMPLE_RATE, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
@@ -61,26 +62,6 @@ pub struct EnvelopePlant {
     waiting_count: usize,
     /// The ear's median, which follows the noise over some cycles.
     median: f64,
-}
-
-/// What the accelerometer's noise and sensitivity give, computed where they change.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Sense {
-    /// Its sensitivity over the one that the controller was told.
-    pub factor: f64,
-    /// RMS of its noise in m/s^2.
-    pub noise: f64,
-    /// RMS of white noise in the reading in m/s^2, the converter's rounding included.
-    white: f64,
-    /// RMS of what the ear keeps of that, as the board reads it.
-    residual: f64,
-    /// Acceleration in m/s^2 that the converter has room for on its nearer side.
-    headroom: f64,
-    /// Acceleration in m/s^2 of a step of the converter.
-    pub floor: f64,
-    /// The converter's reading at rest, and its highest.
-    pub zero: f64,
-    pub full: f64,
 }
 
 impl EnvelopePlant {

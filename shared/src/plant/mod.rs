@@ -22,6 +22,7 @@ mod part;
 mod readings;
 mod recurrence;
 mod scene;
+mod sense;
 mod timeline;
 
 pub use bench::Bench;

@@ -4,11 +4,11 @@
 use num_complex::Complex64 as Complex;
 
 use super::drive::Ringing;
-use super::envelope::Sense;
 use super::noise::Noise;
 use super::part::Strike;
 use super::recurrence::{Demodulated, Recurrence};
 use super::scene::SensorModel;
+use super::sense::Sense;
 use crate::arithmetic::Phase;
 use crate::control::{Cycle, Ear, Fold};
 

@@ -1,7 +1,7 @@
 //! Where the first impact of a low flight may be, without a search.
 
 use super::approach::approach;
-use super::short::hop;
+use super::short::{hop, near_top};
 use super::{Approach, Flight, Launch, STEP, Shape, TURN, abs, root};
 use crate::arithmetic::square_root_single;
 
@@ -99,11 +99,4 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
         }
         _ => Candidate::Unknown,
     }
-}
-
-/// Whether the cubic does not tell a short hop: pull and cosine vanish together at the top of the track
-/// with k near 1.
-#[inline(always)]
-pub(super) fn near_top<F: Flight>(launch: &Launch) -> bool {
-    abs(launch.cosine) < F::SHORT && abs(launch.pull) < 0.3 * F::SHORT * F::SHORT
 }

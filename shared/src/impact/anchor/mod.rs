@@ -21,9 +21,10 @@ mod solve;
 
 pub(crate) use approach::{Approach, fall};
 pub(crate) use candidate::{Candidate, candidate};
-pub(crate) use search::{Found, search};
+pub(crate) use search::search;
 pub(crate) use settle::{Settled, settle, settle_carefully};
 pub(crate) use shape::Shape;
+pub(crate) use solve::Found;
 
 use core::f64::consts::TAU;
 

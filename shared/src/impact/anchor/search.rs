@@ -4,32 +4,11 @@ use core::f64::consts::PI;
 
 use super::settle::expand;
 use super::short::{Start, hop, start};
-use super::solve::solve;
+use super::solve::{Bracket, Found, solve};
 use super::{
     Flight, Launch, PER_STEP, STEP, Shape, TURN, WHOLE, abs, larger, node_of, root, smaller,
 };
 use crate::arithmetic::{Phase, sine_cosine_single};
-
-/// Where the first impact is, nearly.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Found {
-    /// A short hop: flight in rad and arrival speed, final.
-    Short { flight: f32, arrival: f32 },
-    /// At `offset` rad from a node; settled with care for a double root unless it is `simple`.
-    Near {
-        node: i32,
-        offset: f32,
-        simple: bool,
-    },
-}
-
-/// The bracket and start that the segment search hands to the solver.
-#[derive(Clone, Copy)]
-pub(super) struct Bracket {
-    pub(super) low: f32,
-    pub(super) high: f32,
-    pub(super) start: f32,
-}
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]

@@ -1,6 +1,5 @@
 //! Short hops, on the height over the flight time: it keeps every digit.
 
-use super::candidate::near_top;
 use super::settle::down_crossing;
 use super::{Flight, Launch, abs, larger, root, smaller};
 
@@ -164,4 +163,11 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
         }
         x += e;
     }
+}
+
+/// Whether the cubic does not tell a short hop: pull and cosine vanish together at the top of the track
+/// with k near 1.
+#[inline(always)]
+pub(super) fn near_top<F: Flight>(launch: &Launch) -> bool {
+    abs(launch.cosine) < F::SHORT && abs(launch.pull) < 0.3 * F::SHORT * F::SHORT
 }

@@ -1,11 +1,31 @@
 //! The root in a bracket that holds one.
 
 use super::approach::householder;
-use super::search::{Bracket, Found};
 use super::settle::down_crossing;
 use super::{
     Flight, Launch, Local, PER_RADIAN, SPACING, Shape, abs, nearest, node_of, sine_cosine_at,
 };
+
+/// Where the first impact is, nearly.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Found {
+    /// A short hop: flight in rad and arrival speed, final.
+    Short { flight: f32, arrival: f32 },
+    /// At `offset` rad from a node; settled with care for a double root unless it is `simple`.
+    Near {
+        node: i32,
+        offset: f32,
+        simple: bool,
+    },
+}
+
+/// The bracket and start that the segment search hands to the solver.
+#[derive(Clone, Copy)]
+pub(super) struct Bracket {
+    pub(super) low: f32,
+    pub(super) high: f32,
+    pub(super) start: f32,
+}
 
 /// The root in `bracket`, nearly. The bracket holds one down-crossing, so that any step that converges
 /// within it has found it: Householder's where the root is simple and near, else the safeguarded
