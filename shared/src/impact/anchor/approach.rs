@@ -30,8 +30,6 @@ pub(crate) struct Approach {
     pub node: i32,
     /// Its length, rad.
     pub step: f32,
-    /// Height under the track at that node.
-    pub height: f32,
     /// Speed downwards against the track at that node, half the rate at which it grows, sine and cosine.
     speed: f32,
     gain: f32,
@@ -85,7 +83,6 @@ pub(super) fn approach<F: Flight>(
             return Some(Approach {
                 node,
                 step,
-                height: u0,
                 speed: u1,
                 gain: b2,
                 sine,

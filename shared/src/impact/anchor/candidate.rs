@@ -2,7 +2,7 @@
 
 use super::approach::approach;
 use super::short::{hop, near_top};
-use super::{Approach, Flight, Launch, STEP, Shape, TURN, abs, root};
+use super::{Approach, Flight, Launch, STEP, Shape, TURN, root};
 use crate::arithmetic::square_root_single;
 
 /// No start near launch is farther, in rad: there the cubic does not tell.
@@ -92,11 +92,10 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
     let (node, offset) = F::node_of(launch.phase, near);
     match approach::<F>(shape, node, (near - origin) - offset, speed, base) {
         Some(approach) if F::FINAL => Candidate::Final(approach),
-        // Far from a root the step is short by chance, and the exact height wraps.
-        Some(approach) if abs(approach.height) < 1.0 => {
+        Some(approach) => {
             let (node, offset) = approach.end;
             Candidate::Near { node, offset }
         }
-        _ => Candidate::Unknown,
+        None => Candidate::Unknown,
     }
 }
