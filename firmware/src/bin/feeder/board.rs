@@ -60,7 +60,7 @@ extern "Rust" fn kband_halt() -> ! {
 
 /// One sample, in the interrupt that ends its conversion.
 ///
-/// Deadline: 50 us, the next sample; measured 167 instructions in the mean, 640 where a cycle ends.
+/// Deadline: 50 us, the next sample; measured 171 instructions in the mean, 700 where a cycle ends.
 ///
 /// # Safety
 /// For the converter's interrupt handler only.
