@@ -149,8 +149,10 @@ impl Outcome {
         let took = began.elapsed().as_secs_f64();
         engine.keep_plan();
         let settings = &file.scene.settings;
+        let mut controller = Controller::build(settings, last_target(file), Start::Ordinary)?;
+        while !controller.chosen() && controller.plan_step() {}
         Ok(Self {
-            controller: Controller::build(settings, last_target(file), Start::Ordinary)?,
+            controller,
             file: file.clone(),
             record,
             took,

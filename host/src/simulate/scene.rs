@@ -221,6 +221,7 @@ impl SceneFile {
         });
         for target in std::iter::once(self.scene.target).chain(later) {
             controller.set_target(target).map_err(named)?;
+            while !controller.chosen() && controller.plan_step() {}
             let (needed, reach) = (controller.setpoint(), controller.reach());
             if needed > reach {
                 let k = |b: f32| controller.k(b);

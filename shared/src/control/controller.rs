@@ -12,6 +12,7 @@ use super::resonance::Resonance;
 use super::setpoint::{Choice, Level, LockAt, NoSetpoint, Target};
 use super::settings::Settings;
 use super::signal::{Command, Cycle, Signal, phase_step};
+use super::speed::SpeedSearch;
 use super::supervise::{Event, Events, Fault, Limits, State};
 use crate::arithmetic::Phase;
 use crate::feeder::OutOfRange;
@@ -175,6 +176,7 @@ pub struct Controller {
     setpoint: f32,
     lock: Option<LockAt>,
     glide: Glide,
+    speed: Option<SpeedSearch>,
     chaos: Option<ChaosSearch>,
     /// Falls out of chaos since the target was set.
     falls: u8,
@@ -249,6 +251,7 @@ impl Controller {
             setpoint: 0.0,
             lock: None,
             glide: Glide::Unwanted,
+            speed: None,
             chaos: None,
             falls: 0,
             classifier: Classifier::build(HearingSettings::EAR)?,
@@ -301,15 +304,12 @@ impl Controller {
     }
 
     /// Takes a new target; refused, with the old one kept, where its number is out of range.
+    ///
+    /// The lock for a speed is searched for by [`Controller::plan_step`]: until it is
+    /// [chosen](Controller::chosen) a running drive keeps its amplitude, and one that is off does not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
         let choice = Choice::of(target, &self.settings)?;
-        let search = match choice.lock {
-            Some(lock) => {
-                let reserve = self.reserve(self.amplitude_of(lock.k as f32));
-                Search::begin(&self.settings, &lock, reserve)?
-            }
-            None => Search::default(),
-        };
+        let search = self.search(&choice)?;
         let chaotic = target == Target::Chaotic && choice.lock.is_some();
         self.chaos = if chaotic {
             Some(ChaosSearch::begin(&self.settings)?)
@@ -321,10 +321,12 @@ impl Controller {
         } else {
             Glide::Unwanted
         };
+        self.speed = match target {
+            Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
+            _ => None,
+        };
         self.falls = 0;
         self.target = target;
-        self.lock = choice.lock;
-        self.search = search;
         self.arrived = 0;
         self.given_up = false;
         self.forget_parts();
@@ -335,14 +337,38 @@ impl Controller {
             self.identifier.stop();
         }
         self.news.push(Event::TargetSet);
-        self.set_level(choice.level);
-        if matches!(choice.level, Level::None(_)) {
-            self.news.push(Event::NoSetpoint);
-        }
+        self.choose(choice, search);
         if self.settled_state() {
             self.enter(State::Starting);
         }
         Ok(())
+    }
+
+    /// The search for the kicks that a choice needs.
+    fn search(&self, choice: &Choice) -> Result<Search, OutOfRange> {
+        match choice.lock {
+            Some(lock) => {
+                let reserve = self.reserve(self.amplitude_of(lock.k as f32));
+                Search::begin(&self.settings, &lock, reserve)
+            }
+            None => Ok(Search::default()),
+        }
+    }
+
+    /// Takes the choice for the target, with the search for its kicks.
+    fn choose(&mut self, choice: Choice, search: Search) {
+        self.lock = choice.lock;
+        self.search = search;
+        self.set_level(choice.level);
+        if matches!(choice.level, Level::None(_)) {
+            self.news.push(Event::NoSetpoint);
+        }
+    }
+
+    /// Whether the setpoint for the target is known, or that it has none: the lock for a speed is searched for.
+    #[must_use]
+    pub fn chosen(&self) -> bool {
+        self.level != Level::Sought
     }
 
     /// Why the target has no setpoint, and what would allow one.
@@ -359,7 +385,7 @@ impl Controller {
         self.setpoint = match level {
             Level::K(k) => self.amplitude_of(k as f32),
             Level::Amplitude(amplitude) => amplitude,
-            Level::None(_) => 0.0,
+            Level::Sought | Level::None(_) => 0.0,
         };
     }
 
@@ -568,10 +594,31 @@ impl Controller {
     /// One bounded slice of planning; whether more is to be done. Call it in idle time, at most
     /// as often per cycle as it says that there is more.
     pub fn plan_step(&mut self) -> bool {
+        if self.speed.is_some() {
+            self.seek_speed();
+            return true;
+        }
         if self.search.step() {
             return true;
         }
         self.chaos.as_mut().is_some_and(ChaosSearch::step) || self.identifier.step()
+    }
+
+    /// One slice of the search for the lock of a speed.
+    fn seek_speed(&mut self) {
+        let Some(choice) = (self.speed.as_mut()).and_then(|search| search.step(&self.settings))
+        else {
+            return;
+        };
+        self.speed = None;
+        match self.search(&choice) {
+            Ok(search) => self.choose(choice, search),
+            // A lock whose kicks cannot be planned is none to go to.
+            Err(_) => {
+                let none = Level::None(NoSetpoint::Speed(None));
+                self.choose(Choice::level(none), Search::default());
+            }
+        }
     }
 
     /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
@@ -762,7 +809,7 @@ impl Controller {
             }
         }
         match self.state {
-            State::Off if inputs.enable && !self.latched => {
+            State::Off if inputs.enable && !self.latched && self.chosen() => {
                 self.enter(State::Starting);
                 self.arrived = 0;
                 self.expected = 0.0;
@@ -828,6 +875,7 @@ impl Controller {
             State::Stopping => (0.0, down),
             _ if self.limits.contains(Limits::LINK_LOST) => (safe, down),
             _ if self.limits.contains(Limits::NO_SETPOINT) => (safe, up),
+            _ if !self.chosen() => (self.reference, Move::At),
             State::Capturing => (self.setpoint * self.capture.command(), Move::Envelope),
             State::Holding if self.glide == Glide::Going => {
                 (self.setpoint, Move::Ramp(self.setpoint * (0.25 / GLIDE)))
@@ -909,7 +957,7 @@ impl Controller {
 
     /// Moves between the states of a running drive.
     fn progress(&mut self, goal: f32, measured: f32, events: &mut Events) {
-        let near = self.reference == goal && (measured - goal).abs() < 0.01 * goal;
+        let near = self.chosen() && self.reference == goal && (measured - goal).abs() < 0.01 * goal;
         let confidence = self.confidence();
         let locked = confidence >= BELIEVED;
         if self.settled_state() && self.state != State::Limiting && !self.limits.is_empty() {
@@ -1112,5 +1160,117 @@ mod tests {
         assert_eq!(heard(false), (u32::MAX - 30, locked));
         assert_eq!(heard(false), (89, locked));
         assert_eq!(heard(true), (209, Some(Regime::Rest)));
+    }
+
+    /// A controller at a target, with its drive following, and what it reports.
+    fn driven(target: Target) -> (Controller, Report) {
+        let settings = Settings {
+            restitution_low: 0.199,
+            restitution_high: 0.201,
+            ..Settings::default()
+        };
+        let mut controller = Controller::build(&settings, target, Start::Ordinary).unwrap();
+        let mut report = Report::default();
+        for _ in 0..60 {
+            report = follow(&mut controller, true, 1);
+        }
+        (controller, report)
+    }
+
+    /// A cycle of a drive that does as it is told, and some slices.
+    fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
+        let cycle = Cycle {
+            samples: 400,
+            quadrature: -controller.reference() * controller.square,
+            low: 1500,
+            high: 2500,
+            ..Cycle::default()
+        };
+        let inputs = Inputs {
+            enable,
+            ..Inputs::default()
+        };
+        let report = controller.cycle(&cycle, &inputs);
+        for _ in 0..slices {
+            controller.plan_step();
+        }
+        report
+    }
+
+    #[test]
+    fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
+        let (mut controller, before) = driven(Target::K(0.5));
+        assert_eq!(before.state, State::Holding);
+        controller.set_target(Target::Speed(180.0)).unwrap();
+        for _ in 0..7 {
+            let report = follow(&mut controller, true, 1);
+            assert!(!controller.chosen());
+            assert_eq!(report.state, State::Starting);
+            assert_eq!(report.reference, before.reference);
+            assert_eq!(report.setpoint, 0.0);
+        }
+        follow(&mut controller, true, 1);
+        let (other, _) = driven(Target::Speed(180.0));
+        assert!(controller.chosen() && controller.order() == Some(2));
+        assert_eq!(controller.setpoint(), other.setpoint());
+        assert_eq!(controller.planning(), other.planning());
+        assert!(follow(&mut controller, true, 1).reference > before.reference);
+    }
+
+    #[test]
+    fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
+        let target = Target::Speed(40.0);
+        let mut controller =
+            Controller::build(&Settings::default(), target, Start::Ordinary).unwrap();
+        for _ in 0..8 {
+            assert_eq!(follow(&mut controller, true, 1).state, State::Off);
+        }
+        let report = follow(&mut controller, true, 1);
+        assert_eq!(report.state, State::Starting);
+        let events: std::vec::Vec<_> = report.events.iter().collect();
+        assert_eq!(events, [Event::NoSetpoint, Event::Started, Event::Limited]);
+    }
+
+    #[test]
+    fn whatever_comes_between_the_slices_of_a_search_the_lock_is_that_of_the_last_target() {
+        let wanted = driven(Target::Speed(180.0)).0;
+        for slices in 0..8 {
+            for trouble in 0..4 {
+                let (mut controller, _) = driven(Target::Locked { order: 1 });
+                controller.set_target(Target::Speed(90.0)).unwrap();
+                follow(&mut controller, true, slices);
+                match trouble {
+                    // Another speed, another target, a stop, a fault.
+                    0 => controller.set_target(Target::Speed(268.0)).unwrap(),
+                    1 => {
+                        controller.set_target(Target::K(0.5)).unwrap();
+                        assert!(controller.chosen() && controller.order().is_none());
+                    }
+                    2 => {
+                        let report = follow(&mut controller, false, 0);
+                        assert_eq!(report.state, State::Stopping);
+                    }
+                    _ => {
+                        let inputs = Inputs {
+                            enable: true,
+                            over_temperature: true,
+                            ..Inputs::default()
+                        };
+                        let report = controller.cycle(&Cycle::default(), &inputs);
+                        assert_eq!(report.state, State::Fault);
+                    }
+                }
+                follow(&mut controller, trouble < 2, slices);
+                controller.set_target(Target::Speed(180.0)).unwrap();
+                for enable in [false, true] {
+                    for _ in 0..200 {
+                        follow(&mut controller, enable, 1);
+                    }
+                }
+                assert_eq!(controller.setpoint(), wanted.setpoint());
+                assert_eq!(controller.order(), Some(2));
+                assert!(controller.running(), "{slices} {trouble}");
+            }
+        }
     }
 }

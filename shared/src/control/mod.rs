@@ -33,6 +33,7 @@ mod ringing;
 mod setpoint;
 mod settings;
 mod signal;
+mod speed;
 mod supervise;
 mod transition;
 

@@ -6,11 +6,9 @@ use super::angle::phase_of;
 use super::identify;
 use super::settings::Settings;
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, Restitution, Track, TrackSettings, accept};
-use crate::impact::TangentialSettings;
+use crate::feeder::{OutOfRange, Restitution, accept};
 use crate::regime::band::BandError;
 use crate::regime::{Band, Lock, NoBand};
-use crate::transport::locked;
 
 /// What the user wants of the parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +79,8 @@ pub enum Level {
     K(f64),
     /// As an amplitude in m.
     Amplitude(f32),
+    /// Not yet: the lock that conveys at the wanted speed is still searched for.
+    Sought,
     /// Not at all.
     None(NoSetpoint),
 }
@@ -97,10 +97,8 @@ pub struct Choice {
 /// Half width of the phases that a lock is heard at, beyond those that the interval of restitution
 /// explains, in rad: amplitude error, doubling not yet resolved, error of the stamps.
 const LOCK_WIDTH: f32 = 0.35;
-/// Deviation of a lock's speed from the wanted one that still serves.
-const SPEED_TOLERANCE: f32 = 0.1;
 /// Orders of lock that may be wanted.
-const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
+pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
 
 impl Choice {
     /// The choice for a target; the refusal names a number that is out of range.
@@ -137,16 +135,18 @@ impl Choice {
                     speed.is_finite(),
                     "a finite speed in mm/s",
                 )?;
-                Self::speed(speed, settings)
+                Ok(Self::level(Level::Sought))
             }
         }
     }
 
-    fn level(level: Level) -> Self {
+    /// The choice of a level without a lock.
+    pub fn level(level: Level) -> Self {
         Self { level, lock: None }
     }
 
-    fn lock(order: u8, settings: &Settings) -> Result<Self, OutOfRange> {
+    /// The choice of the whole lot's lock of an order.
+    pub(super) fn lock(order: u8, settings: &Settings) -> Result<Self, OutOfRange> {
         let lot = lot(settings)?;
         let band = match Band::common(lot, u32::from(order)) {
             Ok(band) => band,
@@ -172,29 +172,6 @@ impl Choice {
             lock,
         })
     }
-
-    /// The lock whose speed is nearest: a locked part's speed does not depend on the amplitude, so the
-    /// orders of lock are the choice there is.
-    fn speed(wanted: f32, settings: &Settings) -> Result<Self, OutOfRange> {
-        let mut nearest: Option<(f32, Self)> = None;
-        for order in ORDERS {
-            let choice = Self::lock(order, settings)?;
-            let Some(speed) = choice.lock.and_then(|lock| lock_speed(&lock, settings)) else {
-                continue;
-            };
-            if nearest.is_none_or(|(best, _)| (speed - wanted).abs() < (best - wanted).abs()) {
-                nearest = Some((speed, choice));
-            }
-        }
-        Ok(match nearest {
-            Some((speed, choice)) if (speed - wanted).abs() <= SPEED_TOLERANCE * wanted.abs() => {
-                choice
-            }
-            other => Self::level(Level::None(NoSetpoint::Speed(
-                other.map(|(speed, _)| speed),
-            ))),
-        })
-    }
 }
 
 /// The lot that the settings describe.
@@ -203,22 +180,6 @@ pub(super) fn lot(settings: &Settings) -> Result<Restitution, OutOfRange> {
         f64::from(settings.restitution_low),
         f64::from(settings.restitution_high),
     )
-}
-
-/// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
-fn lock_speed(lock: &LockAt, settings: &Settings) -> Option<f32> {
-    let track = Track::build(TrackSettings {
-        frequency: f64::from(settings.frequency),
-        incline: f64::from(settings.incline),
-        amplitude_ratio: f64::from(settings.amplitude_ratio),
-        phase_lead: f64::from(settings.phase_lead),
-        gravity: f64::from(settings.gravity),
-    })
-    .ok()?;
-    let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
-    let orbit = Lock::at(lock.k, lot(settings).ok()?.middle(), u32::from(lock.order)).ok()??;
-    let unit = track.velocity_unit(track.amplitude(lock.k));
-    Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
 }
 
 #[cfg(test)]
@@ -234,27 +195,6 @@ mod tests {
         for restitution in [0.18, 0.2, 0.22] {
             let band = Band::common(Restitution::single(restitution).unwrap(), 1).unwrap();
             assert!(band.contains(k));
-        }
-    }
-
-    #[test]
-    fn a_speed_is_that_of_the_lock_that_serves_it_or_is_refused_with_the_nearest() {
-        // Equation 21: pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) } = 88.4 r mm/s.
-        let settings = Settings {
-            restitution_low: 0.199,
-            restitution_high: 0.201,
-            ..Settings::default()
-        };
-        for (speed, order) in [(88.0, 1), (95.0, 1), (180.0, 2), (268.0, 3)] {
-            let choice = Choice::of(Target::Speed(speed), &settings).unwrap();
-            assert_eq!(choice.lock.unwrap().order, order, "{speed}");
-        }
-        for speed in [-80.0, 0.0, 40.0, 130.0] {
-            let choice = Choice::of(Target::Speed(speed), &settings).unwrap();
-            assert!(
-                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(near))) if near > 80.0),
-                "{speed}: {choice:?}"
-            );
         }
     }
 

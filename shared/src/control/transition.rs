@@ -152,6 +152,7 @@ mod tests {
                     let target = targets[random.next() as usize % targets.len()];
                     controller.set_target(target).unwrap();
                 }
+                controller.plan_step();
                 if random.one_in(60) {
                     ear = random.next() % 3;
                 }

@@ -1,4 +1,5 @@
-//! How many instructions the sample interrupt, the control of a cycle and the plan of the capture take.
+//! How many instructions the sample interrupt, the control of a cycle, the plan of the capture and the search for
+//! the lock of a speed take.
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
@@ -6,7 +7,7 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::heprintln;
-use kband::control::{AdcCode, Signal};
+use kband::control::{AdcCode, Settings, Signal, Target};
 use kband::plant::Bench;
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
@@ -16,6 +17,8 @@ use kband_firmware::watch::{Roll, Watched};
 
 /// SysTick's full range; one pass of it is 16.7 million ticks, 99 million instructions.
 const FULL: u32 = 0x00ff_ffff;
+/// Slices of the search for the lock of a speed: an order of lock each.
+const ORDERS: u32 = 8;
 /// Cycles of the drive that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
@@ -67,13 +70,56 @@ pub fn lap(work: &mut dyn FnMut()) -> u32 {
     before.wrapping_sub(SYST::get_current()) & FULL
 }
 
-/// Counts the plan of the capture, then the control of each cycle on the way to a lively state, then the
+/// Counts the search for the lock of a speed, slice by slice: for the lot of the trial, and for one so narrow
+/// that each order has a band.
+#[inline(never)]
+fn count_speed(station: &Station) {
+    let (settings, target) = (station.settings(), station.target());
+    for (name, lot) in [
+        (
+            "the lot of the trial",
+            (settings.restitution_low, settings.restitution_high),
+        ),
+        ("a narrow lot", (0.1999, 0.2001)),
+    ] {
+        let taken = station.set_settings(&Settings {
+            restitution_low: lot.0,
+            restitution_high: lot.1,
+            ..settings
+        });
+        let asked = station.set_target(Target::Speed(88.0));
+        if taken.is_err() || asked.is_err() {
+            return;
+        }
+        let (mut all, mut longest) = (0, 0);
+        for _ in 0..ORDERS {
+            let ticks = lap(&mut || {
+                black_box(station.plan_step());
+            });
+            all += instructions(ticks) / 100;
+            longest = longest.max(ticks);
+        }
+        heprintln!(
+            "speed of {}: {} instructions in {} slices, most {}",
+            name,
+            all,
+            ORDERS,
+            instructions(longest) / 100
+        );
+    }
+    // A trial whose own settings were taken once is taken again.
+    let _ = station.set_settings(&settings);
+    let _ = station.set_target(target);
+}
+
+/// Counts the search for a speed and the plan of the capture, then the control of each cycle on the way to a lively state, then the
 /// sample interrupt over whole cycles of the drive; prints mean and most.
 ///
 /// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
 /// counter's step of six instructions, the mean to a sixtieth of one.
 pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
     begin(timer);
+    count_speed(station);
     // The plan of the capture, slice by slice as the control task does it.
     let (mut plan, mut longest, mut slices) = (0_u64, 0, 0_u32);
     loop {

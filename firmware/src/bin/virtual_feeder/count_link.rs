@@ -145,7 +145,7 @@ pub fn count(
     for (state, enable) in [("at rest", false), ("while the drive runs", true)] {
         LATE.store(0, Ordering::Relaxed);
         TAKEN.store(0, Ordering::Relaxed);
-        for (_, request) in requests().iter().cycle().take(3 * requests().len()) {
+        for (_, request) in requests().iter().cycle().take(30 * requests().len()) {
             let report = drive(&mut signal, &mut bench, station, enable);
             service.tick(station);
             if !enable && !matches!(report.state, State::Off) {

@@ -1,0 +1,139 @@
+//! The lock that conveys at a wanted speed, searched order by order.
+
+use super::setpoint::{Choice, Level, LockAt, NoSetpoint, ORDERS, lot};
+use super::settings::Settings;
+use crate::feeder::{Track, TrackSettings};
+use crate::impact::TangentialSettings;
+use crate::regime::{Lock, band};
+use crate::transport::locked;
+
+/// Deviation of a lock's speed from the wanted one that still serves.
+const TOLERANCE: f32 = 0.1;
+
+/// The search for the lock whose speed is nearest to a wanted one: a locked part's speed does not depend
+/// on the amplitude, so the orders of lock are the choice there is.
+#[derive(Clone, Copy, Debug)]
+pub struct SpeedSearch {
+    /// The wanted speed in mm/s.
+    wanted: f32,
+    /// The order of lock that comes next.
+    order: u8,
+    /// The nearest lock so far, with its speed in mm/s.
+    nearest: Option<(f32, Choice)>,
+}
+
+impl SpeedSearch {
+    /// The search for a speed in mm/s.
+    pub fn begin(wanted: f32) -> Self {
+        Self {
+            wanted,
+            order: *ORDERS.start(),
+            nearest: None,
+        }
+    }
+
+    /// One slice, which is one order of lock; the choice, once every order was looked at.
+    pub fn step(&mut self, settings: &Settings) -> Option<Choice> {
+        if let Some((speed, choice)) = lock_speed(self.order, settings)
+            && self
+                .nearest
+                .is_none_or(|(best, _)| self.misses(speed) < self.misses(best))
+        {
+            self.nearest = Some((speed, choice));
+        }
+        self.order = self.order.saturating_add(1);
+        (self.order > *ORDERS.end()).then(|| self.choice())
+    }
+
+    /// How far a speed is from the wanted one, in mm/s.
+    fn misses(&self, speed: f32) -> f32 {
+        (speed - self.wanted).abs()
+    }
+
+    fn choice(&self) -> Choice {
+        match self.nearest {
+            Some((speed, choice)) if self.misses(speed) <= TOLERANCE * self.wanted.abs() => choice,
+            other => Choice::level(Level::None(NoSetpoint::Speed(
+                other.map(|(speed, _)| speed),
+            ))),
+        }
+    }
+}
+
+/// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
+fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
+    let lot = lot(settings).ok()?;
+    // What a lot would need for a band that it has not is the costliest to say, and not asked for here.
+    let (flip, birth) = (
+        band::flip(lot.high(), u32::from(order)).ok()?,
+        band::birth(lot.low(), u32::from(order)).ok()?,
+    );
+    if flip >= birth {
+        return None;
+    }
+    let choice = Choice::lock(order, settings).ok()?;
+    Some((conveys(&choice.lock?, settings)?, choice))
+}
+
+/// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
+fn conveys(lock: &LockAt, settings: &Settings) -> Option<f32> {
+    let track = Track::build(TrackSettings {
+        frequency: f64::from(settings.frequency),
+        incline: f64::from(settings.incline),
+        amplitude_ratio: f64::from(settings.amplitude_ratio),
+        phase_lead: f64::from(settings.phase_lead),
+        gravity: f64::from(settings.gravity),
+    })
+    .ok()?;
+    let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
+    let orbit = Lock::at(lock.k, lot(settings).ok()?.middle(), u32::from(lock.order)).ok()??;
+    let unit = track.velocity_unit(track.amplitude(lock.k));
+    Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn choice(speed: f32, settings: &Settings) -> Choice {
+        let mut search = SpeedSearch::begin(speed);
+        for _ in 1..8 {
+            assert_eq!(search.step(settings), None);
+        }
+        search.step(settings).unwrap()
+    }
+
+    #[test]
+    fn a_speed_is_that_of_the_lock_that_serves_it_or_is_refused_with_the_nearest() {
+        // Equation 21: pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) } = 88.4 r mm/s.
+        let settings = Settings {
+            restitution_low: 0.199,
+            restitution_high: 0.201,
+            ..Settings::default()
+        };
+        for (speed, order) in [(88.0, 1), (95.0, 1), (180.0, 2), (268.0, 3)] {
+            let choice = choice(speed, &settings);
+            assert_eq!(choice.lock.unwrap().order, order, "{speed}");
+            assert_eq!(Ok(choice), Choice::lock(order, &settings), "{speed}");
+        }
+        for speed in [-80.0, 0.0, 40.0, 130.0] {
+            let choice = choice(speed, &settings);
+            assert!(
+                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(near))) if near > 80.0),
+                "{speed}: {choice:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_lot_without_any_band_has_no_speed_at_all() {
+        // Physics, section 5: no common band of order 1; those of higher orders are narrower.
+        let settings = Settings {
+            restitution_low: 0.1,
+            restitution_high: 0.3,
+            ..Settings::default()
+        };
+        let choice = choice(100.0, &settings);
+        assert_eq!(choice, Choice::level(Level::None(NoSetpoint::Speed(None))));
+    }
+}
