@@ -1,18 +1,20 @@
 //! Where an orbit of the exact map ends.
 
+mod followed;
+mod memory;
+
 use std::f64::consts::TAU;
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Event, Impact, Kernel, Map, Orbit, State};
+use kband::impact::{Event, Kernel, Map, Orbit, State};
 use kband::regime::Lock;
-use kband::regime::classify::{Classifier, HearingSettings, Regime};
+use kband::regime::classify::Regime;
 use kband::regime::lock::HIGHEST_ORDER;
+
+use followed::Followed;
 
 use crate::picture::Tone;
 use crate::refusal::Refusal;
-
-/// Impacts that the classifier weighs where an orbit has not repeated to the last bits.
-const MEMORY: usize = 512;
 
 /// What a regime is called in tables and legends.
 #[must_use]
@@ -66,7 +68,7 @@ pub const TONES: [(Tone, &str); 7] = [
 #[derive(Clone, Debug)]
 pub struct Endings {
     map: Map,
-    /// The attracting period-1 orbits, by order from 1 on.
+    /// The attracting period-1 orbits, by order from 1 to the highest.
     locks: Vec<Option<Lock>>,
     /// Where a part thrown off from rest ends: every part that rests once shares it, as nothing of its
     /// past is left.
@@ -85,6 +87,8 @@ impl Endings {
             };
             locks.push(Some(lock).filter(|lock| lock.attracts() && lock.is_first_return()));
         }
+        let highest = locks.iter().rposition(Option::is_some);
+        locks.truncate(highest.map_or(0, |n| n + 1));
         let mut endings = Self {
             map,
             locks,
@@ -102,6 +106,15 @@ impl Endings {
     /// The attracting period-1 orbits.
     pub fn locks(&self) -> impl Iterator<Item = &Lock> {
         self.locks.iter().flatten()
+    }
+
+    /// The attracting period-1 orbit whose order is nearest to a flight.
+    fn lock_after(&self, flight: f64) -> Option<&Lock> {
+        if self.locks.is_empty() {
+            return None;
+        }
+        let order = (flight * (1.0 / TAU) + 0.5) as usize;
+        self.locks.get(order.checked_sub(1)?)?.as_ref()
     }
 
     /// Where a part that starts from rest ends.
@@ -176,71 +189,6 @@ impl Endings {
     }
 }
 
-/// An orbit on its way to its ending.
-struct Followed {
-    count: usize,
-    keep_next: usize,
-    kept: Kept,
-    /// The last impacts, once there are not many left.
-    memory: Option<Box<Classifier<MEMORY>>>,
-    /// Whether it came to rest after its last impact.
-    rests: bool,
-}
-
-impl Followed {
-    fn new() -> Self {
-        Self {
-            count: 0,
-            keep_next: 16,
-            kept: Kept::default(),
-            memory: None,
-            rests: false,
-        }
-    }
-
-    /// Takes the next impact; the ending, once it is known.
-    fn take(&mut self, endings: &Endings, impact: &Impact<State>) -> Option<Regime> {
-        self.count += 1;
-        if self.count > endings.impacts {
-            return Some(self.verdict());
-        }
-        let order = (impact.flight / TAU).round() as usize;
-        if let Some(Some(lock)) = order.checked_sub(1).and_then(|n| endings.locks.get(n))
-            && lock.distance(impact.next) < 1e-5
-        {
-            return Some(Regime::Locked {
-                order: lock.order(),
-            });
-        }
-        if let Some((impacts, time)) = self.kept.returned(impact.next, impact.flight) {
-            return Some(named(impacts, (time / TAU).round() as u32));
-        }
-        if self.count + MEMORY + 1 > endings.impacts {
-            if self.memory.is_none() {
-                // Its settings are within their ranges.
-                let memory = Classifier::build(HearingSettings::COMPUTED);
-                self.memory = memory.ok().map(Box::new);
-            }
-            if let Some(memory) = &mut self.memory {
-                memory.flight(impact.flight);
-            }
-        }
-        if self.count == self.keep_next {
-            self.kept = Kept {
-                state: Some(impact.next),
-                ..Kept::default()
-            };
-            self.keep_next *= 2;
-        }
-        None
-    }
-
-    fn verdict(&self) -> Regime {
-        let memory = self.memory.as_ref();
-        memory.map_or(Regime::Undecided, |memory| memory.verdict().regime)
-    }
-}
-
 /// Drive cycles from one lift-off to the next of a part that starts from rest, where it comes to rest
 /// again within so many impacts.
 fn relaunch(map: &Map, impacts: usize) -> Option<u32> {
@@ -264,56 +212,6 @@ fn relaunch(map: &Map, impacts: usize) -> Option<u32> {
         }
     }
     None
-}
-
-/// What an orbit of so many impacts in so many cycles is.
-fn named(impacts: u32, cycles: u32) -> Regime {
-    if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
-        let order = cycles / impacts;
-        match impacts.trailing_zeros() {
-            0 => Regime::Locked { order },
-            doublings => Regime::Doubled { order, doublings },
-        }
-    } else {
-        Regime::Periodic { impacts, cycles }
-    }
-}
-
-/// A state kept to see whether the orbit comes back to it; it is replaced at powers of two of the count
-/// of impacts, so that it leaves the transient behind (Brent).
-#[derive(Clone, Copy, Debug, Default)]
-struct Kept {
-    state: Option<State>,
-    impacts: u32,
-    time: f64,
-    /// Impacts and time of the first return.
-    first: Option<(u32, f64)>,
-}
-
-impl Kept {
-    /// Impacts and time of one period, once `state` came back twice to the last bits after the same
-    /// number of impacts; once can happen by chance in chaos.
-    fn returned(&mut self, state: State, flight: f64) -> Option<(u32, f64)> {
-        let kept = self.state?;
-        self.impacts += 1;
-        self.time += flight;
-        if !near(kept, state) {
-            return None;
-        }
-        match self.first {
-            Some((impacts, time)) if self.impacts == 2 * impacts => Some((impacts, time)),
-            Some(_) => None,
-            None => {
-                self.first = Some((self.impacts, self.time));
-                None
-            }
-        }
-    }
-}
-
-fn near(a: State, b: State) -> bool {
-    let apart = (a.phase - b.phase).abs();
-    apart.min(TAU - apart).max((a.velocity - b.velocity).abs()) < 1e-9
 }
 
 #[cfg(test)]

@@ -1,0 +1,121 @@
+//! An orbit that is followed impact by impact, until it is known what it is.
+
+use std::f64::consts::TAU;
+
+use kband::impact::{Impact, State};
+use kband::regime::classify::Regime;
+
+use super::Endings;
+use super::memory::{MEMORY, Memory};
+
+/// Distance in rad and units of `b w` at which an attracting period-1 orbit holds what comes near it.
+const AT_THE_LOCK: f64 = 1e-5;
+
+/// An orbit on its way to its ending.
+pub(super) struct Followed {
+    count: usize,
+    keep_next: usize,
+    kept: Kept,
+    /// The last impacts, once there are not many left.
+    memory: Memory,
+    /// Whether it came to rest after its last impact.
+    pub(super) rests: bool,
+}
+
+impl Followed {
+    pub(super) fn new() -> Self {
+        Self {
+            count: 0,
+            keep_next: 16,
+            kept: Kept::default(),
+            memory: Memory::default(),
+            rests: false,
+        }
+    }
+
+    /// Takes the next impact; the ending, once it is known.
+    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<State>) -> Option<Regime> {
+        self.count += 1;
+        if self.count > endings.impacts {
+            return Some(self.verdict());
+        }
+        if let Some(lock) = endings.lock_after(impact.flight)
+            && (impact.next.velocity - lock.state().velocity).abs() < AT_THE_LOCK
+            && lock.distance(impact.next) < AT_THE_LOCK
+        {
+            return Some(Regime::Locked {
+                order: lock.order(),
+            });
+        }
+        if let Some((impacts, time)) = self.kept.returned(impact.next, impact.flight) {
+            return Some(named(impacts, (time / TAU).round() as u32));
+        }
+        if self.count + MEMORY + 1 > endings.impacts {
+            self.memory.take(impact.flight);
+        }
+        if self.count == self.keep_next {
+            self.kept = Kept {
+                state: Some(impact.next),
+                ..Kept::default()
+            };
+            self.keep_next *= 2;
+        }
+        None
+    }
+
+    /// What it is, as far as its last impacts tell.
+    pub(super) fn verdict(&self) -> Regime {
+        self.memory.verdict()
+    }
+}
+
+/// What an orbit of so many impacts in so many cycles is.
+fn named(impacts: u32, cycles: u32) -> Regime {
+    if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
+        let order = cycles / impacts;
+        match impacts.trailing_zeros() {
+            0 => Regime::Locked { order },
+            doublings => Regime::Doubled { order, doublings },
+        }
+    } else {
+        Regime::Periodic { impacts, cycles }
+    }
+}
+
+/// A state kept to see whether the orbit comes back to it; it is replaced at powers of two of the count
+/// of impacts, so that it leaves the transient behind (Brent).
+#[derive(Clone, Copy, Debug, Default)]
+struct Kept {
+    state: Option<State>,
+    impacts: u32,
+    time: f64,
+    /// Impacts and time of the first return.
+    first: Option<(u32, f64)>,
+}
+
+impl Kept {
+    /// Impacts and time of one period, once `state` came back twice to the last bits after the same
+    /// number of impacts; once can happen by chance in chaos.
+    fn returned(&mut self, state: State, flight: f64) -> Option<(u32, f64)> {
+        let kept = self.state?;
+        self.impacts += 1;
+        self.time += flight;
+        if !near(kept, state) {
+            return None;
+        }
+        match self.first {
+            Some((impacts, time)) if self.impacts == 2 * impacts => Some((impacts, time)),
+            Some(_) => None,
+            None => {
+                self.first = Some((self.impacts, self.time));
+                None
+            }
+        }
+    }
+}
+
+fn near(a: State, b: State) -> bool {
+    const LAST_BITS: f64 = 1e-9;
+    let apart = (a.phase - b.phase).abs();
+    (a.velocity - b.velocity).abs() < LAST_BITS && apart.min(TAU - apart) < LAST_BITS
+}

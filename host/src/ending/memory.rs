@@ -1,0 +1,110 @@
+//! The last impacts of an orbit that never came back to where it was.
+
+use std::f64::consts::TAU;
+
+use kband::regime::classify::{Classifier, HearingSettings, Regime};
+
+/// Impacts that are weighed.
+pub(super) const MEMORY: usize = 512;
+
+/// A drive cycle in steps of time.
+const CYCLE: f64 = 4_294_967_296.0;
+
+/// How far from whole cycles two impacts may be apart and still count as repeated, in 2^-32 cycles:
+/// 1.5e-6 rad, more than the classifier allows itself, so that it finds no more than is found here.
+const NEAR: u32 = 1024;
+
+/// The last flights of an orbit.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Memory {
+    /// In rad of drive phase.
+    flights: Vec<f64>,
+}
+
+impl Memory {
+    pub(super) fn take(&mut self, flight: f64) {
+        self.flights.push(flight);
+    }
+
+    /// What the classifier says of these flights; most of them are chaos, which is told without it.
+    pub(super) fn verdict(&self) -> Regime {
+        if self.flights.len() >= MEMORY && !self.may_repeat() {
+            return Regime::Chaotic;
+        }
+        // Its settings are within their ranges.
+        let Ok(mut classifier) = Classifier::<MEMORY>::build(HearingSettings::COMPUTED) else {
+            return Regime::Undecided;
+        };
+        for flight in &self.flights {
+            classifier.flight(*flight);
+        }
+        classifier.verdict().regime
+    }
+
+    /// Whether there is a number of impacts after which half of them are repeated: with fewer the
+    /// classifier calls it chaos. Times within a cycle are enough for that, which a CPU compares four at
+    /// once.
+    fn may_repeat(&self) -> bool {
+        let mut now = 0_u64;
+        let times = self.flights.iter().map(|flight| {
+            now = now.wrapping_add((flight * (CYCLE / TAU)).round() as u64);
+            now as u32
+        });
+        let times: Vec<u32> = times.collect();
+        let times = &times[times.len().saturating_sub(MEMORY)..];
+        (1..=times.len() / 3).any(|impacts| {
+            let later = &times[impacts..];
+            let pairs = later.iter().zip(times);
+            let near = pairs.map(|(later, earlier)| {
+                u32::from(later.wrapping_sub(*earlier).wrapping_add(NEAR) <= 2 * NEAR)
+            });
+            2 * near.sum::<u32>() as usize >= later.len()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::{Event, Kernel, Map, Orbit};
+    use kband::regime::exponent;
+
+    use super::*;
+
+    #[test]
+    fn what_is_told_without_the_classifier_is_what_it_says() {
+        let mut chaotic = 0;
+        for n in 0..60 {
+            // From the locked orbit through its doublings into chaos.
+            let k = 0.33 + 0.0015 * f64::from(n);
+            let map = Map::build(k, 0.2).unwrap();
+            let mut memory = Memory::default();
+            let mut classifier = Classifier::<MEMORY>::build(HearingSettings::COMPUTED).unwrap();
+            for event in Orbit::new(&map, exponent::start(&map, 1))
+                .take(1500)
+                .skip(900)
+            {
+                if let Event::Impact(impact) = event {
+                    memory.take(impact.flight);
+                    classifier.flight(impact.flight);
+                }
+            }
+            let said = classifier.verdict().regime;
+            assert_eq!(memory.verdict(), said, "{k}");
+            chaotic += u32::from(said == Regime::Chaotic && !memory.may_repeat());
+        }
+        assert!(chaotic > 10, "{chaotic}");
+    }
+
+    #[test]
+    fn half_of_the_impacts_repeated_may_be_a_pattern() {
+        // Alternately a whole cycle and any time: each second impact is repeated by the next.
+        let mut memory = Memory::default();
+        for n in 0..MEMORY {
+            let any = 0.3 + 0.7 * (n as f64 * 0.618_034).fract();
+            memory.take(TAU * if n % 2 == 0 { 1.0 } else { any });
+        }
+        assert!(memory.may_repeat());
+        memory.flights.iter_mut().for_each(|flight| *flight *= 1.01);
+        assert!(!memory.may_repeat());
+    }
+}
