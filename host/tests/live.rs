@@ -107,6 +107,10 @@ impl Dashboard {
             self.look();
             if let Some(status) = self.child.try_wait().unwrap() {
                 self.look();
+                // Its last words may still be on their way through the terminal.
+                while self.screen.screen().alternate_screen() && begun.elapsed() < LIMIT {
+                    self.look();
+                }
                 return status;
             }
             assert!(begun.elapsed() < LIMIT, "it does not end");
@@ -159,7 +163,7 @@ fn parts_lock_the_keys_work_and_the_terminal_is_restored() {
     }
     assert!(dashboard.screen.screen().alternate_screen() && !dashboard.is_restored());
     dashboard.press("x");
-    dashboard.wait_for("target chaotic");
+    dashboard.wait_for("target chaos");
     dashboard.press("+");
     // Which k it is depends on the setpoint that the controller chose for chaos.
     dashboard.wait_for("target k = 0.");
@@ -171,11 +175,11 @@ fn the_emulated_board_is_looked_at_and_obeys_the_keys() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let mut dashboard = Dashboard::start(&["--on", "qemu", "--image", image.to_str().unwrap()]);
     // The soft start, heard over the link and read from the event log.
-    for words in ["qemu", "target locked = 1", "started", "no fault"] {
+    for words in ["qemu", "target lock of order 1", "started", "no fault"] {
         dashboard.wait_for(words);
     }
     dashboard.press("x");
-    dashboard.wait_for("target chaotic");
+    dashboard.wait_for("target chaos");
     dashboard.wait_for("target set");
     dashboard.is_stopped_paused_and_left();
 }
@@ -205,7 +209,7 @@ fn a_board_on_a_serial_port_shows_the_target_that_it_holds() {
         dashboard.wait_for(words);
     }
     dashboard.press("2");
-    dashboard.wait_for("target locked = 2");
+    dashboard.wait_for("target lock of order 2");
     dashboard.is_stopped_paused_and_left();
 }
 

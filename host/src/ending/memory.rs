@@ -97,11 +97,11 @@ mod tests {
 
     #[test]
     fn half_of_the_impacts_repeated_may_be_a_pattern() {
-        // Alternately a whole cycle and any time: each second impact is repeated by the next.
+        // Alternately any time and a whole cycle: each second impact repeats the one before it.
         let mut memory = Memory::default();
         for n in 0..MEMORY {
             let any = 0.3 + 0.7 * (n as f64 * 0.618_034).fract();
-            memory.take(TAU * if n % 2 == 0 { 1.0 } else { any });
+            memory.take(TAU * if n % 2 == 0 { any } else { 1.0 });
         }
         assert!(memory.may_repeat());
         memory.flights.iter_mut().for_each(|flight| *flight *= 1.01);

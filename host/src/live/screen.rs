@@ -340,7 +340,7 @@ mod tests {
         let screen = shown(80, 24, &history, &source.lot());
         for words in [
             "kband live",
-            "target locked = 1",
+            "target lock of order 1",
             "k against the band",
             "% below the flip",
             "mm/s",

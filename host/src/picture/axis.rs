@@ -47,14 +47,17 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis from `low` to `high`; a range that is empty or not finite is widened to be drawn.
+    /// An axis from `low` to `high`; a range that is empty or not finite is widened to be drawn, a single
+    /// value other than 0 to both sides.
     #[must_use]
     pub fn new(label: impl Into<String>, unit: Unit, low: f64, high: f64) -> Self {
         let low = if low.is_finite() { low } else { 0.0 };
-        let high = if high.is_finite() && high > low {
-            high
+        let (low, high) = if high.is_finite() && high > low {
+            (low, high)
+        } else if high == low && low != 0.0 {
+            (low - 0.1 * low.abs(), low + 0.1 * low.abs())
         } else {
-            low + low.abs().max(1.0) * 0.1
+            (low, low + low.abs().max(1.0) * 0.1)
         };
         Self {
             label: label.into(),
@@ -159,7 +162,8 @@ fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         };
         (10_f64.powi(n), label)
     };
-    if count >= 2 {
+    // Where there is room, two and five of each decade as well.
+    if count >= 2 && 3 * count > wanted {
         let every = count.div_ceil(wanted).max(1) as i32;
         return (first..=last)
             .filter(|n| n.rem_euclid(every) == 0)
@@ -262,6 +266,8 @@ mod tests {
         let log = axis(1e-12, 1.0).logarithmic();
         assert_eq!(labels(&log, 4), ["10⁻¹²", "10⁻⁸", "10⁻⁴", "1"]);
         assert_eq!(log.part(1e-6), 0.5);
+        let speeds = axis(60.0, 3000.0).logarithmic();
+        assert_eq!(labels(&speeds, 8), ["100", "200", "500", "1000", "2000"]);
         let turn = Axis::new("phase", Unit::RADIANS, 0.0, 2.0 * PI).in_pi();
         assert_eq!(labels(&turn, 4), ["0", "π/2", "π", "3π/2", "2π"]);
     }
@@ -269,7 +275,7 @@ mod tests {
     #[test]
     fn an_empty_range_is_widened() {
         let axis = Axis::new("k", Unit::NONE, 1.0, 1.0);
-        assert!(axis.part(1.0).is_finite() && !axis.ticks(5).is_empty());
+        assert!((axis.part(1.0) - 0.5).abs() < 1e-9 && !axis.ticks(5).is_empty());
         assert!(
             Axis::around("k", Unit::NONE, [f64::NAN])
                 .part(0.0)

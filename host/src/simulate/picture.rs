@@ -77,8 +77,9 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let mut last = f64::NEG_INFINITY;
     for happened in outcome.events() {
         let at = happened.time;
-        // Several kicks in a row would write over each other.
-        if telling(happened.event) && at - last > 0.035 * end {
+        // Several kicks in a row would write over each other; a fault is never left out.
+        let apart = at - last > 0.035 * end || happened.event == Event::Faulted;
+        if telling(happened.event) && apart {
             amplitude = amplitude.mark(at, happened.event.name());
             last = at;
         }
@@ -129,7 +130,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let settings = &outcome.file().scene.settings;
     let picture = Picture::new("A feeder under control")
         .caption(format!(
-            "{} Hz, incline {} degrees, R {}..{}, Q {}, target {}",
+            "{} Hz, incline {}°, R {}..{}, Q {}, target {}",
             settings.frequency,
             settings.incline,
             settings.restitution_low,

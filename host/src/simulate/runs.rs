@@ -234,7 +234,7 @@ pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
     let end = file.duration;
     let mut panel = Panel::new(
         Axis::new("time", Unit::new("s"), 0.0, end),
-        Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 105.0),
+        Axis::new("runs in the wanted state", Unit::new("%"), -5.0, 105.0),
     );
     for (series, runs) in all.iter().enumerate() {
         let step = 100.0 / runs.runs.len().max(1) as f64;

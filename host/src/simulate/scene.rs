@@ -262,12 +262,12 @@ pub fn table(text: &str) -> Result<Table, Refusal> {
 #[must_use]
 pub fn describe(target: Target) -> String {
     match target {
-        Target::Locked { order } => format!("locked = {order}"),
-        Target::Chaotic => "chaotic".into(),
+        Target::Locked { order } => format!("lock of order {order}"),
+        Target::Chaotic => "chaos".into(),
         Target::K(k) => format!("k = {k}"),
-        Target::Amplitude(b) => format!("amplitude = {b} mm"),
-        Target::Speed(v) => format!("speed = {v} mm/s"),
-        Target::Identify => "identify".into(),
+        Target::Amplitude(b) => format!("amplitude {b} mm"),
+        Target::Speed(v) => format!("speed {v} mm/s"),
+        Target::Identify => "identification".into(),
     }
 }
 

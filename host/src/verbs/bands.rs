@@ -16,8 +16,8 @@ use crate::report::{Column, Report, Table, Value};
   kband bands --restitution 0.2 --orders 3 --frequency 50 --incline 3
   kband bands --restitution 0.18..0.22 --format json
 
-k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part pile
-up; reachable_edge is how far up from k2 every part really locks when it starts from rest.")]
+k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part \
+pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]

@@ -17,11 +17,12 @@ use crate::report::{Column, Report, Table, number};
   kband bench --format json
   kband bench --out time-against-error.svg
 
-All kernels take turns in one run on one core, of 4096 launches (batch of 16384); the median of the turns counts. The errors are those of
-the phase of the next impact. Workloads: high (velocities up to 20), low (up to 3), chatter (1e-6 to 1),
-sweep (orbits over k and restitution); then one pair of lines for each skip, and one line for each fidelity
-of the closed loop (scene: a drive cycle with one impact). Instructions are those of
-the emulated microcontrollers, where tests/run.sh has built their images here.")]
+All kernels take turns in one run on one core, of 4096 launches (batch of 16384); the median of \
+the turns counts. The errors are those of the phase of the next impact. Workloads: high \
+(velocities up to 20), low (up to 3), chatter (1e-6 to 1), sweep (orbits over k and restitution); \
+then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
+drive cycle with one impact). Instructions are those of the emulated microcontrollers, where \
+tests/run.sh has built their images here.")]
 pub struct Arguments {
     /// How often each kernel goes through its launches.
     #[arg(long, value_name = "N", default_value = "11", value_parser = arguments::count(1, 1000))]

@@ -27,8 +27,8 @@ use crate::report::number;
   kband capture --restitution 0.48..0.52 --runs 1000 --seed 1
   kband capture --restitution 0.2 --k 0.43 --time-constant 8 --format json
 
-The plan is the one the board makes, with the board's arithmetic and effort. The map tries kicks of every
-factor and length on parts of the lot; the runs draw other parts at random, in f64.")]
+The plan is the one the board makes, with the board's arithmetic and effort. The map tries kicks \
+of every factor and length on parts of the lot; the runs draw other parts at random, in f64.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.28..0.32", value_parser = arguments::restitution)]

@@ -25,8 +25,8 @@ use crate::refusal::{Exit, Refusal};
   kband diagram --restitution 0.2 --b 0.2..0.28 --frequency 50 --incline 3 --out diagram.svg
   kband diagram --k 0.43 --restitution 0.1..0.5 --out points.csv
 
-One of --k, --b, --restitution is a range LO..HI or LO..HI:N (else N = 1000 columns). The table and
-JSON say what each start gives where; CSV has every impact.")]
+One of --k, --b, --restitution is a range LO..HI or LO..HI:N (else N = 1000 columns). The table \
+and JSON say what each start gives where; CSV has every impact.")]
 pub struct Arguments {
     /// Restitution of the part, one value or a range.
     #[arg(long, value_name = "R", default_value = "0.2",
@@ -49,7 +49,12 @@ pub struct Arguments {
     show: Show,
 
     /// How the parts start, one panel each.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Start::Rest, Start::Up, Start::Down])]
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "rest,up,down"
+    )]
     starts: Vec<Start>,
 
     /// Impacts drawn in each column.

@@ -17,8 +17,8 @@ use crate::report::{Column, Report, Table, number};
   kband exponent --restitution 0.2 --k 0.32..0.48:400 --impacts 20000 --out exponent.svg
   kband exponent --restitution 0.2 --k 0.358 --band
 
-The orbit starts next to the locked one; --phase and --velocity choose another start. An orbit that
-comes to rest is no chaos: the motion is then 'rest', after so many impacts.")]
+The orbit starts next to the locked one; --phase and --velocity choose another start. An orbit \
+that comes to rest is no chaos: the motion is then 'rest', after so many impacts.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
@@ -209,10 +209,13 @@ fn picture(
     panel = panel.level(0.0, "neighbours part above");
     Picture::new("Lyapunov exponent over k")
         .caption(format!(
-            "R = {}, {} impacts at each of {} k",
+            "R = {}, {} impacts at {}",
             number(arguments.restitution, 6),
             arguments.impacts,
-            values.len()
+            match values {
+                [k] => format!("k = {}", number(*k, 6)),
+                _ => format!("each of {} k", values.len()),
+            }
         ))
         .panel(panel)
 }

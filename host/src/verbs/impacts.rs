@@ -20,9 +20,9 @@ use crate::report::{Column, Format, Report, Table, number};
   kband impacts --k 0.35 --restitution 0.2 --phase 0.4 --velocity 0.4 --count 20000 --out portrait.svg
   kband impacts --from states.csv --arithmetic f64 --format csv
 
-A file has the columns k,restitution,phase,velocity (others are ignored); each row gives
-flight,next_phase,next_velocity; they are empty, and standard error tells, where only the arithmetic
-cannot hold the row. Phases are in rad, velocities in units of b w.")]
+A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
+flight,next_phase,next_velocity; they are empty, and standard error tells, where only the \
+arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, value_parser = arguments::number, required_unless_present = "from")]
@@ -100,22 +100,38 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 /// Phase and velocity of the state after each impact.
 type States = Vec<(f64, f64)>;
 
-/// The phase portrait: the state after each impact.
-fn portrait(arguments: &Arguments, states: States) -> Picture {
+/// The phase portrait: the state after each impact, as large as it fits.
+fn portrait(arguments: &Arguments, mut states: States) -> Picture {
+    let (first, last) = occupied(&states);
+    for (phase, _) in &mut states {
+        if *phase > last {
+            *phase -= TAU;
+        }
+    }
+    let slowest = states
+        .iter()
+        .fold(f64::INFINITY, |low, state| low.min(state.1));
     let fastest = states.iter().fold(0.0_f64, |high, state| high.max(state.1));
+    let room = 0.05 * (fastest - slowest);
+    // Where the velocities reach far down, 0 is among them.
+    let foot = if slowest > 0.3 * fastest {
+        slowest - room
+    } else {
+        0.0
+    };
     let panel = Panel::new(
         Axis::new(
             "phase t of the drive after the impact",
             Unit::RADIANS,
-            0.0,
-            TAU,
+            first,
+            last,
         )
         .in_pi(),
         Axis::new(
             "velocity ψ after the impact",
             Unit::VELOCITY,
-            0.0,
-            1.05 * fastest,
+            foot,
+            fastest + room,
         ),
     )
     .height(460.0);
@@ -127,6 +143,31 @@ fn portrait(arguments: &Arguments, states: States) -> Picture {
     Picture::new("Phase portrait")
         .caption(format!("{map}{count} impacts"))
         .panel(panel.markers("impacts", 0, states))
+}
+
+/// The stretch of phases that holds all states with a little room, its start at or below 0 where it
+/// holds 0: the turn without its widest gap, or the whole turn where no gap is wider than a third of it.
+fn occupied(states: &States) -> (f64, f64) {
+    let mut phases: Vec<f64> = states.iter().map(|state| state.0.rem_euclid(TAU)).collect();
+    phases.sort_by(f64::total_cmp);
+    let next = phases.iter().skip(1).copied();
+    let again = phases.first().map(|first| first + TAU);
+    let gaps = phases.iter().copied().zip(next.chain(again));
+    let Some((from, until)) = gaps.max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
+        return (0.0, TAU);
+    };
+    let gap = until - from;
+    if gap < TAU / 3.0 {
+        return (0.0, TAU);
+    }
+    let room = (0.05 * (TAU - gap)).max(0.02);
+    let first = if until >= TAU { until - TAU } else { until };
+    let (low, high) = (first - room, first + TAU - gap + room);
+    if high > TAU {
+        (low - TAU, high - TAU)
+    } else {
+        (low, high)
+    }
 }
 
 /// A map and the state it is applied to.
@@ -395,6 +436,20 @@ mod tests {
             "k,restitution,phase,velocity\n0.4,0.2,1,70\n",
         );
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
+    }
+
+    #[test]
+    fn a_portrait_shows_the_phases_that_occur() {
+        let of = |phases: &[f64]| occupied(&phases.iter().map(|phase| (*phase, 1.0)).collect());
+        let near = |(a, b): (f64, f64), (c, d): (f64, f64)| {
+            assert!((a - c).abs() < 1e-9 && (b - d).abs() < 1e-9, "{a}..{b}");
+        };
+        near(of(&[1.0, 2.0, 1.5]), (0.95, 2.05));
+        // Around 0.
+        near(of(&[TAU - 0.5, 0.5, 0.1]), (-0.55, 0.55));
+        near(of(&[0.3]), (0.28, 0.32));
+        near(of(&[]), (0.0, TAU));
+        near(of(&[0.0, 1.5, 3.0, 4.5, 6.0]), (0.0, TAU));
     }
 
     #[test]

@@ -14,8 +14,8 @@ use crate::refusal::{Exit, Refusal};
   kband live --on /dev/ttyACM0
   kband live --on qemu
 
-Keys: q quits, e takes the enable away or gives it, 1 to 8 ask for a lock of that order, x for chaos,
-+ and - change k, c captures anew, p pauses.")]
+Keys: q quits, e takes the enable away or gives it, 1 to 8 ask for a lock of that order, x for \
+chaos, + and - change k, c captures anew, p pauses.")]
 pub struct Arguments {
     /// Scene to simulate in real time; without one, the default scene.
     #[arg(value_name = "SCENE.toml", conflicts_with = "on")]

@@ -81,7 +81,8 @@ verbs! {
 )]
 struct Line {
     /// Number of threads; the result does not depend on it [default: one for each core].
-    #[arg(long, global = true, value_name = "N", value_parser = arguments::count(1, 1024))]
+    #[arg(long, global = true, display_order = 1000, value_name = "N",
+          value_parser = arguments::count(1, 1024))]
     threads: Option<usize>,
 
     #[command(subcommand)]

@@ -26,11 +26,11 @@ use row::{Row, Verdict};
   kband paper --format json
   kband paper --restitution 0.5 --out report.html
 
-Each row is recomputed from the exact map and compared with a reference of its own: an integration of
-the equations of motion, a second formula, or a 20-digit value. residual is the largest deviation over
-all cases; where it exceeds tolerance the row fails and the exit status is 1. printed_error is how far the
-printed form is off in the same measure. Rows whose printed form is not transcribed say so: they
-recompute the step of the derivation that stands at that number.")]
+Each row is recomputed from the exact map and compared with a reference of its own: an integration \
+of the equations of motion, a second formula, or a 20-digit value. residual is the largest \
+deviation over all cases; where it exceeds tolerance the row fails and the exit status is 1. \
+printed_error is how far the printed form is off in the same measure. Rows whose printed form is \
+not transcribed say so: they recompute the step of the derivation that stands at that number.")]
 pub struct Arguments {
     /// Restitution of the part in the pictures of the page.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]

@@ -24,10 +24,10 @@ use crate::report::{Report, number};
   kband transport --restitution 0.9 --k 0.05 --show intervals --out intervals.svg
   kband transport --restitution 0 --k 0.2 --show return --out return.svg
 
-The speed is the mean over time, rests included. Each k is tried from rest, from every lock that
-attracts there and from starts spread over phase and velocity; one row for each regime they reach.
-The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and the
-corrected equation 34 (an impact mean) for others that hop.")]
+The speed is the mean over time, rests included. Each k is tried from rest, from every lock that \
+attracts there and from starts spread over phase and velocity; one row for each regime they reach. \
+The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and \
+the corrected equation 34 (an impact mean) for others that hop.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]

@@ -75,7 +75,19 @@ impl Pixels<'_> {
                     .map(|(x, y)| (self.across(*x), self.down(*y)))
                     .filter(|(x, y)| x.is_finite() && y.is_finite())
                     .collect();
-                shapes.push(marks(theme, *series, &places, Some(plot)));
+                // One on the frame is whole.
+                let clip = Rect {
+                    left: plot.left - 4.0,
+                    top: plot.top - 4.0,
+                    width: plot.width + 8.0,
+                    height: plot.height + 8.0,
+                };
+                let within = |place: &(f64, f64)| {
+                    (plot.left - 0.1..=plot.right() + 0.1).contains(&place.0)
+                        && (plot.top - 0.1..=plot.bottom() + 0.1).contains(&place.1)
+                };
+                let places: Vec<(f64, f64)> = places.into_iter().filter(within).collect();
+                shapes.push(marks(theme, *series, &places, Some(clip)));
             }
             Item::Between { series, points } => {
                 let (colour, ..) = theme.series(*series);

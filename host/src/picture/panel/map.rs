@@ -1,5 +1,7 @@
 //! Maps of values and densities of points, as rasters.
 
+use std::collections::HashSet;
+
 use super::SMALL;
 use super::axes::Pixels;
 use super::style::{frame_of, text};
@@ -30,9 +32,12 @@ impl<T> Grid<T> {
 
 impl Pixels<'_> {
     pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)], given: usize) -> Raster {
-        // Single points must be seen: where they are few the cells are wider than a pixel.
+        // Single points must be seen: where they are few the cells are wider than a pixel, unless many
+        // stand close together.
         let cells = if given > 1 || points.len() > 40_000 {
             1.5
+        } else if self.is_dense(points) {
+            1.0
         } else {
             0.5
         };
@@ -76,6 +81,16 @@ impl Pixels<'_> {
             palette,
             pixels,
         }
+    }
+
+    /// Whether squares of two pixels that hold a point hold many.
+    fn is_dense(&self, points: &[(f64, f64)]) -> bool {
+        let square = |(x, y): &(f64, f64)| {
+            let place = (0.5 * self.across(*x), 0.5 * self.down(*y));
+            (place.0 as i64, place.1 as i64)
+        };
+        let squares: HashSet<(i64, i64)> = points.iter().map(square).collect();
+        points.len() > 12 * squares.len()
     }
 
     pub(super) fn heat(

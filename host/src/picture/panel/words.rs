@@ -9,7 +9,9 @@ use crate::picture::shape::{Anchor, Rect, Shape};
 use crate::picture::theme::Theme;
 
 /// Half the width of a marker in pixels, with a little room.
-const MARKER: f64 = 5.0;
+const MARKER: f64 = 8.0;
+/// What stays free between words, and between words and the frame.
+const APART: f64 = 6.0;
 /// Space between words and what they stand beside.
 const BESIDE: f64 = 9.0;
 /// What it costs words to cover a line, a marker or other words, or to leave the panel.
@@ -90,6 +92,7 @@ impl Obstacles {
             && patch.right() <= plot.right()
             && patch.top >= plot.top
             && patch.bottom() <= plot.bottom();
+        let crowded = patch.right() > plot.right() - APART;
         let near = |(x, y): &&(f64, f64)| {
             (patch.left - MARKER..patch.right() + MARKER).contains(x)
                 && (patch.top - MARKER..patch.bottom() + MARKER).contains(y)
@@ -97,12 +100,13 @@ impl Obstacles {
         let markers = self.markers.iter().filter(near).count() as u32;
         let lines = self.lines.iter().filter(|line| crosses(patch, line));
         let words = self.words.iter().filter(|other| {
-            other.left < patch.right()
-                && patch.left < other.right()
+            other.left < patch.right() + APART
+                && patch.left < other.right() + APART
                 && other.top < patch.bottom()
                 && patch.top < other.bottom()
         });
         u32::from(!inside) * OUTSIDE
+            + u32::from(crowded) * LINE_COVERED
             + markers * MARKER_COVERED
             + lines.count() as u32 * LINE_COVERED
             + words.count() as u32 * WORDS_COVERED
@@ -151,7 +155,7 @@ impl Pixels<'_> {
             let ends = vec![(plot.left, down), (plot.right(), down)];
             shapes.push(Shape::line(ends, dashed(theme)));
             let (above, below) = (down - 4.0, down + 14.0);
-            let (right, left) = (plot.right() - 4.0, plot.left + 4.0);
+            let (right, left) = (plot.right() - APART - 4.0, plot.left + 4.0);
             let middle = 0.5 * (left + right);
             let places = [
                 Place::new(right, above, Anchor::End),

@@ -250,14 +250,6 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
                 .then(|| locked::velocity(&lock, k, &feeder.settings))
         })
     };
-    for order in ORDERS {
-        let name = if order == 1 {
-            "locked, equation 20"
-        } else {
-            ""
-        };
-        panel = panel.line(name, 0, lock(order));
-    }
     if let Some(bound) = bound(feeder) {
         panel = panel.line(
             "bound of the impact mean, equation 37",
@@ -265,12 +257,29 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
             smooth(&|_| Some(bound)),
         );
     }
-    let names = &TONES[..6];
     let measured = rows
         .iter()
         .map(|row| (place(row.k), speed(row), row.regime))
         .collect();
-    panel = marked(panel, measured).ribbon(ribbon(over, rows, &place), names);
+    panel = marked(panel, measured);
+    // Over the markers, which stand as close as to hide it.
+    for order in ORDERS {
+        let line = lock(order);
+        if line.iter().any(|(_, speed)| speed.is_finite()) {
+            panel = panel.line("locked, equation 20", 6, line);
+        }
+    }
+    let ribbon = ribbon(over, rows, &place);
+    let from_rest: Vec<(Tone, String)> = TONES
+        .iter()
+        .filter(|(tone, _)| ribbon.iter().any(|stretch| stretch.2 == *tone))
+        .map(|(tone, name)| (*tone, format!("from rest: {name}")))
+        .collect();
+    let names: Vec<(Tone, &str)> = from_rest
+        .iter()
+        .map(|(tone, name)| (*tone, name.as_str()))
+        .collect();
+    panel = panel.ribbon(ribbon, &names);
     let answers = rows
         .iter()
         .filter_map(|row| Some((place(row.k), row.sensitivity?, row.regime)))
