@@ -17,36 +17,45 @@
 //! | limit | it is holding back |
 //! | fault | it stopped |
 
+mod aim;
 mod amplitude;
 mod angle;
 mod capture;
 mod chaos;
 mod chatter;
 mod controller;
+mod course;
 mod fit;
 mod fold;
 mod hearing;
 mod identify;
 mod listen;
+mod listening;
+mod reference;
+mod report;
 mod resonance;
+mod restraint;
 mod ringing;
+mod scale;
 mod setpoint;
 mod settings;
 mod signal;
 mod speed;
 mod supervise;
+mod suspicion;
 mod transition;
 
 pub use amplitude::AmplitudeLoop;
 pub use angle::{phase_of, radians_of};
 pub use capture::Planned;
 pub use chaos::Chaos;
-pub use controller::{Controller, Inputs, PLAN_SLICES, Report, Start};
+pub use controller::{Controller, PLAN_SLICES};
 pub(crate) use fold::Fold;
 pub use fold::Folded;
 pub use hearing::Hearing;
 pub use identify::{Identification, Identified, Unidentified};
 pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
+pub use report::{Inputs, Report, Start};
 pub use setpoint::{NoSetpoint, Target};
 pub use settings::{Key, Settings};
 pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};

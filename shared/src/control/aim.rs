@@ -1,0 +1,132 @@
+//! What is aimed at: the target, the setpoint chosen for it, and the searches that belong to it.
+
+use super::capture::Search;
+use super::chaos::ChaosSearch;
+use super::scale::Scale;
+use super::setpoint::{Choice, Level, LockAt, NoSetpoint, Target};
+use super::settings::Settings;
+use super::speed::SpeedSearch;
+use super::supervise::{Event, Events};
+use crate::feeder::OutOfRange;
+
+/// The target, with what was chosen for it and what is still searched for.
+#[derive(Clone, Copy, Debug)]
+pub struct Aim {
+    target: Target,
+    level: Level,
+    lock: Option<LockAt>,
+    speed: Option<SpeedSearch>,
+    /// The search for the kicks that bring the parts onto the lock.
+    pub search: Search,
+    /// The search for chaos, where that is the target.
+    pub chaos: Option<ChaosSearch>,
+}
+
+impl Aim {
+    /// At a target; the refusal names the number that is out of range.
+    pub fn at(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
+        let choice = Choice::of(target, settings)?;
+        let chaotic = target == Target::Chaotic && choice.lock.is_some();
+        Ok(Self {
+            target,
+            level: choice.level,
+            lock: choice.lock,
+            speed: match target {
+                Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
+                _ => None,
+            },
+            search: kicks(&choice, settings, scale)?,
+            chaos: if chaotic {
+                Some(ChaosSearch::begin(settings)?)
+            } else {
+                None
+            },
+        })
+    }
+
+    /// The target.
+    pub fn target(&self) -> Target {
+        self.target
+    }
+
+    /// The lock that is wanted, also as the way to chaos or for a speed.
+    pub fn lock(&self) -> Option<&LockAt> {
+        self.lock.as_ref()
+    }
+
+    /// Whether the setpoint is known, or that there is none.
+    pub fn chosen(&self) -> bool {
+        self.level != Level::Sought
+    }
+
+    /// Why there is no setpoint, where there is none.
+    pub fn no_setpoint(&self) -> Option<NoSetpoint> {
+        match self.level {
+            Level::None(why) => Some(why),
+            _ => None,
+        }
+    }
+
+    /// The amplitude that was chosen, in m; 0 where there is none.
+    pub fn setpoint(&self, scale: &Scale) -> f32 {
+        match self.level {
+            Level::K(k) => scale.amplitude(k as f32),
+            Level::Amplitude(amplitude) => amplitude,
+            Level::Sought | Level::None(_) => 0.0,
+        }
+    }
+
+    /// Goes to another k, on the way to the target.
+    pub fn go(&mut self, k: f64) {
+        self.level = Level::K(k);
+    }
+
+    /// Goes back to the lock.
+    pub fn go_to_lock(&mut self) {
+        if let Some(lock) = self.lock {
+            self.level = Level::K(lock.k);
+        }
+    }
+
+    /// There is no chaos for the lot.
+    pub fn give_up_chaos(&mut self) {
+        self.lock = None;
+        self.level = Level::None(NoSetpoint::Chaos);
+    }
+
+    /// One slice of what is searched for; whether more is to be done.
+    pub fn step(&mut self, settings: &Settings, scale: &Scale, news: &mut Events) -> bool {
+        if let Some(speed) = &mut self.speed {
+            if let Some(choice) = speed.step(settings) {
+                self.speed = None;
+                self.choose(choice, settings, scale, news);
+            }
+            return true;
+        }
+        self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
+    }
+
+    /// Takes the choice that was searched for.
+    fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
+        (self.level, self.lock) = (choice.level, choice.lock);
+        match kicks(&choice, settings, scale) {
+            Ok(search) => self.search = search,
+            // A lock whose kicks cannot be planned is none to go to.
+            Err(_) => (self.level, self.lock) = (Level::None(NoSetpoint::Speed(None)), None),
+        }
+        if self.no_setpoint().is_some() {
+            news.push(Event::NoSetpoint);
+        }
+    }
+}
+
+/// The search for the kicks that a choice needs.
+fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<Search, OutOfRange> {
+    match choice.lock {
+        Some(lock) => {
+            let reserve = scale.reserve(settings, scale.amplitude(lock.k as f32));
+            Search::begin(settings, &lock, reserve)
+        }
+        None => Ok(Search::default()),
+    }
+}

@@ -1,0 +1,180 @@
+//! What a controller tells of itself, and what another one may tell it.
+
+use super::super::angle::radians_of;
+use super::super::capture::Planned;
+use super::super::chaos::{Chaos, ChaosSearch};
+use super::super::identify::Identification;
+use super::super::report::{Inputs, Report};
+use super::super::setpoint::{NoSetpoint, Target};
+use super::super::settings::Settings;
+use super::super::signal::{Command, Cycle};
+use super::super::supervise::{Events, State};
+use super::Controller;
+use crate::regime::capture::PlanSettings;
+
+impl Controller {
+    /// Takes a cycle of the signal path and the board's inputs; what was seen, and what the drive is to do.
+    pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
+        self.advance(cycle, inputs);
+        self.report()
+    }
+
+    /// What was seen and done in the last cycle.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let (seen, hearing) = (&self.seen, &self.listening.hearing);
+        Report {
+            cycle: self.count,
+            k: self.k(seen.amplitude),
+            amplitude: seen.amplitude,
+            lead: radians_of(seen.lead),
+            reference: self.reference.now,
+            setpoint: self.setpoint(),
+            rate: hearing.rate(),
+            phase: hearing.phase(),
+            concentration: hearing.concentration(),
+            confidence: self.listening.confidence(self.aim.lock()),
+            attempts: self.course.attempts(),
+            identification: self.identifier.result(),
+            regime: self.listening.regime,
+            frequency: self.resonance.frequency(),
+            state: self.course.state(),
+            fault: self.course.fault(),
+            limits: self.restraint.limits(),
+            events: seen.events,
+            command: self.command(),
+        }
+    }
+
+    /// What the drive is to do.
+    #[must_use]
+    pub fn command(&self) -> Command {
+        Command {
+            amplitude: self.output,
+            step: self.scale.step,
+            immediate: !self.course.running(),
+            fold: self.identifier.fold(),
+        }
+    }
+
+    /// What the controller is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.course.state()
+    }
+
+    /// What happened in the last cycle.
+    #[must_use]
+    pub fn events(&self) -> Events {
+        self.seen.events
+    }
+
+    /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.
+    #[must_use]
+    pub fn amplitude(&self) -> f32 {
+        self.seen.amplitude
+    }
+
+    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    #[must_use]
+    pub fn reference(&self) -> f32 {
+        self.reference.now
+    }
+
+    /// The settings in use.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The target.
+    #[must_use]
+    pub fn target(&self) -> Target {
+        self.aim.target()
+    }
+
+    /// Order of the lock that is wanted, also as the way to chaos or for a speed.
+    #[must_use]
+    pub fn order(&self) -> Option<u8> {
+        self.aim.lock().map(|lock| lock.order)
+    }
+
+    /// Amplitude chosen for the target in m, before any limit; 0 where there is none.
+    #[must_use]
+    pub fn setpoint(&self) -> f32 {
+        self.aim.setpoint(&self.scale)
+    }
+
+    /// Whether the setpoint for the target is known, or that it has none: the lock for a speed is searched for.
+    #[must_use]
+    pub fn chosen(&self) -> bool {
+        self.aim.chosen()
+    }
+
+    /// Why the target has no setpoint, and what would allow one.
+    #[must_use]
+    pub fn no_setpoint(&self) -> Option<NoSetpoint> {
+        self.aim.no_setpoint()
+    }
+
+    /// Largest amplitude in m that the settings let the drive reach.
+    #[must_use]
+    pub fn reach(&self) -> f32 {
+        self.scale.reach(&self.settings)
+    }
+
+    /// k at a normal amplitude in m.
+    #[must_use]
+    pub fn k(&self, amplitude: f32) -> f32 {
+        self.scale.k(amplitude)
+    }
+
+    /// How far the identification of the parts' restitution has come ([`Target::Identify`]). A result is
+    /// offered here and applied nowhere; it stays until the next identification.
+    #[must_use]
+    pub fn identification(&self) -> Identification {
+        self.identifier.result()
+    }
+
+    /// Whether the regime is judged where the controller does not act on it, for [`Report::regime`]: it is,
+    /// unless this says otherwise.
+    pub fn watch_regime(&mut self, watched: bool) {
+        self.listening.watched = watched;
+    }
+
+    /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn planning(&self) -> Option<&PlanSettings> {
+        self.aim.search.asked()
+    }
+
+    /// Spares the search that [`Controller::planning`] tells of, where another controller has done it.
+    pub fn plan_known(&mut self, known: Planned) {
+        self.aim.search.know(known);
+    }
+
+    /// The search that has come to its end for the present target.
+    #[must_use]
+    pub fn planned(&self) -> Option<Planned> {
+        self.aim.search.planned()
+    }
+
+    /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn chaos_asked(&self) -> Option<[f32; 2]> {
+        self.aim.chaos.as_ref().and_then(ChaosSearch::asked)
+    }
+
+    /// Spares the search that [`Controller::chaos_asked`] tells of, where another controller has done it.
+    pub fn chaos_known(&mut self, known: Chaos) {
+        if let Some(chaos) = &mut self.aim.chaos {
+            chaos.know(known);
+        }
+    }
+
+    /// The search for chaos that has come to its end for the present target.
+    #[must_use]
+    pub fn chaos_found(&self) -> Option<Chaos> {
+        self.aim.chaos.as_ref().and_then(ChaosSearch::found)
+    }
+}

@@ -1,0 +1,149 @@
+use super::*;
+use crate::control::{Heard, Report};
+use crate::regime::classify::Regime;
+
+#[test]
+fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
+    let target = Target::Locked { order: 1 };
+    let mut controller = Controller::build(&Settings::default(), target, Start::Ordinary).unwrap();
+    controller.count = u32::MAX - 150;
+    let inputs = Inputs {
+        enable: true,
+        ..Inputs::default()
+    };
+    let mut cycle = Cycle {
+        samples: 400,
+        low: 1500,
+        high: 2500,
+        heard_count: 1,
+        ..Cycle::default()
+    };
+    cycle.heard[0] = Heard {
+        phase: Phase::from_radians(0.445),
+        strength: 5.0,
+    };
+    let mut heard = |silent: bool| {
+        cycle.heard_count = u8::from(!silent);
+        let mut report = Report::default();
+        for _ in 0..120 {
+            report = controller.cycle(&cycle, &inputs);
+            cycle.quadrature = -report.reference * controller.scale.square;
+        }
+        (report.cycle, report.regime.map(|verdict| verdict.regime))
+    };
+    let locked = Some(Regime::Locked { order: 1 });
+    assert_eq!(heard(false), (u32::MAX - 30, locked));
+    assert_eq!(heard(false), (89, locked));
+    assert_eq!(heard(true), (209, Some(Regime::Rest)));
+}
+
+/// A controller at a target, with its drive following, and what it reports.
+fn driven(target: Target) -> (Controller, Report) {
+    let settings = Settings {
+        restitution_low: 0.199,
+        restitution_high: 0.201,
+        ..Settings::default()
+    };
+    let mut controller = Controller::build(&settings, target, Start::Ordinary).unwrap();
+    let mut report = Report::default();
+    for _ in 0..60 {
+        report = follow(&mut controller, true, 1);
+    }
+    (controller, report)
+}
+
+/// A cycle of a drive that does as it is told, and some slices.
+fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
+    let cycle = Cycle {
+        samples: 400,
+        quadrature: -controller.reference() * controller.scale.square,
+        low: 1500,
+        high: 2500,
+        ..Cycle::default()
+    };
+    let inputs = Inputs {
+        enable,
+        ..Inputs::default()
+    };
+    let report = controller.cycle(&cycle, &inputs);
+    for _ in 0..slices {
+        controller.plan_step();
+    }
+    report
+}
+
+#[test]
+fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
+    let (mut controller, before) = driven(Target::K(0.5));
+    assert_eq!(before.state, State::Holding);
+    controller.set_target(Target::Speed(180.0)).unwrap();
+    for _ in 0..7 {
+        let report = follow(&mut controller, true, 1);
+        assert!(!controller.chosen());
+        assert_eq!(report.state, State::Starting);
+        assert_eq!(report.reference, before.reference);
+        assert_eq!(report.setpoint, 0.0);
+    }
+    follow(&mut controller, true, 1);
+    let (other, _) = driven(Target::Speed(180.0));
+    assert!(controller.chosen() && controller.order() == Some(2));
+    assert_eq!(controller.setpoint(), other.setpoint());
+    assert_eq!(controller.planning(), other.planning());
+    assert!(follow(&mut controller, true, 1).reference > before.reference);
+}
+
+#[test]
+fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
+    let target = Target::Speed(40.0);
+    let mut controller = Controller::build(&Settings::default(), target, Start::Ordinary).unwrap();
+    for _ in 0..8 {
+        assert_eq!(follow(&mut controller, true, 1).state, State::Off);
+    }
+    let report = follow(&mut controller, true, 1);
+    assert_eq!(report.state, State::Starting);
+    let events: std::vec::Vec<_> = report.events.iter().collect();
+    assert_eq!(events, [Event::NoSetpoint, Event::Started, Event::Limited]);
+}
+
+#[test]
+fn whatever_comes_between_the_slices_of_a_search_the_lock_is_that_of_the_last_target() {
+    let wanted = driven(Target::Speed(180.0)).0;
+    for slices in 0..8 {
+        for trouble in 0..4 {
+            let (mut controller, _) = driven(Target::Locked { order: 1 });
+            controller.set_target(Target::Speed(90.0)).unwrap();
+            follow(&mut controller, true, slices);
+            match trouble {
+                // Another speed, another target, a stop, a fault.
+                0 => controller.set_target(Target::Speed(268.0)).unwrap(),
+                1 => {
+                    controller.set_target(Target::K(0.5)).unwrap();
+                    assert!(controller.chosen() && controller.order().is_none());
+                }
+                2 => {
+                    let report = follow(&mut controller, false, 0);
+                    assert_eq!(report.state, State::Stopping);
+                }
+                _ => {
+                    let inputs = Inputs {
+                        enable: true,
+                        over_temperature: true,
+                        ..Inputs::default()
+                    };
+                    let report = controller.cycle(&Cycle::default(), &inputs);
+                    assert_eq!(report.state, State::Fault);
+                }
+            }
+            follow(&mut controller, trouble < 2, slices);
+            controller.set_target(Target::Speed(180.0)).unwrap();
+            for enable in [false, true] {
+                for _ in 0..200 {
+                    follow(&mut controller, enable, 1);
+                }
+            }
+            assert_eq!(controller.setpoint(), wanted.setpoint());
+            assert_eq!(controller.order(), Some(2));
+            assert!(controller.course.running(), "{slices} {trouble}");
+        }
+    }
+}

@@ -1,0 +1,411 @@
+//! The course of a drive from state to state.
+
+use super::aim::Aim;
+use super::capture::{Capture, Progress};
+use super::chaos::ChaosSearch;
+use super::listening::Listening;
+use super::report::{Inputs, Start};
+use super::supervise::{Event, Events, Fault, Limits, State};
+use crate::regime::classify::Regime;
+
+/// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked.
+const PATIENCE: u32 = 40;
+/// Confidence from which a lock is believed, and below which it is no longer.
+const BELIEVED: f32 = 0.9;
+const DOUBTED: f32 = 0.6;
+/// Confidence from which a regime that is heard is believed.
+const SURE: f32 = 0.5;
+/// Cycles in lock before the glide to chaos begins.
+const SETTLED: u32 = 50;
+
+/// Where the way to chaos stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Glide {
+    /// Chaos is not wanted.
+    Unwanted,
+    /// First the lock.
+    Ahead,
+    /// On the way.
+    Going,
+    /// At the amplitude; whether chaos was heard.
+    There {
+        /// Whether it was heard.
+        heard: bool,
+    },
+}
+
+/// What a turn of the enable input asks of the drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// The fault is acknowledged.
+    Acknowledged,
+    /// The soft stop begins.
+    Stopping,
+    /// The drive starts.
+    Started,
+}
+
+/// What a cycle shows of a drive that is to stop.
+#[derive(Clone, Copy, Debug)]
+pub struct Rest {
+    /// Whether the track is at rest.
+    pub reached: bool,
+    /// Cycles after which it is taken for at rest.
+    pub patience: f32,
+}
+
+/// What a cycle shows of a running drive.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    /// Whether the amplitude is at the setpoint.
+    pub near: bool,
+    /// What holds the drive back.
+    pub limits: Limits,
+}
+
+/// The state, and what the way to the next one depends on.
+#[derive(Clone, Debug)]
+pub struct Course {
+    state: State,
+    fault: Option<Fault>,
+    /// Whether the enable input must be withdrawn before the drive may start.
+    latched: bool,
+    in_state: u32,
+    arrived: u8,
+    doubts: u8,
+    /// Whether every kick allowed has failed for the present target.
+    given_up: bool,
+    glide: Glide,
+    /// Falls out of chaos since the target was set, and how many are borne.
+    falls: u8,
+    borne: f32,
+    capture: Capture,
+}
+
+impl Course {
+    /// The course of a drive that starts for a reason and may be kicked `attempts` times.
+    pub fn begin(start: Start, attempts: f32) -> Self {
+        let fault = match start {
+            Start::Ordinary => None,
+            Start::Reset => Some(Fault::WatchdogReset),
+            Start::Refused => Some(Fault::SettingsInvalid),
+        };
+        Self {
+            state: if fault.is_some() {
+                State::Fault
+            } else {
+                State::Off
+            },
+            fault,
+            latched: fault.is_some(),
+            in_state: 0,
+            arrived: 0,
+            doubts: 0,
+            given_up: false,
+            glide: Glide::Unwanted,
+            falls: 0,
+            borne: attempts,
+            capture: Capture::new(attempts as u8),
+        }
+    }
+
+    /// What the controller is doing.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// What stopped it.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Whether the drive is on.
+    pub fn running(&self) -> bool {
+        !matches!(self.state, State::Off | State::Fault)
+    }
+
+    /// Whether the regime decides what is done next.
+    pub fn listens_for_chaos(&self) -> bool {
+        matches!(self.glide, Glide::Going | Glide::There { .. })
+    }
+
+    /// Whether the amplitude glides from a lock to chaos.
+    pub fn glides(&self) -> bool {
+        self.state == State::Holding && self.glide == Glide::Going
+    }
+
+    /// Kicks begun for the present target.
+    pub fn attempts(&self) -> u8 {
+        self.capture.attempts()
+    }
+
+    /// Amplitude of a kick over the setpoint, in a capture.
+    pub fn kick(&self) -> Option<f32> {
+        (self.state == State::Capturing).then(|| self.capture.command())
+    }
+
+    /// Begins the way to a new target; `chaotic` is whether it leads through a lock to chaos.
+    pub fn aim(&mut self, chaotic: bool) {
+        self.glide = if chaotic {
+            Glide::Ahead
+        } else {
+            Glide::Unwanted
+        };
+        self.falls = 0;
+        self.arrived = 0;
+        self.given_up = false;
+        self.capture.stop();
+        if self.settled() {
+            self.enter(State::Starting);
+        }
+    }
+
+    /// A cycle on.
+    pub fn count(&mut self) {
+        self.in_state = self.in_state.saturating_add(1);
+    }
+
+    fn settled(&self) -> bool {
+        matches!(
+            self.state,
+            State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting
+        )
+    }
+
+    fn enter(&mut self, state: State) {
+        self.state = state;
+        self.in_state = 0;
+    }
+
+    /// A fault stops the drive, unless one has.
+    pub fn fail(&mut self, fault: Fault, events: &mut Events) {
+        if self.fault.is_none() {
+            self.fault = Some(fault);
+            self.latched = true;
+            self.enter(State::Fault);
+            events.push(Event::Faulted);
+        }
+    }
+
+    /// Everything at rest, drive off: the way to chaos begins anew.
+    pub fn rest(&mut self, aim: &mut Aim) {
+        self.capture.stop();
+        self.back_to_lock(aim);
+    }
+
+    /// Follows the enable input; `ready` is whether the drive may start.
+    pub fn obey(
+        &mut self,
+        inputs: &Inputs,
+        ready: bool,
+        rest: &Rest,
+        events: &mut Events,
+    ) -> Option<Turn> {
+        match self.state {
+            State::Fault if !inputs.enable => {
+                // Each fault is reported for a cycle at least, and stays while its cause does: refused
+                // settings until others are accepted.
+                let stays = match self.fault {
+                    Some(Fault::SettingsInvalid) => true,
+                    Some(Fault::OverTemperature) => inputs.over_temperature,
+                    Some(Fault::StackLow) => inputs.stack_low,
+                    _ => false,
+                };
+                if self.in_state == 0 || stays {
+                    return None;
+                }
+                self.fault = None;
+                self.latched = false;
+                self.enter(State::Off);
+                events.push(Event::Acknowledged);
+                Some(Turn::Acknowledged)
+            }
+            State::Off if inputs.enable && ready && !self.latched => {
+                self.enter(State::Starting);
+                self.arrived = 0;
+                events.push(Event::Started);
+                Some(Turn::Started)
+            }
+            State::Stopping => {
+                if self.in_state > 0 && (rest.reached || self.in_state as f32 > rest.patience) {
+                    self.enter(State::Off);
+                    events.push(Event::Stopped);
+                }
+                None
+            }
+            State::Off | State::Fault => None,
+            _ if !inputs.enable => {
+                self.enter(State::Stopping);
+                events.push(Event::Stopping);
+                Some(Turn::Stopping)
+            }
+            _ => None,
+        }
+    }
+
+    /// Moves between the states of a running drive.
+    pub fn progress(
+        &mut self,
+        shown: &Shown,
+        aim: &mut Aim,
+        listening: &mut Listening,
+        events: &mut Events,
+    ) {
+        let Shown { near, limits } = *shown;
+        let confidence = listening.confidence(aim.lock());
+        let locked = confidence >= BELIEVED;
+        if self.settled() && self.state != State::Limiting && !limits.is_empty() {
+            self.capture.stop();
+            self.enter(State::Limiting);
+            return;
+        }
+        match self.state {
+            State::Starting => {
+                self.arrived = if near {
+                    self.arrived.saturating_add(1)
+                } else {
+                    0
+                };
+                if self.arrived >= 3 || limits.contains(Limits::OUTPUT) {
+                    listening.forget();
+                    if limits.is_empty() {
+                        self.enter(State::Holding);
+                        events.push(Event::SetpointReached);
+                    } else {
+                        self.enter(State::Limiting);
+                    }
+                }
+            }
+            State::Limiting if limits.is_empty() => {
+                self.arrived = 0;
+                self.enter(State::Starting);
+            }
+            State::Holding if self.listens_for_chaos() => {
+                self.glide_on(near, aim, listening, events);
+            }
+            State::Holding if aim.lock().is_some() => {
+                if locked {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                } else if self.in_state >= PATIENCE && !self.given_up {
+                    self.capture.begin();
+                    self.enter(State::Capturing);
+                }
+            }
+            State::Capturing => match self.capture.cycle(&aim.search, locked, near) {
+                Progress::Going => {}
+                Progress::Planned { sure: true } => events.push(Event::KickPlanned),
+                Progress::Planned { sure: false } => events.push(Event::KickUncertain),
+                Progress::Begun => {
+                    events.push(Event::KickBegun);
+                    listening.forget();
+                }
+                Progress::Ended => events.push(Event::KickEnded),
+                Progress::Captured => {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                }
+                Progress::Failed => {
+                    self.given_up = true;
+                    self.enter(State::Holding);
+                    events.push(Event::NotCaptured);
+                }
+            },
+            State::Locked => {
+                self.doubts = if confidence < DOUBTED {
+                    self.doubts.saturating_add(1)
+                } else {
+                    0
+                };
+                if self.doubts >= 10 {
+                    self.doubts = 0;
+                    self.enter(State::Lost);
+                    events.push(Event::LockLost);
+                } else if self.glide == Glide::Ahead && self.in_state >= SETTLED {
+                    self.leave_lock(aim, events);
+                }
+            }
+            State::Lost => {
+                if locked {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                } else if self.in_state >= PATIENCE {
+                    self.capture.begin();
+                    self.enter(State::Capturing);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Leaves the lock for chaos, once the search for it is over.
+    fn leave_lock(&mut self, aim: &mut Aim, events: &mut Events) {
+        match aim.chaos.filter(ChaosSearch::done).map(|chaos| chaos.k()) {
+            None => {}
+            Some(Some(k)) => {
+                self.glide = Glide::Going;
+                aim.go(k);
+                self.enter(State::Holding);
+            }
+            Some(None) => {
+                self.glide = Glide::Unwanted;
+                aim.give_up_chaos();
+                events.push(Event::NoSetpoint);
+            }
+        }
+    }
+
+    /// Goes back to the amplitude of the lock, from which chaos is reached.
+    fn back_to_lock(&mut self, aim: &mut Aim) {
+        if self.listens_for_chaos() && aim.lock().is_some() {
+            self.glide = Glide::Ahead;
+            aim.go_to_lock();
+        }
+    }
+
+    /// On the way to chaos, and there: listens whether the parts are in it.
+    fn glide_on(
+        &mut self,
+        near: bool,
+        aim: &mut Aim,
+        listening: &mut Listening,
+        events: &mut Events,
+    ) {
+        match self.glide {
+            Glide::Going if near => {
+                self.glide = Glide::There { heard: false };
+                listening.forget();
+            }
+            Glide::There { heard } => {
+                let sure = listening
+                    .regime
+                    .filter(|verdict| verdict.confidence >= SURE);
+                match sure.map(|verdict| verdict.regime) {
+                    Some(Regime::Chaotic) if !heard => {
+                        self.glide = Glide::There { heard: true };
+                        events.push(Event::Chaotic);
+                    }
+                    Some(Regime::Rest | Regime::HopAndRest { .. }) => self.fall(aim, events),
+                    _ => {}
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The parts fell out of chaos to rest: the way begins anew, as often as kicks are allowed.
+    fn fall(&mut self, aim: &mut Aim, events: &mut Events) {
+        self.falls = self.falls.saturating_add(1);
+        self.back_to_lock(aim);
+        if f32::from(self.falls) > self.borne {
+            self.given_up = true;
+            self.glide = Glide::Unwanted;
+            self.enter(State::Holding);
+            events.push(Event::NotCaptured);
+        } else {
+            self.arrived = 0;
+            self.enter(State::Starting);
+            events.push(Event::LockLost);
+        }
+    }
+}

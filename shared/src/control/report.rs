@@ -1,0 +1,81 @@
+//! What goes into a controller each cycle, and what comes out of it.
+
+use super::identify::Identification;
+use super::signal::{Command, Signal};
+use super::supervise::{Events, Fault, Limits, State};
+use crate::regime::classify::Verdict;
+
+/// Why the controller starts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Start {
+    /// Power came, or a user asked for it.
+    #[default]
+    Ordinary,
+    /// The watchdog or a brown-out reset the board: off until enabled anew.
+    Reset,
+    /// The stored settings were refused: off, with the defaults in their place.
+    Refused,
+}
+
+/// What the board tells the controller each cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// The enable input.
+    pub enable: bool,
+    /// The over-temperature input.
+    pub over_temperature: bool,
+    /// Whether the link brought a valid frame since the last cycle.
+    pub link_heard: bool,
+    /// Whether the stack came close to its end.
+    pub stack_low: bool,
+}
+
+/// What the controller saw and did in one cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Report {
+    /// Cycles since the controller was built.
+    pub cycle: u32,
+    /// Measured k; infinite at rest.
+    pub k: f32,
+    /// Measured normal amplitude of the track (symbol b) in m.
+    pub amplitude: f32,
+    /// Measured phase lead of the track before the output, in rad, -pi..pi.
+    pub lead: f32,
+    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    pub reference: f32,
+    /// Amplitude chosen for the target, in m; 0 where there is none.
+    pub setpoint: f32,
+    /// Impacts heard per cycle, over the last 16.
+    pub rate: f32,
+    /// Mean phase of the track (symbol t) at the impacts heard, in rad, -pi..pi.
+    pub phase: f32,
+    /// Concentration of these phases, 0..1.
+    pub concentration: f32,
+    /// What the parts are heard to do, and how sure that is.
+    pub regime: Option<Verdict>,
+    /// Drive frequency in Hz.
+    pub frequency: f32,
+    /// Confidence that the parts are in the wanted lock, 0..1.
+    pub confidence: f32,
+    /// Kicks begun for the present target.
+    pub attempts: u8,
+    /// How far the identification of the parts' restitution has come.
+    pub identification: Identification,
+    /// What the controller is doing.
+    pub state: State,
+    /// What stopped it.
+    pub fault: Option<Fault>,
+    /// What holds it back.
+    pub limits: Limits,
+    /// What happened in this cycle.
+    pub events: Events,
+    /// What the drive is to do.
+    pub command: Command,
+}
+
+impl Signal {
+    /// Hands the command of a report to the signal path.
+    pub fn obey(&mut self, report: &Report) {
+        self.command(report.command);
+    }
+}

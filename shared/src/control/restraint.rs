@@ -1,0 +1,72 @@
+//! What holds the drive back.
+
+use super::supervise::Limits;
+
+/// Cycles that the output may stand at its limit: short stays there belong to every start and kick.
+const STRAIN: u32 = 25;
+
+/// What a cycle shows of the limits.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    /// Whether the drive runs.
+    pub running: bool,
+    /// Whether the link brought a valid frame.
+    pub link_heard: bool,
+    /// Cycles for which the link may be silent, where its silence counts.
+    pub link_timeout: Option<f32>,
+    /// Whether there is no setpoint.
+    pub no_setpoint: bool,
+    /// Whether the setpoint is beyond a hard limit.
+    pub cut: bool,
+    /// That hard limit.
+    pub ceiling_limit: Limits,
+    /// Whether the output stands at its limit.
+    pub saturated: bool,
+}
+
+/// The limits that hold the drive back, and for how long they have been suspected.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Restraint {
+    limits: Limits,
+    /// Cycles that the output has stood at its limit.
+    strained: u32,
+    link_silence: u32,
+    link_known: bool,
+}
+
+impl Restraint {
+    /// What holds the drive back.
+    pub fn limits(&self) -> Limits {
+        self.limits
+    }
+
+    /// Takes a cycle.
+    pub fn cycle(&mut self, shown: &Shown) {
+        if shown.link_heard {
+            self.link_known = true;
+            self.link_silence = 0;
+        } else {
+            self.link_silence = self.link_silence.saturating_add(1);
+        }
+        let lost = self.link_known
+            && (shown.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
+        self.strained = if shown.saturated {
+            self.strained.saturating_add(1)
+        } else {
+            0
+        };
+        let running = shown.running;
+        self.limits.set(Limits::LINK_LOST, running && lost);
+        self.limits
+            .set(Limits::NO_SETPOINT, running && shown.no_setpoint);
+        self.limits.set(shown.ceiling_limit, running && shown.cut);
+        self.limits
+            .set(Limits::OUTPUT, running && self.strained > STRAIN);
+    }
+
+    /// The drive is off: nothing holds it back.
+    pub fn rest(&mut self) {
+        self.strained = 0;
+        self.limits = Limits::default();
+    }
+}

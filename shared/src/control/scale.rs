@@ -1,0 +1,83 @@
+//! What an amplitude means at the drive's frequency: for the parts, for the hard limits, for the output.
+
+use core::f32::consts::{PI, TAU};
+
+use super::settings::Settings;
+use super::signal::phase_step;
+use super::supervise::Limits;
+
+/// The numbers that amplitude, k and output hang together by.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale {
+    /// g cos(alpha) in m/s^2.
+    pub pull: f32,
+    /// Square of the angular frequency, in 1/s^2.
+    pub square: f32,
+    /// Advance of the phase per sample.
+    pub step: u32,
+    /// Largest amplitude that both hard limits allow, in m.
+    pub ceiling: f32,
+    /// The hard limit that it is.
+    pub ceiling_limit: Limits,
+    /// Share of the drive's envelope that a cycle leaves.
+    pub keep: f32,
+}
+
+impl Scale {
+    /// The numbers at a frequency in Hz.
+    pub fn at(settings: &Settings, frequency: f32) -> Self {
+        let mut scale = Self {
+            pull: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
+            square: 0.0,
+            step: 0,
+            ceiling: 0.0,
+            ceiling_limit: Limits::AMPLITUDE,
+            keep: libm::expf(-PI / settings.quality),
+        };
+        scale.retune(settings, frequency);
+        scale
+    }
+
+    /// What depends on the drive's frequency, in Hz.
+    pub fn retune(&mut self, settings: &Settings, frequency: f32) {
+        let angular = TAU * frequency;
+        self.square = angular * angular;
+        self.step = phase_step(frequency);
+        let by_acceleration = settings.acceleration_limit / self.square;
+        let by_amplitude = settings.amplitude_limit * 1e-3;
+        self.ceiling = by_acceleration.min(by_amplitude);
+        self.ceiling_limit = if by_acceleration < by_amplitude {
+            Limits::ACCELERATION
+        } else {
+            Limits::AMPLITUDE
+        };
+    }
+
+    /// k at a normal amplitude in m.
+    pub fn k(&self, amplitude: f32) -> f32 {
+        self.pull / (amplitude * self.square)
+    }
+
+    /// Normal amplitude in m at a k.
+    pub fn amplitude(&self, k: f32) -> f32 {
+        self.pull / (k * self.square)
+    }
+
+    /// Largest amplitude in m that the settings let the drive reach.
+    pub fn reach(&self, settings: &Settings) -> f32 {
+        // Response of the resonance at the drive's frequency over the one at resonance.
+        let x = settings.frequency / settings.resonance;
+        let (detuned, damped) = (1.0 - x * x, x / settings.quality);
+        let response = 1.0 / (settings.quality * libm::sqrtf(detuned * detuned + damped * damped));
+        (settings.output_maximum * settings.gain * 1e-3 * response).min(self.ceiling)
+    }
+
+    /// How far a kick may go over an amplitude within the drive's output and hard limits.
+    pub fn reserve(&self, settings: &Settings, amplitude: f32) -> f32 {
+        // The first cycle of a step of the command from 1 to f needs an output of 1 + s (f - 1), with s
+        // the step of the reference over the step of the drive's own envelope.
+        let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
+        let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
+        (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
+    }
+}
