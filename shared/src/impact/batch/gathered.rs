@@ -39,25 +39,21 @@ pub(super) fn advance<L: Lane>(
         }
         let [talls, shorts, _, lows] = ends;
         for n in 0..talls {
-            let close = tall::approach(
-                &stages.track::<L>(n),
-                &stages.launch(n),
-                &stages.crossing(n),
-            );
-            stages.put_close(n, close);
+            let close = tall::approach(&stages.track::<L>(n), &stages.crossing(n));
+            stages.put_close(n, &close);
         }
         for n in shorts..lows {
             let close = low::approach(&stages.track::<L>(n), &stages.launch(n), &stages.stretch(n));
-            stages.put_close(n, close);
+            stages.put_close(n, &close);
         }
         for n in 0..talls {
             let track = stages.track::<L>(n);
-            let landing = Near::at(&track, &stages.launch(n), stages.close(n)).finish(&track);
+            let landing = Near::at(&track, &stages.launch(n), &stages.close(n)).finish(&track);
             stages.put_landing(n, &landing);
         }
         for (n, register) in (talls..shorts).zip(&registers[talls..]) {
             let (landing, certain) =
-                short::landing(&stages.track::<L>(n), &stages.launch(n), stages.close(n));
+                short::landing(&stages.track::<L>(n), &stages.launch(n), stages.guess(n));
             stages.put_landing(n, &landing);
             if L::any(!certain) {
                 search_for::<L>(columns, grazing, stages, n, certain, register.0);
@@ -68,7 +64,7 @@ pub(super) fn advance<L: Lane>(
                 &stages.track::<L>(n),
                 &stages.launch(n),
                 &stages.stretch(n),
-                stages.close(n),
+                &stages.close(n),
             );
             stages.put_landing(n, &landing);
             if L::any(!certain) {
@@ -101,7 +97,7 @@ fn begin<L: Lane>(
     stages.put_track(n, &track);
     match kind {
         Kind::Tall => stages.put_crossing(n, &tall::crossing(&track, &launch)),
-        Kind::Short => stages.put_close(n, short::guess(&track, &launch)),
+        Kind::Short => stages.put_guess(n, short::guess(&track, &launch)),
         Kind::Home => stages.put_stretch(n, &low::home(&track, &launch)),
         Kind::Low => stages.put_stretch(n, &low::stretch(&track, &launch)),
     }

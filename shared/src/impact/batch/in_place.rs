@@ -42,12 +42,12 @@ pub(super) fn advance<L: Lane>(
         }
         for (n, &at) in starts.iter().enumerate() {
             let crossing = stages.crossing::<L>(n);
-            let close = tall::approach(&columns.track_at(at), &columns.launch_at(at), &crossing);
-            stages.put_close(n, close);
+            let close = tall::approach(&columns.track_at(at), &crossing);
+            stages.put_close(n, &close);
         }
         for (n, &at) in starts.iter().enumerate() {
             let close = stages.close::<L>(n);
-            let near = Near::at(&columns.track_at(at), &columns.launch_at(at), close);
+            let near = Near::at(&columns.track_at(at), &columns.launch_at(at), &close);
             stages.put_near(n, &near);
         }
         for (n, &at) in starts.iter().enumerate() {

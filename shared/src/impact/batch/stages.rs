@@ -2,7 +2,7 @@
 
 use super::columns::Aligned;
 use crate::arithmetic::lane::{Lane, Node};
-use crate::impact::flight::{Landing, Launch, Near, Track, low, tall};
+use crate::impact::flight::{Close, Landing, Launch, Near, Track, low, tall};
 
 /// Lanes that go through the stages together.
 pub(super) const ROOM: usize = 64;
@@ -11,13 +11,13 @@ pub(super) const ROOM: usize = 64;
 #[derive(Clone, Debug)]
 pub(super) struct Stages(Aligned<{ ROOM * QUANTITIES }>);
 
-const QUANTITIES: usize = 15;
+const QUANTITIES: usize = 16;
 const LAUNCH: usize = 0;
 const TRACK: usize = 4;
 /// Where the first stage takes the flight: a crossing, or a stretch.
 const BEGIN: usize = 7;
 const CLOSE: usize = 11;
-const LANDING: usize = 12;
+const LANDING: usize = 13;
 /// In the place of launch, track and beginning, where lanes fly as they stand: those are in the columns.
 const NEAR: usize = 0;
 
@@ -81,13 +81,13 @@ impl Stages {
 
     #[inline(always)]
     pub fn put_crossing<L: Lane>(&mut self, n: usize, crossing: &tall::Crossing<L>) {
-        self.put(n, BEGIN, [crossing.time, crossing.speed]);
+        self.put(n, BEGIN, [crossing.nodes, crossing.speed]);
     }
 
     #[inline(always)]
     pub fn crossing<L: Lane>(&self, n: usize) -> tall::Crossing<L> {
-        let [time, speed] = self.get(n, BEGIN);
-        tall::Crossing { time, speed }
+        let [nodes, speed] = self.get(n, BEGIN);
+        tall::Crossing { nodes, speed }
     }
 
     #[inline(always)]
@@ -112,42 +112,55 @@ impl Stages {
     }
 
     #[inline(always)]
-    pub fn put_close<L: Lane>(&mut self, n: usize, close: L) {
-        self.put(n, CLOSE, [close]);
+    pub fn put_guess<L: Lane>(&mut self, n: usize, guess: L) {
+        self.put(n, CLOSE, [guess]);
     }
 
     #[inline(always)]
-    pub fn close<L: Lane>(&self, n: usize) -> L {
-        let [close] = self.get(n, CLOSE);
-        close
+    pub fn guess<L: Lane>(&self, n: usize) -> L {
+        let [guess] = self.get(n, CLOSE);
+        guess
+    }
+
+    #[inline(always)]
+    pub fn put_close<L: Lane>(&mut self, n: usize, close: &Close<L>) {
+        self.put(n, CLOSE, [close.rounded, close.back]);
+    }
+
+    #[inline(always)]
+    pub fn close<L: Lane>(&self, n: usize) -> Close<L> {
+        let [rounded, back] = self.get(n, CLOSE);
+        Close { rounded, back }
     }
 
     #[inline(always)]
     pub fn put_near<L: Lane>(&mut self, n: usize, near: &Near<L>) {
         let Near {
             node,
+            back,
             x,
             value,
             slope,
-            curvature,
-            third,
+            sine,
+            cosine,
         } = *near;
         let at = [node.sine, node.cosine, node.rounded, node.distance];
         self.put(n, NEAR, at);
-        self.put(n, NEAR + at.len(), [x, value, slope, curvature, third]);
+        self.put(n, NEAR + at.len(), [back, x, value, slope, sine, cosine]);
     }
 
     #[inline(always)]
     pub fn near<L: Lane>(&self, n: usize) -> Near<L> {
         let node = self.node(n);
-        let [x, value, slope, curvature, third] = self.get(n, NEAR + 4);
+        let [back, x, value, slope, sine, cosine] = self.get(n, NEAR + 4);
         Near {
             node,
+            back,
             x,
             value,
             slope,
-            curvature,
-            third,
+            sine,
+            cosine,
         }
     }
 

@@ -8,7 +8,7 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::{Landing, Launch, Local, Near, Track, householder, in_turn};
+use super::{Close, Landing, Launch, Local, Near, Track, householder, in_turn};
 use crate::arithmetic::lane::{Lane, ROUNDER, floor};
 use crate::arithmetic::node;
 
@@ -266,7 +266,11 @@ fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin: L
 /// A flight time close to the impact in the stretch: one step of fourth order from its start, within 1e-6 for
 /// all but one in a hundred.
 #[inline(always)]
-pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, stretch: &Stretch<L>) -> L {
+pub(crate) fn approach<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    stretch: &Stretch<L>,
+) -> Close<L> {
     let per_node = L::splat(node::COUNT as f64 / TAU);
     let rounded = (stretch.start * per_node + launch.phase * per_node) + L::splat(ROUNDER);
     let (sine, cosine) = L::node(rounded);
@@ -276,7 +280,7 @@ pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, stretch: &
     let f = distance * (v - track.half() * distance) + (launch.sine - sine);
     let g = (v - track.k * distance) - cosine;
     let back = householder(f, g, sine - track.k, cosine, -sine);
-    (distance - back).lone()
+    Close { rounded, back }
 }
 
 /// The end of a low flight from a time close to it; the mask says where it is certain to be the first
@@ -286,7 +290,7 @@ pub(crate) fn landing<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,
     stretch: &Stretch<L>,
-    close: L,
+    close: &Close<L>,
 ) -> (Landing<L>, L::Mask) {
     let (landing, settled) = settle(track, launch, close);
     let certain = settled & !landing.phase.below(L::splat(0.0)) & stretch.holds(&landing);
@@ -315,7 +319,11 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
         d = (local.node.distance + step)
             .max(stretch.low)
             .min(stretch.high);
-        let (mut landing, settled) = settle(track, launch, d);
+        let close = Close {
+            rounded: local.node.rounded,
+            back: local.node.distance - d,
+        };
+        let (mut landing, settled) = settle(track, launch, &close);
         if f64::any(settled) {
             landing.phase = in_turn(landing.phase);
             return f64::any(stretch.holds(&landing)).then_some(landing);
@@ -327,13 +335,18 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
 /// The last step, of third order; the mask says where it was so short that what it leaves is below
 /// rounding. The phase may be a hair below zero.
 #[inline(always)]
-fn settle<L: Lane>(track: &Track<L>, launch: &Launch<L>, close: L) -> (Landing<L>, L::Mask) {
+fn settle<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    close: &Close<L>,
+) -> (Landing<L>, L::Mask) {
     let near = Near::at(track, launch, close);
     let per_slope = L::splat(1.0) / near.slope;
     let newton = (near.value * per_slope).lone();
-    let turn = ((near.curvature * L::splat(0.5)) * per_slope).lone() * newton;
+    let curvature = near.sine - track.k;
+    let turn = ((curvature * L::splat(0.5)) * per_slope).lone() * newton;
     let back = newton + newton * turn;
-    let arrival = back * (near.curvature - back * (near.third * L::splat(0.5))) - near.slope;
+    let arrival = back * (curvature - back * (near.cosine * L::splat(0.5))) - near.slope;
     let settled = newton.abs().below(L::splat(NEAR)) & turn.abs().below(L::splat(NEAR / 3.0));
     (near.landing(back, arrival), settled)
 }

@@ -304,57 +304,68 @@ fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
     (f * top / bottom).lone()
 }
 
-/// The gap near an impact, from the node of the table next to it.
+/// About where a flight ends: so far before a node of the table.
+#[derive(Clone, Copy)]
+pub(crate) struct Close<L> {
+    /// The [`ROUNDER`] sum that names the node.
+    pub rounded: L,
+    /// How far before it, in rad.
+    pub back: L,
+}
+
+/// The gap near an impact, to rounding: the ball from the node that the approach began at, the track from
+/// the node next to the impact.
 ///
 /// What comes late is used late: every sum is in the order in which its terms are ready.
 #[derive(Clone, Copy)]
 pub(crate) struct Near<L> {
-    /// The node.
+    /// The node next to the impact, and how far the other lies ahead of the launch.
     pub node: Node<L>,
-    /// Time from the node.
+    /// Time from that other node back.
+    pub back: L,
+    /// Time from the node next to it.
     pub x: L,
     /// `u`.
     pub value: L,
     /// `u'`.
     pub slope: L,
-    /// `u''`.
-    pub curvature: L,
-    /// The derivative of that: the cosine.
-    pub third: L,
+    /// The track's sine.
+    pub sine: L,
+    /// Its cosine.
+    pub cosine: L,
 }
 
 impl<L: Lane> Near<L> {
-    /// About `d` after the launch, to the digits that the number of the node leaves.
+    /// At `close`.
     #[inline(always)]
-    pub fn at(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
-        let half = track.half();
-        let per_node = L::splat(node::COUNT as f64 / TAU);
-        let nodes = d * per_node + launch.phase * per_node;
-        let rounded = nodes + L::splat(ROUNDER);
-        let count = rounded - L::splat(ROUNDER);
-        let (sine, cosine) = L::node(rounded);
-        let x = ((nodes - count) * L::splat(node::SPACING)).lone();
+    pub fn at(track: &Track<L>, launch: &Launch<L>, close: &Close<L>) -> Self {
+        let (half, back) = (track.half(), close.back);
+        let rounded = close.rounded - back * L::splat(node::COUNT as f64 / TAU);
+        let (node_sine, node_cosine) = L::node(rounded);
+        let x = (close.rounded - rounded) * L::splat(node::SPACING) - back;
+        let count = close.rounded - L::splat(ROUNDER);
         let distance = (count * L::splat(node::SPACING_HIGH) - launch.phase)
             + count * L::splat(node::SPACING_LOW);
         let v = launch.rise();
-        let slope = (v - track.k * distance) - cosine;
-        let value = distance * (v - half * distance) + (launch.sine - sine);
-        let excess = sine - track.k;
+        let height = launch.sine + distance * (v - half * distance);
+        let speed = v - track.k * distance;
         let arc = Arc::of(x);
-        let bend = (sine * arc.versine + cosine * arc.sagitta).lone();
-        let lag = (sine * arc.sagitta - cosine * arc.versine).lone();
+        let rise = (node_cosine * arc.sine - node_sine * arc.versine).lone();
+        let fall = (node_sine * arc.sine + node_cosine * arc.versine).lone();
+        let cosine = node_cosine - fall;
         Self {
             node: Node {
-                sine,
-                cosine,
+                sine: node_sine,
+                cosine: node_cosine,
                 distance,
                 rounded,
             },
+            back,
             x,
-            value: (value + x * (slope - half * x)) + bend,
-            slope: (slope + excess * x) - lag,
-            curvature: (excess + cosine * x) - bend,
-            third: (cosine - sine * x) + lag,
+            value: ((height - back * (speed + half * back)) - node_sine) - rise,
+            slope: (speed + track.k * back) - cosine,
+            sine: node_sine + rise,
+            cosine,
         }
     }
 
@@ -363,7 +374,7 @@ impl<L: Lane> Near<L> {
     fn landing(&self, back: L, arrival: L) -> Landing<L> {
         let (high, low) = L::within_turn(self.node.rounded);
         Landing {
-            flight: (self.node.distance + (self.x - back)).lone(),
+            flight: (self.node.distance - (self.back + back)).lone(),
             phase: (high + ((low + self.x) - back)).lone(),
             arrival: arrival.lone(),
         }
@@ -372,8 +383,8 @@ impl<L: Lane> Near<L> {
     /// The last step, to the root, of fourth order.
     #[inline(always)]
     pub fn finish(&self, track: &Track<L>) -> Landing<L> {
-        let (f, g, g2, g3) = (self.value, self.slope, self.curvature, self.third);
-        let sine = g2 + track.k;
+        let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
+        let g2 = sine - track.k;
         let back = householder(f, g, g2, g3, -sine);
         let half_third = g3 * L::splat(0.5);
         let bend = half_third
@@ -442,7 +453,7 @@ fn not_tall(
             low::stretch(track, &launch)
         };
         let close = low::approach(track, &launch, &stretch);
-        low::landing(track, &launch, &stretch, close)
+        low::landing(track, &launch, &stretch, &close)
     };
     Some(if f64::any(certain) {
         (landing, false)

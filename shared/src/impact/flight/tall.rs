@@ -5,7 +5,7 @@
 //! equation with eccentricity 1/V < 1 bent by the parabola. From the crossing of height 0 two steps
 //! of fourth order, each on a node of the table, reach rounding.
 
-use super::{Landing, Launch, Near, Track, householder};
+use super::{Close, Landing, Launch, Near, Track, householder};
 use core::f64::consts::TAU;
 
 use crate::arithmetic::lane::{Lane, ROUNDER};
@@ -17,11 +17,11 @@ use crate::arithmetic::node;
 /// the residual that the golden data are held against.
 pub(crate) const LEAVING: f64 = 3.0;
 
-/// When the ball falls through height 0, and how fast.
+/// Where the ball falls through height 0, and how fast.
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing<L> {
-    /// Time after launch.
-    pub time: L,
+    /// Phase in node spacings, counted through all turns.
+    pub nodes: L,
     /// Speed downwards.
     pub speed: L,
 }
@@ -29,35 +29,31 @@ pub(crate) struct Crossing<L> {
 /// The crossing that a tall flight starts from, to the 24 bits of a rough square root: 2e-8 of the flight.
 #[inline(always)]
 pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
+    let per_node = L::splat(node::COUNT as f64 / TAU);
     let v = launch.rise();
     let speed = launch.level(track).rough_sqrt();
     Crossing {
-        time: ((v + speed) * track.per_k).lone(),
+        nodes: (v + speed) * (track.per_k * per_node) + launch.phase * per_node,
         speed,
     }
 }
 
-/// A flight time within 1.4e-3 of the impact.
+/// Within 1.4e-3 of the impact.
 #[inline(always)]
-pub(crate) fn approach<L: Lane>(track: &Track<L>, launch: &Launch<L>, crossing: &Crossing<L>) -> L {
-    let per_node = L::splat(node::COUNT as f64 / TAU);
-    let nodes = crossing.time * per_node + launch.phase * per_node;
-    let rounded = nodes + L::splat(ROUNDER);
+pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> Close<L> {
+    let rounded = crossing.nodes + L::splat(ROUNDER);
     let (sine, cosine) = L::node(rounded);
-    let past = ((rounded - L::splat(ROUNDER)) - nodes) * L::splat(node::SPACING);
-    // Relative to the crossing nothing cancels: y = -past (V + k past/2).
-    let gained = track.half() * past;
-    let mean = crossing.speed + gained;
-    let below = past * mean + sine;
-    let speed = (mean + gained) + cosine;
+    let past = ((rounded - L::splat(ROUNDER)) - crossing.nodes) * L::splat(node::SPACING);
+    // Relative to the crossing nothing cancels. What gravity adds to the fall within `past` is below 1e-4.
+    let below = past * crossing.speed + sine;
+    let speed = crossing.speed + (track.k * past + cosine);
     let back = householder(below, speed, track.k - sine, -cosine, sine);
-    crossing.time + (past - back)
+    Close { rounded, back }
 }
 
 /// The end of a tall flight.
 #[inline(always)]
 pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> Landing<f64> {
-    let crossing = crossing(track, launch);
-    let close = approach(track, launch, &crossing);
-    Near::at(track, launch, close).finish(track)
+    let close = approach(track, &crossing(track, launch));
+    Near::at(track, launch, &close).finish(track)
 }
