@@ -190,8 +190,9 @@ impl<L: Lane> Arc<L> {
         let sagitta = (d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0))).lone();
         Self {
             sine: (d - sagitta).lone(),
-            versine: (z * (L::splat(0.5) - z * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0))))
-                .lone(),
+            versine: (z * L::splat(0.5)
+                - (z * z) * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0)))
+            .lone(),
             sagitta,
         }
     }

@@ -46,7 +46,7 @@ pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> Clo
     let past = ((rounded - L::splat(ROUNDER)) - crossing.nodes) * L::splat(node::SPACING);
     // Relative to the crossing nothing cancels. What gravity adds to the fall within `past` is below 1e-4.
     let below = past * crossing.speed + sine;
-    let speed = crossing.speed + (track.k * past + cosine);
+    let speed = (crossing.speed + track.k * past) + cosine;
     let back = householder(below, speed, track.k - sine, -cosine, sine);
     Close { rounded, back }
 }
