@@ -165,7 +165,9 @@ pub(crate) fn home<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> 
     let gap = L::select(hop, launch.velocity, gap);
     let slope = L::select(hop, (launch.sine - k) * L::splat(0.5), slope);
     let bend = L::select(hop, launch.cosine * L::splat(1.0 / 6.0), bend);
-    let root = (slope * slope - (bend * L::splat(4.0)) * gap).sqrt();
+    let root = (slope * slope - (bend * L::splat(4.0)) * gap)
+        .max(zero)
+        .sqrt();
     Stretch {
         start: centre + ((gap + gap) / (root - slope)).lone(),
         low: L::splat(SHORTEST),
@@ -292,7 +294,13 @@ pub(crate) fn landing<L: Lane>(
     stretch: &Stretch<L>,
     close: &Close<L>,
 ) -> (Landing<L>, L::Mask) {
-    let (landing, settled) = settle(track, launch, close);
+    let (mut landing, mut settled) = settle(track, launch, close);
+    if L::any(!settled) {
+        let close = Close::after(launch, landing.flight);
+        let (again, then) = settle(track, launch, &close);
+        landing = landing.or(settled, again);
+        settled = settled | then;
+    }
     let certain = settled & !landing.phase.below(L::splat(0.0)) & stretch.holds(&landing);
     (landing, certain)
 }

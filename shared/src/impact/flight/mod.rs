@@ -261,6 +261,18 @@ pub(crate) struct Landing<L> {
     pub arrival: L,
 }
 
+impl<L: Lane> Landing<L> {
+    /// `self` where the mask holds, else `other`.
+    #[inline(always)]
+    fn or(self, mask: L::Mask, other: Self) -> Self {
+        Self {
+            flight: L::select(mask, self.flight, other.flight),
+            phase: L::select(mask, self.phase, other.phase),
+            arrival: L::select(mask, self.arrival, other.arrival),
+        }
+    }
+}
+
 /// The gap `u0 + u1 x + b2 x^2 + ...` around a node of the table.
 #[derive(Clone, Copy)]
 struct Local<L> {
@@ -311,6 +323,18 @@ pub(crate) struct Close<L> {
     pub rounded: L,
     /// How far before it, in rad.
     pub back: L,
+}
+
+impl<L: Lane> Close<L> {
+    /// `d` after the launch.
+    #[inline(always)]
+    fn after(launch: &Launch<L>, d: L) -> Self {
+        let node = Node::near(launch.phase, d);
+        Self {
+            rounded: node.rounded,
+            back: node.distance - d,
+        }
+    }
 }
 
 /// The gap near an impact, to rounding: the ball from the node that the approach began at, the track from

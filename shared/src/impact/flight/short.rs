@@ -69,7 +69,12 @@ pub(crate) fn landing<L: Lane>(
     guess: L,
 ) -> (Landing<L>, L::Mask) {
     let d = closer(track, launch, guess);
-    let (landing, settled) = settle(track, launch, d);
+    let (mut landing, mut settled) = settle(track, launch, d);
+    if L::any(!settled) {
+        let (again, then) = settle(track, launch, landing.flight);
+        landing = landing.or(settled, again);
+        settled = settled | then;
+    }
     (landing, settled & holds(track, launch, &landing))
 }
 
