@@ -3,12 +3,14 @@
 
 pub mod broken;
 pub mod certificate;
+pub mod chip;
 pub mod day;
 pub mod desk;
 pub mod emulator;
 pub mod footprint;
 pub mod images;
 pub mod oracle;
+pub mod probe;
 pub mod soak;
 pub mod states;
 pub mod terminal;
