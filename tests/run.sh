@@ -107,6 +107,7 @@ if [ "${1:-}" = --features ]; then
         -- -D warnings
     step "desk with all features" 2400 cargo build --locked --package kband-host --all-features --bin kband
     step "log of the emulated board" 1200 cargo test --locked --package kband-host --features log --test board -- log
+    step "probe before an emulated chip" 1200 cargo test --locked --package kband-host --features flash --test probe
     step "unit tests with all features" 1200 cargo test --locked --package kband-host --all-features --lib
     finish
 fi

@@ -8,9 +8,9 @@
 //! | [`mod@file`] | files that are written whole or not at all |
 //! | [`board`] | a board on the link, and a scene's controller on it |
 //! | [`mod@bench`] | the kernels of the impact map side by side, and the baselines |
+//! | [`chip`] | the board's chip: its image, and the way to it through a debug probe |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`ending`] | where an orbit of the exact map ends |
-//! | [`flash`] | images onto the board |
 //! | `live` | the dashboard in the terminal |
 //! | `log` | the log of a board |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
@@ -21,10 +21,10 @@
 pub mod arguments;
 pub mod bench;
 pub mod board;
+pub mod chip;
 pub mod desk;
 pub mod ending;
 pub mod file;
-pub mod flash;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "log")]

@@ -31,28 +31,44 @@ impl Words {
     }
 }
 
-/// A log as it is written, from its beginning.
+/// Gives the bytes of a log that were written since the last call.
+pub type Source = Box<dyn FnMut() -> Result<Vec<u8>, Refusal>>;
+
+/// A log as it is written.
 pub struct Log<'a> {
-    file: File,
+    more: Source,
     decoder: Box<dyn StreamDecoder + Send + Sync + 'a>,
     unreadable: u64,
 }
 
 impl<'a> Log<'a> {
-    /// The log in a file that may still grow, written by an image that says `words`.
+    /// The log that `more` gives piece by piece, written by an image that says `words`.
+    pub fn new(more: Source, words: &'a Words) -> Self {
+        Self {
+            more,
+            decoder: words.0.new_stream_decoder(),
+            unreadable: 0,
+        }
+    }
+
+    /// The log in a file that may still grow, from its beginning.
     pub fn open(file: &Path, words: &'a Words) -> Result<Self, Refusal> {
-        let opened = File::open(file).map_err(|error| {
+        let mut opened = File::open(file).map_err(|error| {
             Refusal::file(
                 file,
                 &error,
                 "give the path of a recorded log, its bytes as the board wrote them",
             )
         })?;
-        Ok(Self {
-            file: opened,
-            decoder: words.0.new_stream_decoder(),
-            unreadable: 0,
-        })
+        let more = move || {
+            let mut bytes = Vec::new();
+            let read = opened.read_to_end(&mut bytes);
+            read.map_err(|error| {
+                Refusal::new(format!("the log cannot be read: {error}"), "try again")
+            })?;
+            Ok(bytes)
+        };
+        Ok(Self::new(Box::new(more), words))
     }
 
     /// Frames so far that could not be read.
@@ -63,11 +79,7 @@ impl<'a> Log<'a> {
 
     /// The lines that were added since the last call: time, level and words.
     pub fn lines(&mut self) -> Result<Vec<String>, Refusal> {
-        let mut bytes = Vec::new();
-        self.file.read_to_end(&mut bytes).map_err(|error| {
-            Refusal::new(format!("the log cannot be read: {error}"), "try again")
-        })?;
-        self.decoder.received(&bytes);
+        self.decoder.received(&(self.more)()?);
         let mut lines = Vec::new();
         loop {
             match self.decoder.decode() {

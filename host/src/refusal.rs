@@ -59,12 +59,18 @@ impl Refusal {
     /// The run was stopped by Ctrl-C before its result was complete.
     #[must_use]
     pub fn interrupted() -> Self {
+        Self::cut(
+            "interrupted before the result was complete; nothing was written",
+            "start it again; fewer points finish sooner",
+        )
+    }
+
+    /// The run was stopped by Ctrl-C in the middle of what `cause` tells.
+    #[must_use]
+    pub fn cut(cause: impl Into<String>, next: impl Into<String>) -> Self {
         Self {
             interrupted: true,
-            ..Self::new(
-                "interrupted before the result was complete; nothing was written",
-                "start it again; fewer points finish sooner",
-            )
+            ..Self::new(cause, next)
         }
     }
 
@@ -72,6 +78,13 @@ impl Refusal {
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         self.cause = format!("{place}: {}", self.cause);
+        self
+    }
+
+    /// The same refusal with another next step.
+    #[must_use]
+    pub fn then(mut self, next: impl Into<String>) -> Self {
+        self.next = next.into();
         self
     }
 

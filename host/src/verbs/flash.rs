@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use crate::arguments::Printed;
+use crate::chip::{Image, STM32F405RG};
 use crate::desk::Desk;
-use crate::flash::{Image, STM32F405RG};
+#[cfg(feature = "flash")]
+use crate::desk::Progress;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, Value};
 
@@ -16,7 +18,8 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
 /// Write the firmware onto the board through a debug probe, verify it and start it.
 ///
 /// The image is checked first: for which chip it is, whether it fits into flash and RAM, whether its vector table is sound. Then
-/// the chip on the probe is. Only then is anything erased, and never the sectors of the settings.
+/// the chip on the probe is, while its program runs on. Then the drive is switched off, the core is stopped, and only then is
+/// anything erased, never the sectors of the settings. Cut at any moment, the board does not start until it is written again.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband flash --dry-run
@@ -94,18 +97,19 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "RAM              {} bytes of {memory}, the stack included",
             image.memory()
         ));
+    let (flash_bytes, ram_bytes) = (image.size(), image.memory());
     if arguments.dry_run {
         report = report.note("nothing was written: --dry-run");
     } else {
-        write(&image, arguments.probe.as_deref(), desk)?;
+        write(image, arguments.probe.as_deref(), desk)?;
         report = report.note("written, verified, started");
     }
     report
         .json(&json!({
             "image": path.display().to_string(),
             "chip": chip.name,
-            "flash_bytes": image.size(),
-            "ram_bytes": image.memory(),
+            "flash_bytes": flash_bytes,
+            "ram_bytes": ram_bytes,
             "sectors": sectors,
             "written": !arguments.dry_run,
         }))?
@@ -114,12 +118,16 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 #[cfg(feature = "flash")]
-fn write(image: &Image, probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
-    desk.go_on()?;
-    crate::flash::write(image, &STM32F405RG, probe)
+fn write(image: Image, probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
+    let progress = Progress::new("writing", image.size().into());
+    let end = crate::chip::write(image, &STM32F405RG, probe, desk, |bytes| {
+        progress.advance(bytes);
+    });
+    progress.finish();
+    end
 }
 
 #[cfg(not(feature = "flash"))]
-fn write(_image: &Image, _probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
+fn write(_image: Image, _probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
     desk.go_on()
 }

@@ -1,23 +1,23 @@
 //! `kband monitor`: telemetry and event log of a board, recorded and replayed.
 
+mod rows;
 #[cfg_attr(not(feature = "log"), path = "monitor/no_watch.rs")]
 mod watch;
 
 use std::fs::File;
-use std::io::{BufReader, Stdout, stdout};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use kband::control::{Event, Fault, Limits, State};
-use kband::wire::{Record, Request, Response, Telemetry};
+use kband::wire::{Request, Response};
 
 use crate::arguments;
-use crate::board::{Address, Clock, Emulated, Line, Said, Unasked, replay};
+use crate::board::{Address, Emulated, Line, Said, Unasked, replay};
 use crate::desk::Desk;
 use crate::file::Target;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Value, shortest};
-use crate::stream::Stream;
+use crate::report::Format;
+use rows::Rows;
 use watch::Watch;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
@@ -33,6 +33,8 @@ const LOOK: Duration = Duration::from_millis(200);
   kband monitor --on /dev/ttyACM0 --every 1 --record shift.kband
   kband monitor --replay shift.kband --format csv
   kband monitor --on qemu --duration 5
+  kband monitor --elf my-feeder --probe
+  kband monitor --on /dev/ttyACM0 --elf my-feeder --probe 0483:3748
   kband monitor --elf my-feeder --log shift.defmt")]
 pub struct Arguments {
     #[command(flatten)]
@@ -58,9 +60,13 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows"])]
     replay: Option<PathBuf>,
 
-    /// Print the board's log as well: the image that runs there, which has the words. A board's log comes with --log.
+    /// Print the board's log as well: the image that runs there, which has the words. A board's log comes through --probe.
     #[arg(long, value_name = "IMAGE")]
     elf: Option<PathBuf>,
+
+    /// Read the log through a debug probe, which one where several are there; the board runs on. Without --on the log alone.
+    #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, requires = "elf", conflicts_with_all = ["replay", "log"])]
+    probe: Option<Option<String>>,
 
     /// Print a recorded log instead of a board: its bytes as the board wrote them; needs --elf.
     #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows", "record", "replay"])]
@@ -77,6 +83,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     match (&arguments.replay, &arguments.log, &arguments.elf) {
         (Some(path), ..) => again(path, &mut rows, desk)?,
         (None, Some(log), Some(elf)) => recorded(elf, log, &mut rows)?,
+        (None, None, Some(elf)) if arguments.probe.is_some() && arguments.address.on.is_none() => {
+            through_the_probe(arguments, elf, &mut rows, desk)?;
+        }
         _ => now(arguments, &mut rows, desk)?,
     }
     Ok(Exit::Done)
@@ -113,6 +122,42 @@ fn recorded(elf: &Path, log: &Path, rows: &mut Rows) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// Prints the log that a probe reads, without a line to the board.
+fn through_the_probe(
+    arguments: &Arguments,
+    elf: &Path,
+    rows: &mut Rows,
+    desk: &Desk,
+) -> Result<(), Refusal> {
+    for (option, given) in [
+        ("--record", arguments.record.is_some()),
+        ("--rows", arguments.rows.is_some()),
+        ("--image", arguments.address.image.is_some()),
+        ("--flash-image", arguments.address.flash_image.is_some()),
+    ] {
+        if given {
+            return Err(Refusal::new(
+                format!("{option} is of telemetry, which a probe does not read"),
+                "name the board's serial port as well: --on /dev/PORT",
+            ));
+        }
+    }
+    let wanted = arguments.probe.iter().flatten().next();
+    let mut watch = Watch::probed(elf, wanted.map(String::as_str), desk)?;
+    let begun = Instant::now();
+    let limit = arguments.duration.map(Duration::from_secs_f64);
+    let mut going = true;
+    while going && desk.go_on().is_ok() {
+        going = rows.log(&mut watch)? && limit.is_none_or(|limit| begun.elapsed() < limit);
+        if going {
+            std::thread::sleep(LOOK);
+        }
+    }
+    rows.close();
+    unreadable(&watch);
+    Ok(())
+}
+
 fn unreadable(watch: &Watch) {
     if watch.unreadable() > 0 {
         eprintln!("{} frames of the log could not be read", watch.unreadable());
@@ -134,17 +179,26 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
     let mut address = arguments.address.clone();
     let mut watch = match &arguments.elf {
         None => None,
+        Some(_) if address.is_emulated() && arguments.probe.is_some() => {
+            return Err(Refusal::new(
+                "the emulated board has no probe",
+                "leave --probe out: its log comes without",
+            ));
+        }
         Some(elf) if address.is_emulated() => {
             let (watch, file) = Watch::emulated(elf)?;
             address.log = Some(file);
             Some(watch)
         }
-        Some(_) => {
-            return Err(Refusal::new(
-                "a board writes its log into memory that only its probe reads",
-                "record it through the probe and print the record: kband monitor --elf IMAGE --log FILE",
-            ));
-        }
+        Some(elf) => match &arguments.probe {
+            Some(wanted) => Some(Watch::probed(elf, wanted.as_deref(), desk)?),
+            None => {
+                return Err(Refusal::new(
+                    "a board writes its log into memory that only a debug probe reads",
+                    "add --probe, or print a record of it: kband monitor --elf IMAGE --log FILE",
+                ));
+            }
+        },
     };
     let mut line = address.open(Emulated::Running)?;
     if let Some(path) = path {
@@ -218,163 +272,4 @@ fn log(line: &mut Line, rows: &mut Rows) -> Result<bool, Refusal> {
         }
     }
     Ok(true)
-}
-
-/// Telemetry and events as rows.
-struct Rows {
-    stream: Stream<Stdout>,
-    /// Drive frequency in Hz, once it is known.
-    frequency: Option<f64>,
-    clock: Clock,
-    /// Number of the next event.
-    next: u32,
-    cycles: u64,
-    events: u64,
-}
-
-impl Rows {
-    fn new(format: Format) -> Self {
-        let columns = [
-            (Column::new("time", "s"), 9),
-            (Column::new("cycle", ""), 8),
-            (Column::new("state", ""), 9),
-            (Column::new("k", "").digits(4), 8),
-            (Column::new("b", "mm").digits(4), 8),
-            (Column::new("output", "%").digits(3), 10),
-            (Column::new("impacts", "1/cycle").digits(3), 17),
-            (Column::new("phase", "rad").digits(3), 11),
-            (Column::new("confidence", "").digits(2), 10),
-            (Column::new("event", ""), 0),
-        ];
-        Self {
-            stream: Stream::new(format, &columns, stdout()),
-            frequency: None,
-            clock: Clock::default(),
-            next: 0,
-            cycles: 0,
-            events: 0,
-        }
-    }
-
-    /// Prints it; whether there is still somebody who reads.
-    fn take(&mut self, said: Said) -> Result<bool, Refusal> {
-        match said {
-            Said::Setting(key, value) => {
-                if key == "frequency" && value > 0.0 {
-                    self.frequency = Some(f64::from(value));
-                }
-                Ok(true)
-            }
-            Said::Telemetry(telemetry) => {
-                self.cycles += 1;
-                let row = self.cycle(&telemetry);
-                self.stream.row(&row)
-            }
-            Said::Event(event) => {
-                // Asked for twice where an answer was late.
-                if (event.number.wrapping_sub(self.next) as i32) < 0 {
-                    return Ok(true);
-                }
-                self.next = event.number.wrapping_add(1);
-                self.events += 1;
-                self.event(event.cycle, happened(&event))
-            }
-            Said::Started(image) => {
-                self.next = 0;
-                self.clock = Clock::default();
-                self.event(0, format!("the board started: kband {image}"))
-            }
-        }
-    }
-
-    /// Time and number of a cycle.
-    fn when(&self, cycles: u64) -> Vec<Value> {
-        let time = self.frequency.map(|frequency| cycles as f64 / frequency);
-        vec![time.into(), cycles.into()]
-    }
-
-    /// Prints what is new in a log; whether there is still somebody who reads.
-    fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
-        for words in watch.lines()? {
-            let mut row = vec![Value::Missing; 9];
-            row.push(words.into());
-            if !self.stream.row(&row)? {
-                return Ok(false);
-            }
-        }
-        Ok(true)
-    }
-
-    fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
-        let mut row = self.when(self.clock.then(cycle));
-        row.resize(9, Value::Missing);
-        row.push(words.into());
-        self.stream.row(&row)
-    }
-
-    fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
-        let state = State::ALL
-            .iter()
-            .find(|state| state.number() == telemetry.state);
-        let held = held(telemetry);
-        let cycles = self.clock.now(telemetry.cycle);
-        let mut row = self.when(cycles);
-        row.extend([
-            state.map_or("unknown", |state| state.name()).into(),
-            // At rest k is beyond all bounds.
-            Some(telemetry.k).filter(|k| *k < 1e4).map(shortest).into(),
-            (shortest(telemetry.amplitude) * 1e3).into(),
-            (shortest(telemetry.output) * 100.0).into(),
-            shortest(telemetry.rate).into(),
-            shortest(telemetry.phase).into(),
-            shortest(telemetry.confidence).into(),
-            if held.is_empty() {
-                Value::Missing
-            } else {
-                held.into()
-            },
-        ]);
-        row
-    }
-
-    /// Says how much it was.
-    fn close(&self) {
-        eprintln!("{} rows of telemetry, {} events", self.cycles, self.events);
-    }
-}
-
-/// Fault and limits of a cycle in words.
-fn held(telemetry: &Telemetry) -> String {
-    let fault = Fault::ALL
-        .iter()
-        .find(|fault| fault.number() == telemetry.fault);
-    let fault = fault.map(|fault| format!("fault {}: {}", fault.number(), fault.name()));
-    let limits = Limits::ALL
-        .iter()
-        .filter(|limit| limit.bits() & telemetry.limits != 0);
-    let limits = limits.map(|limit| format!("limit {}: {}", limit.number(), limit.name()));
-    fault
-        .into_iter()
-        .chain(limits)
-        .collect::<Vec<_>>()
-        .join("; ")
-}
-
-fn happened(record: &Record) -> String {
-    let event = Event::ALL
-        .iter()
-        .find(|event| event.number() == record.event);
-    let name = event.map_or_else(
-        || format!("event {}", record.event),
-        |event| event.name().into(),
-    );
-    let fault = Fault::ALL
-        .iter()
-        .find(|fault| fault.number() == record.fault);
-    match (event, fault) {
-        (Some(Event::Faulted), Some(fault)) => {
-            format!("{name}: {} (fault {})", fault.name(), fault.number())
-        }
-        _ => name,
-    }
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::desk::Desk;
 use crate::log::{Log, Words};
 use crate::refusal::Refusal;
 
@@ -15,7 +16,24 @@ pub(super) struct Watch {
 impl Watch {
     /// The log in a file, written by the image `elf`.
     pub(super) fn recorded(elf: &Path, file: &Path) -> Result<Self, Refusal> {
-        Self::open(elf, file)
+        Log::open(file, words(elf)?).map(Self::of)
+    }
+
+    /// The log of the board on the probe that is wanted, running the image `elf`.
+    #[cfg(feature = "flash")]
+    pub(super) fn probed(elf: &Path, wanted: Option<&str>, desk: &Desk) -> Result<Self, Refusal> {
+        let words = words(elf)?;
+        let more = crate::chip::follow(elf, &crate::chip::STM32F405RG, wanted, desk)?;
+        Ok(Self::of(Log::new(Box::new(more), words)))
+    }
+
+    /// Refused: the way to a probe was not built in.
+    #[cfg(not(feature = "flash"))]
+    pub(super) fn probed(_: &Path, _: Option<&str>, _: &Desk) -> Result<Self, Refusal> {
+        Err(Refusal::new(
+            "this kband was built without its way to a probe",
+            "build it with it: cargo install --path host --features flash",
+        ))
     }
 
     /// A log that an emulated board is to write, running the image `elf`; and the file to write it into.
@@ -25,18 +43,16 @@ impl Watch {
         std::fs::write(&file, []).map_err(|error| {
             Refusal::file(&file, &error, "check space and permissions of the folder")
         })?;
-        let mut watch = Self::open(elf, &file)?;
+        let mut watch = Self::recorded(elf, &file)?;
         watch.temporary = Some(file.clone());
         Ok((watch, file))
     }
 
-    fn open(elf: &Path, file: &Path) -> Result<Self, Refusal> {
-        // One image a run of the program: what it says lives as long.
-        let words = Box::leak(Box::new(Words::read(elf)?));
-        Ok(Self {
-            log: Log::open(file, words)?,
+    fn of(log: Log<'static>) -> Self {
+        Self {
+            log,
             temporary: None,
-        })
+        }
     }
 
     /// The lines that were added since the last call.
@@ -48,6 +64,11 @@ impl Watch {
     pub(super) fn unreadable(&self) -> u64 {
         self.log.unreadable()
     }
+}
+
+/// What the image `elf` says; one image a run of the program: it lives as long.
+fn words(elf: &Path) -> Result<&'static Words, Refusal> {
+    Ok(Box::leak(Box::new(Words::read(elf)?)))
 }
 
 impl Drop for Watch {

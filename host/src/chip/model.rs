@@ -19,9 +19,14 @@ pub struct Chip {
     pub vectors: usize,
     /// Its family in the register that identifies the chip.
     pub family: u32,
+    /// Address and bit that stop the bridge's timer with the core, its outputs switched off.
+    pub stops: (u32, u32),
+    /// Address and bit that let the bridge's timer drive its outputs.
+    pub drives: (u32, u32),
 }
 
-/// The board's chip (RM0090, sections 2.3, 3.4 and 12.2; DBGMCU_IDCODE in 38.6.1).
+/// The board's chip (RM0090, sections 2.3, 3.4 and 12.2; DBGMCU_IDCODE in 38.6.1, DBGMCU_APB2_FZ in 38.16.5,
+/// TIM1_BDTR in 17.4.18).
 pub const STM32F405RG: Chip = Chip {
     name: "STM32F405RG",
     flash: 0x0800_0000..0x0810_0000,
@@ -30,6 +35,8 @@ pub const STM32F405RG: Chip = Chip {
     memory: 0x2000_0000..0x2002_0000,
     vectors: 98,
     family: 0x413,
+    stops: (0xe004_200c, 1),
+    drives: (0x4001_0044, 1 << 15),
 };
 
 /// One sector of a flash.

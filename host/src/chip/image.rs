@@ -7,7 +7,7 @@ use object::elf::{EM_ARM, ET_EXEC, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader};
 use object::{FileKind, LittleEndian};
 
-use super::chip::{Chip, Sector};
+use super::model::{Chip, Sector};
 use crate::refusal::Refusal;
 
 /// Builds the board's image.
@@ -253,7 +253,7 @@ fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
 
 #[cfg(test)]
 mod tests {
-    use super::super::chip::STM32F405RG;
+    use super::super::model::STM32F405RG;
     use super::*;
 
     /// A small image that is accepted: vector table, code, data, stack.

@@ -1,0 +1,228 @@
+//! A chip on a debug probe, its memory looked at while its program runs on.
+
+use probe_rs::architecture::arm::dp::DpAddress;
+use probe_rs::architecture::arm::sequences::DefaultArmSequence;
+use probe_rs::architecture::arm::{ArmDebugInterface, ArmError, FullyQualifiedApAddress};
+use probe_rs::probe::list::Lister;
+use probe_rs::probe::{DebugProbeInfo, DebugProbeSelector, Probe, WireProtocol};
+use probe_rs::{Permissions, Session};
+
+use super::model::Chip;
+use crate::refusal::Refusal;
+
+/// The register that identifies the chip, and the one that tells its flash (RM0090, 38.6.1 and 39.2).
+const IDENTITY: u32 = 0xe004_2000;
+const FLASH_SIZE: u32 = 0x1fff_7a22;
+/// What the identity says of the family.
+const FAMILY: u32 = 0xfff;
+
+const WIRES: &str = "check SWDIO, SWCLK, ground and the board's supply";
+
+/// A chip that was reached and is the one that it should be. Nothing here stops its core.
+pub struct Reached {
+    interface: Box<dyn ArmDebugInterface>,
+    memory: FullyQualifiedApAddress,
+    probe: String,
+    chip: &'static Chip,
+}
+
+impl Reached {
+    /// The chip on the probe that is wanted, or on the only one there is; refused unless it is of the
+    /// family, with as much flash.
+    pub fn by(wanted: Option<&str>, chip: &'static Chip) -> Result<Self, Refusal> {
+        let info = find(wanted)?;
+        let name = name(&info);
+        let mut probe = info.open().map_err(|error| {
+            Refusal::new(
+                format!("the probe {name} does not open: {}", causes(&error)),
+                "close other programs that use it, and look whether you may (on Linux its udev rule)",
+            )
+        })?;
+        let unreached = |error: &dyn std::error::Error| {
+            Refusal::new(
+                format!(
+                    "the probe {name} does not reach the chip: {}",
+                    causes(error)
+                ),
+                WIRES,
+            )
+        };
+        probe
+            .select_protocol(WireProtocol::Swd)
+            .map_err(|error| unreached(&error))?;
+        probe
+            .attach_to_unspecified()
+            .map_err(|error| unreached(&error))?;
+        let mut interface = probe
+            .try_into_arm_debug_interface(DefaultArmSequence::create())
+            .map_err(|(_, error)| unreached(&error))?;
+        interface
+            .select_debug_port(DpAddress::Default)
+            .map_err(|error| unreached(&error))?;
+        let mut reached = Self {
+            interface,
+            memory: FullyQualifiedApAddress::v1_with_default_dp(0),
+            probe: name.clone(),
+            chip,
+        };
+        reached.identify()?;
+        Ok(reached)
+    }
+
+    fn identify(&mut self) -> Result<(), Refusal> {
+        let family = self.word(IDENTITY)? & FAMILY;
+        let mut half = [0; 2];
+        self.read(FLASH_SIZE, &mut half)?;
+        let kib = u32::from(u16::from_le_bytes(half));
+        let size = (self.chip.flash.end - self.chip.flash.start) / 1024;
+        if family == self.chip.family && kib >= size {
+            return Ok(());
+        }
+        Err(Refusal::value(
+            "chip",
+            format!("family {family:#05x} with {kib} KiB of flash"),
+            format!(
+                "{:#05x} with {size} KiB: {}",
+                self.chip.family, self.chip.name
+            ),
+            "nothing was touched: look whether this is the right board",
+        ))
+    }
+
+    /// Switches the drive off and keeps it off should the core stop.
+    pub fn drive_off(&mut self) -> Result<(), Refusal> {
+        let (address, bit) = self.chip.stops;
+        let stops = self.word(address)?;
+        self.set_word(address, stops | bit)?;
+        let (address, bit) = self.chip.drives;
+        let drives = self.word(address)?;
+        self.set_word(address, drives & !bit)
+    }
+
+    /// Reads bytes.
+    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Refusal> {
+        let read = self
+            .interface
+            .memory_interface(&self.memory)
+            .and_then(|mut memory| {
+                if address.is_multiple_of(4) && bytes.len().is_multiple_of(4) {
+                    let mut words = vec![0; bytes.len() / 4];
+                    memory.read_32(address.into(), &mut words)?;
+                    for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
+                        place.copy_from_slice(&word.to_le_bytes());
+                    }
+                    return Ok(());
+                }
+                memory.read(address.into(), bytes)
+            });
+        read.map_err(|error| self.silent(&error))
+    }
+
+    /// Reads a word.
+    pub fn word(&mut self, address: u32) -> Result<u32, Refusal> {
+        let mut bytes = [0; 4];
+        self.read(address, &mut bytes)?;
+        Ok(u32::from_le_bytes(bytes))
+    }
+
+    /// Writes a word.
+    pub fn set_word(&mut self, address: u32, word: u32) -> Result<(), Refusal> {
+        let written = self
+            .interface
+            .memory_interface(&self.memory)
+            .and_then(|mut memory| memory.write_word_32(address.into(), word));
+        written.map_err(|error| self.silent(&error))
+    }
+
+    fn silent(&self, error: &ArmError) -> Refusal {
+        Refusal::new(
+            format!(
+                "the chip on the probe {} does not answer: {}",
+                self.probe,
+                causes(error)
+            ),
+            WIRES,
+        )
+    }
+
+    /// The same chip, its core under control: it stops for a moment.
+    pub fn control(self) -> Result<Session, Refusal> {
+        let probe: Probe = self.interface.close();
+        probe
+            .attach(self.chip.name, Permissions::default())
+            .map_err(|error| {
+                Refusal::new(
+                    format!(
+                        "the core does not obey the probe {}: {}",
+                        self.probe,
+                        causes(&error)
+                    ),
+                    WIRES,
+                )
+            })
+    }
+}
+
+/// An error of the probe and what caused it.
+pub(super) fn causes(error: &dyn std::error::Error) -> String {
+    let mut words = error.to_string();
+    let mut source = error.source();
+    while let Some(error) = source {
+        words += &format!(": {error}");
+        source = error.source();
+    }
+    words
+}
+
+fn name(info: &DebugProbeInfo) -> String {
+    let serial = info
+        .serial_number
+        .as_ref()
+        .map_or(String::new(), |serial| format!(":{serial}"));
+    format!("{:04x}:{:04x}{serial}", info.vendor_id, info.product_id)
+}
+
+/// The probe that is wanted, or the only one there is.
+fn find(wanted: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
+    let lister = Lister::new();
+    let all = || lister.list_all();
+    let names = |probes: &[DebugProbeInfo]| {
+        let names: Vec<String> = probes.iter().map(name).collect();
+        names.join(", ")
+    };
+    let found = match wanted {
+        None => all(),
+        Some(wanted) => {
+            let selector: DebugProbeSelector = wanted.parse().map_err(|_| {
+                Refusal::value(
+                    "--probe",
+                    wanted,
+                    "VID:PID or VID:PID:SERIAL, such as 0483:3748",
+                    "name a probe as kband flash lists them",
+                )
+            })?;
+            let found = lister.list(Some(&selector));
+            let there = if found.is_empty() { all() } else { Vec::new() };
+            if !there.is_empty() {
+                return Err(Refusal::value(
+                    "--probe",
+                    wanted,
+                    names(&there),
+                    "name one that is there",
+                ));
+            }
+            found
+        }
+    };
+    match &found[..] {
+        [info] => Ok(info.clone()),
+        [] => Err(Refusal::new(
+            "no debug probe is there",
+            "plug in an ST-Link, J-Link or CMSIS-DAP probe (on Linux with its udev rule: https://probe.rs/docs/getting-started/probe-setup)",
+        )),
+        [info, ..] => Err(Refusal::new(
+            format!("several debug probes are there: {}", names(&found)),
+            format!("name one, such as --probe {}", name(info)),
+        )),
+    }
+}

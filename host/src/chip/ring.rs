@@ -1,0 +1,236 @@
+//! The log of a board in its memory: a ring that the board fills and a desk empties.
+//!
+//! The layout is SEGGER's RTT, as defmt-rtt writes it. The ring is asked for in passing: the core runs on, and
+//! a board whose ring is full drops lines and waits for nobody.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::mpsc::TryRecvError;
+use std::time::Duration;
+
+use object::LittleEndian;
+use object::elf::FileHeader32;
+use object::read::elf::{FileHeader, Sym};
+
+use super::apart;
+use super::image::Image;
+use super::model::Chip;
+use super::reach::Reached;
+use crate::desk::Desk;
+use crate::refusal::Refusal;
+
+/// What the image calls it.
+const NAME: &[u8] = b"_SEGGER_RTT";
+/// How it begins in memory.
+const MARK: &[u8] = b"SEGGER RTT\0";
+/// Its head: mark, two counts, the first channel with name, buffer, size, write, read and mode.
+const HEAD: usize = 48;
+/// Where the desk writes how far it has read.
+const READ: u32 = 40;
+/// No ring is longer.
+const LONGEST: u32 = 65_536;
+/// Bytes of the vector table that tell one image from another.
+const VECTORS: usize = 392;
+
+/// Time between two looks into the ring, of which a board fills a few hundred bytes a second at most.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Follows the log of the board on the probe that is wanted: each call gives what was written since the last.
+///
+/// The image `elf` must be the one that runs there.
+pub fn follow(
+    elf: &Path,
+    chip: &'static Chip,
+    wanted: Option<&str>,
+    desk: &Desk,
+) -> Result<impl FnMut() -> Result<Vec<u8>, Refusal> + use<>, Refusal> {
+    let (elf, wanted) = (elf.to_path_buf(), wanted.map(str::to_owned));
+    let said = apart::start(move |sender| {
+        let mut ring = match Ring::of(&elf, chip, wanted.as_deref()) {
+            Ok(ring) => ring,
+            Err(refusal) => {
+                // Nobody listens any more: then nobody misses it.
+                let _ = sender.send(Err(refusal));
+                return;
+            }
+        };
+        while sender.send(ring.take()).is_ok() {
+            std::thread::sleep(LOOK);
+        }
+    })?;
+    let mut first = Some(apart::next(&said, desk)??);
+    Ok(move || {
+        let mut bytes = first.take().unwrap_or_default();
+        loop {
+            match said.try_recv() {
+                Ok(more) => bytes.extend(more?),
+                Err(TryRecvError::Empty) => return Ok(bytes),
+                Err(TryRecvError::Disconnected) => return Err(apart::broken_off()),
+            }
+        }
+    })
+}
+
+/// The ring of a board that runs.
+struct Ring {
+    reached: Reached,
+    head: u32,
+    memory: Range<u32>,
+}
+
+impl Ring {
+    /// The ring that the image `elf` has on the chip behind the probe that is wanted.
+    fn of(elf: &Path, chip: &'static Chip, wanted: Option<&str>) -> Result<Self, Refusal> {
+        let image = Image::read(elf, chip)?;
+        let head = place(elf)?;
+        let mut reached = Reached::by(wanted, chip)?;
+        let table = image.pieces().first().map_or(&[][..], |piece| &piece.bytes);
+        let table = &table[..table.len().min(VECTORS)];
+        let mut there = vec![0; table.len()];
+        reached.read(chip.flash.start, &mut there)?;
+        if there != table {
+            return Err(Refusal::new(
+                format!("the board runs another image than {}", elf.display()),
+                "give the image that runs there, or write this one: kband flash",
+            ));
+        }
+        Ok(Self {
+            reached,
+            head,
+            memory: chip.memory.clone(),
+        })
+    }
+
+    /// What was written since the last call; nothing while a board starts.
+    fn take(&mut self) -> Result<Vec<u8>, Refusal> {
+        let mut head = [0; HEAD];
+        self.reached.read(self.head, &mut head)?;
+        let Some((parts, write)) = unread(&head, &self.memory) else {
+            return Ok(Vec::new());
+        };
+        let mut taken = Vec::new();
+        for part in parts.into_iter().filter(|part| !part.is_empty()) {
+            let mut bytes = vec![0; part.len()];
+            self.reached.read(part.start, &mut bytes)?;
+            taken.extend(bytes);
+        }
+        if !taken.is_empty() {
+            self.reached.set_word(self.head + READ, write)?;
+        }
+        Ok(taken)
+    }
+}
+
+/// Where the bytes lie that nobody has read, and how far it is read then; `None` where the head is no ring's in
+/// `memory`.
+fn unread(head: &[u8; HEAD], memory: &Range<u32>) -> Option<([Range<u32>; 2], u32)> {
+    let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+    let (buffer, size, write, read) = (word(28), word(32), word(36), word(40));
+    let fits = head.starts_with(MARK)
+        && size <= LONGEST
+        && write < size
+        && read < size
+        && memory.contains(&buffer)
+        && size <= memory.end - buffer;
+    let at = |offset: u32| buffer + offset;
+    fits.then(|| {
+        let parts = if read <= write {
+            [at(read)..at(write), 0..0]
+        } else {
+            [at(read)..at(size), buffer..at(write)]
+        };
+        (parts, write)
+    })
+}
+
+/// Where an image has its ring.
+fn place(elf: &Path) -> Result<u32, Refusal> {
+    let next = "build the board's image with: cargo feeder";
+    let bytes = std::fs::read(elf).map_err(|error| Refusal::file(elf, &error, next))?;
+    let find = || -> object::read::Result<Option<u32>> {
+        let header = FileHeader32::<LittleEndian>::parse(&bytes[..])?;
+        let endian = header.endian()?;
+        let sections = header.sections(endian, &bytes[..])?;
+        let symbols = sections.symbols(endian, &bytes[..], object::elf::SHT_SYMTAB)?;
+        let ring = symbols
+            .iter()
+            .find(|symbol| symbol.name(endian, symbols.strings()) == Ok(NAME));
+        Ok(ring.map(|symbol| symbol.st_value(endian)))
+    };
+    match find() {
+        Ok(Some(head)) => Ok(head),
+        Ok(None) => Err(Refusal::new(
+            format!(
+                "{}: this image keeps no log in memory, or was stripped of its names",
+                elf.display()
+            ),
+            next,
+        )),
+        Err(error) => Err(Refusal::new(
+            format!("{}: the file is damaged: {error}", elf.display()),
+            next,
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
+
+    fn head(buffer: u32, size: u32, write: u32, read: u32) -> [u8; HEAD] {
+        let mut head = [0; HEAD];
+        head[..MARK.len()].copy_from_slice(MARK);
+        for (place, word) in head[28..44]
+            .chunks_exact_mut(4)
+            .zip([buffer, size, write, read])
+        {
+            place.copy_from_slice(&word.to_le_bytes());
+        }
+        head
+    }
+
+    #[test]
+    fn what_was_not_read_lies_in_one_part_or_in_two() {
+        let start = MEMORY.start;
+        let parts = |write, read| unread(&head(start, 64, write, read), &MEMORY);
+        assert_eq!(parts(5, 5), Some(([start + 5..start + 5, 0..0], 5)));
+        assert_eq!(parts(9, 5), Some(([start + 5..start + 9, 0..0], 9)));
+        assert_eq!(
+            parts(3, 60),
+            Some(([start + 60..start + 64, start..start + 3], 3))
+        );
+    }
+
+    #[test]
+    fn no_head_leads_out_of_the_memory() {
+        let edges = [0, 1, 63, 64, 65_536, 65_537, 0x1fff_ffff, 0x2000_0000]
+            .into_iter()
+            .chain([0x2001_ffc0, 0x2001_ffc1, 0x2002_0000, 0x7fff_ffff, u32::MAX]);
+        let edges: Vec<u32> = edges.collect();
+        let mut taken = 0;
+        for &buffer in &edges {
+            for &size in &edges {
+                for &write in &edges {
+                    for &read in &edges {
+                        let Some((parts, write)) =
+                            unread(&head(buffer, size, write, read), &MEMORY)
+                        else {
+                            continue;
+                        };
+                        taken += 1;
+                        assert!(write < size);
+                        for part in parts.into_iter().filter(|part| !part.is_empty()) {
+                            assert!(MEMORY.start <= part.start && part.end <= MEMORY.end);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(taken > 20, "{taken}");
+        let mut other = head(MEMORY.start, 64, 9, 5);
+        other[3] = b'x';
+        assert_eq!(unread(&other, &MEMORY), None);
+    }
+}

@@ -1,0 +1,171 @@
+//! Telemetry, events and log as rows.
+
+use std::io::{Stdout, stdout};
+
+use kband::control::{Event, Fault, Limits, State};
+use kband::wire::{Record, Telemetry};
+
+use super::watch::Watch;
+use crate::board::{Clock, Said};
+use crate::refusal::Refusal;
+use crate::report::{Column, Format, Value, shortest};
+use crate::stream::Stream;
+
+/// What is printed, row by row.
+pub(super) struct Rows {
+    stream: Stream<Stdout>,
+    /// Drive frequency in Hz, once it is known.
+    frequency: Option<f64>,
+    clock: Clock,
+    /// Number of the next event.
+    pub(super) next: u32,
+    pub(super) cycles: u64,
+    events: u64,
+}
+
+impl Rows {
+    pub(super) fn new(format: Format) -> Self {
+        let columns = [
+            (Column::new("time", "s"), 9),
+            (Column::new("cycle", ""), 8),
+            (Column::new("state", ""), 9),
+            (Column::new("k", "").digits(4), 8),
+            (Column::new("b", "mm").digits(4), 8),
+            (Column::new("output", "%").digits(3), 10),
+            (Column::new("impacts", "1/cycle").digits(3), 17),
+            (Column::new("phase", "rad").digits(3), 11),
+            (Column::new("confidence", "").digits(2), 10),
+            (Column::new("event", ""), 0),
+        ];
+        Self {
+            stream: Stream::new(format, &columns, stdout()),
+            frequency: None,
+            clock: Clock::default(),
+            next: 0,
+            cycles: 0,
+            events: 0,
+        }
+    }
+
+    /// Prints it; whether there is still somebody who reads.
+    pub(super) fn take(&mut self, said: Said) -> Result<bool, Refusal> {
+        match said {
+            Said::Setting(key, value) => {
+                if key == "frequency" && value > 0.0 {
+                    self.frequency = Some(f64::from(value));
+                }
+                Ok(true)
+            }
+            Said::Telemetry(telemetry) => {
+                self.cycles += 1;
+                let row = self.cycle(&telemetry);
+                self.stream.row(&row)
+            }
+            Said::Event(event) => {
+                // Asked for twice where an answer was late.
+                if (event.number.wrapping_sub(self.next) as i32) < 0 {
+                    return Ok(true);
+                }
+                self.next = event.number.wrapping_add(1);
+                self.events += 1;
+                self.event(event.cycle, happened(&event))
+            }
+            Said::Started(image) => {
+                self.next = 0;
+                self.clock = Clock::default();
+                self.event(0, format!("the board started: kband {image}"))
+            }
+        }
+    }
+
+    /// Time and number of a cycle.
+    fn when(&self, cycles: u64) -> Vec<Value> {
+        let time = self.frequency.map(|frequency| cycles as f64 / frequency);
+        vec![time.into(), cycles.into()]
+    }
+
+    /// Prints what is new in a log; whether there is still somebody who reads.
+    pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
+        for words in watch.lines()? {
+            let mut row = vec![Value::Missing; 9];
+            row.push(words.into());
+            if !self.stream.row(&row)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
+        let mut row = self.when(self.clock.then(cycle));
+        row.resize(9, Value::Missing);
+        row.push(words.into());
+        self.stream.row(&row)
+    }
+
+    fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
+        let state = State::ALL
+            .iter()
+            .find(|state| state.number() == telemetry.state);
+        let held = held(telemetry);
+        let cycles = self.clock.now(telemetry.cycle);
+        let mut row = self.when(cycles);
+        row.extend([
+            state.map_or("unknown", |state| state.name()).into(),
+            // At rest k is beyond all bounds.
+            Some(telemetry.k).filter(|k| *k < 1e4).map(shortest).into(),
+            (shortest(telemetry.amplitude) * 1e3).into(),
+            (shortest(telemetry.output) * 100.0).into(),
+            shortest(telemetry.rate).into(),
+            shortest(telemetry.phase).into(),
+            shortest(telemetry.confidence).into(),
+            if held.is_empty() {
+                Value::Missing
+            } else {
+                held.into()
+            },
+        ]);
+        row
+    }
+
+    /// Says how much it was.
+    pub(super) fn close(&self) {
+        eprintln!("{} rows of telemetry, {} events", self.cycles, self.events);
+    }
+}
+
+/// Fault and limits of a cycle in words.
+fn held(telemetry: &Telemetry) -> String {
+    let fault = Fault::ALL
+        .iter()
+        .find(|fault| fault.number() == telemetry.fault);
+    let fault = fault.map(|fault| format!("fault {}: {}", fault.number(), fault.name()));
+    let limits = Limits::ALL
+        .iter()
+        .filter(|limit| limit.bits() & telemetry.limits != 0);
+    let limits = limits.map(|limit| format!("limit {}: {}", limit.number(), limit.name()));
+    fault
+        .into_iter()
+        .chain(limits)
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
+fn happened(record: &Record) -> String {
+    let event = Event::ALL
+        .iter()
+        .find(|event| event.number() == record.event);
+    let name = event.map_or_else(
+        || format!("event {}", record.event),
+        |event| event.name().into(),
+    );
+    let fault = Fault::ALL
+        .iter()
+        .find(|fault| fault.number() == record.fault);
+    match (event, fault) {
+        (Some(Event::Faulted), Some(fault)) => {
+            format!("{name}: {} (fault {})", fault.name(), fault.number())
+        }
+        _ => name,
+    }
+}
