@@ -137,7 +137,7 @@ fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
         ("basins --k 0.43", &["--restitution"]),
         (
             "basins --k 0 --restitution 0.2",
-            &["--k", "'0'", "0.001..1000"],
+            &["--k = 0", "0.001..1000"],
         ),
         (
             "basins --k 0.43 --restitution 0.2 --grid 1",

@@ -119,7 +119,7 @@ fn empty(column: &Column) -> Waiting {
 }
 
 fn unwritten(error: ParquetError) -> Refusal {
-    super::unwritten(&std::io::Error::other(error))
+    super::table::unwritten(&std::io::Error::other(error))
 }
 
 impl Rows for ParquetRows<'_> {

@@ -4,19 +4,19 @@ use super::{Column, CsvRows, Rows};
 use crate::file::Target;
 use crate::refusal::Refusal;
 
-/// Refuses a file whose ending names no form of rows that this build writes.
-pub fn check(target: &Target) -> Result<(), Refusal> {
+/// Refuses the file of an option whose ending names no form of rows that this build writes.
+pub fn check(option: &str, target: &Target) -> Result<(), Refusal> {
     match target.ending().as_str() {
         "csv" => Ok(()),
         "parquet" if cfg!(feature = "parquet") => Ok(()),
         "parquet" => Err(Refusal::value(
-            "the file",
+            option,
             target.path().display(),
             "a name that ends in .csv: this kband was built without Parquet",
             "cargo install --path host --features parquet brings it",
         )),
         _ => Err(Refusal::value(
-            "the file",
+            option,
             target.path().display(),
             "a name that ends in .csv or .parquet",
             "change the ending",
@@ -33,7 +33,7 @@ pub fn write<T>(
     let Some(target) = target else {
         return work(None);
     };
-    check(target)?;
+    check("the file", target)?;
     target.write_by(|out| {
         #[cfg(feature = "parquet")]
         if target.ending() == "parquet" {

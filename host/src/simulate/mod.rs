@@ -1,6 +1,6 @@
 //! Scenes at the desk: read, run, drawn and judged.
 //!
-//! A file of these uses those before it only: fields, section; engine; parts, expect, scene; record, outcome;
+//! A file of these uses those before it only: fields, section; timeline; engine; parts, expect, scene; record, outcome;
 //! unmet, picture, trace, runs, sweep, schema.
 
 mod engine;
@@ -15,6 +15,7 @@ mod scene;
 pub mod schema;
 mod section;
 pub mod sweep;
+mod timeline;
 pub mod trace;
 mod unmet;
 
@@ -25,4 +26,5 @@ pub use parts::Distribution;
 pub use picture::draw;
 pub use record::{Happened, Record, Sketch, Take, Watch};
 pub use runs::Runs;
-pub use scene::{DEFAULT, SceneFile, describe, table as scene_table};
+pub use scene::{DEFAULT, SceneFile, table as scene_table};
+pub use timeline::describe;

@@ -3,7 +3,7 @@
 use kband::control::{Event, State};
 
 use super::outcome::Outcome;
-use super::scene::describe;
+use super::timeline::describe;
 use crate::picture::{Axis, Panel, Picture, Tone, Unit};
 
 /// Most impacts that are drawn.
@@ -80,14 +80,24 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         // Several kicks in a row would write over each other; a fault is never left out.
         let apart = at - last > 0.035 * end || happened.event == Event::Faulted;
         if telling(happened.event) && apart {
-            amplitude = amplitude.mark(at, happened.event.name());
+            let fault = happened
+                .report
+                .fault
+                .filter(|_| happened.event == Event::Faulted);
+            let words = fault.map_or_else(
+                || happened.event.name().to_string(),
+                |fault| format!("fault {}: {}", fault.number(), fault.name()),
+            );
+            amplitude = amplitude.mark(at, words);
             last = at;
         }
     }
     let k_last = outcome.k();
     let band = outcome.band();
-    let top = band.map_or(k_last, |band| band.high()).max(k_last) * 1.6;
-    let top = if top.is_finite() { top } else { 2.0 };
+    // A drive that is off has no k: the band then says what is worth seeing.
+    let seen = [Some(k_last), band.map(|band| band.high())];
+    let seen = seen.into_iter().flatten().filter(|k| k.is_finite());
+    let top = seen.reduce(f64::max).map_or(2.0, |highest| 1.6 * highest);
     let mut k = sketch.k();
     for point in &mut k {
         if point.1 >= top {

@@ -1,15 +1,16 @@
 //! Scene files: strict TOML to a checked scene.
 
-use kband::control::{Controller, Settings, Start, Target};
+use kband::control::{Controller, Settings, Start};
 use kband::feeder::OutOfRange;
-use kband::plant::{Change, DISTURBANCES, Disturbance, DriveModel, Scene};
+use kband::plant::{Change, DriveModel, Scene};
 use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{CHANGES, FLAGS, PLANT, SENSOR};
+use super::fields::{PLANT, SENSOR};
 use super::parts::{self, Distribution};
-use super::section::{Section, number};
+use super::section::Section;
+use super::timeline::{describe, read_disturbances, read_target};
 use crate::refusal::Refusal;
 
 /// The default scene, commented.
@@ -258,129 +259,11 @@ pub fn table(text: &str) -> Result<Table, Refusal> {
     })
 }
 
-/// A target in words.
-#[must_use]
-pub fn describe(target: Target) -> String {
-    match target {
-        Target::Locked { order } => format!("lock of order {order}"),
-        Target::Chaotic => "chaos".into(),
-        Target::K(k) => format!("k = {k}"),
-        Target::Amplitude(b) => format!("amplitude {b} mm"),
-        Target::Speed(v) => format!("speed {v} mm/s"),
-        Target::Identify => "identification".into(),
-    }
-}
-
-const TARGETS: &str = "exactly one of locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true";
-
-fn read_target(section: &mut Section) -> Result<Target, Refusal> {
-    let mut found = None;
-    for key in ["locked", "chaotic", "k", "amplitude", "speed", "identify"] {
-        let Some(value) = section.take(key) else {
-            continue;
-        };
-        if found.is_some() {
-            return Err(section.refuse(key, &value, TARGETS));
-        }
-        let refused = |accepted: &str| section.refuse(key, &value, accepted);
-        found = Some(match (key, &value) {
-            ("locked", Value::Integer(order @ 1..=8)) => Target::Locked {
-                order: *order as u8,
-            },
-            ("locked", _) => return Err(refused("a whole number of drive cycles, 1..8")),
-            ("chaotic", Value::Boolean(true)) => Target::Chaotic,
-            ("identify", Value::Boolean(true)) => Target::Identify,
-            ("chaotic" | "identify", _) => return Err(refused("true, or leave it out")),
-            (_, value) => {
-                let number = number(value).ok_or_else(|| refused("a number"))? as f32;
-                match key {
-                    "k" if (0.02..=10.0).contains(&number) => Target::K(number),
-                    "k" => return Err(refused("0.02..10")),
-                    "amplitude" if (0.0..=100.0).contains(&number) => Target::Amplitude(number),
-                    "amplitude" => return Err(refused("0..100 mm")),
-                    _ if number.is_finite() => Target::Speed(number),
-                    _ => return Err(refused("a finite speed in mm/s")),
-                }
-            }
-        });
-    }
-    found.ok_or_else(|| {
-        Refusal::new(
-            format!("{} says nothing", section.path("")),
-            format!("give {TARGETS}"),
-        )
-    })
-}
-
-fn read_disturbances(
-    root: &mut Section,
-    duration: f32,
-) -> Result<[Option<Disturbance>; DISTURBANCES], Refusal> {
-    let mut list = [None; DISTURBANCES];
-    let Some(value) = root.take("disturbance") else {
-        return Ok(list);
-    };
-    let tables = match value {
-        Value::Array(tables) if tables.len() <= DISTURBANCES => tables,
-        other => {
-            return Err(root.refuse(
-                "disturbance",
-                &other,
-                &format!("at most {DISTURBANCES} tables [[disturbance]]"),
-            ));
-        }
-    };
-    let mut read = Vec::new();
-    for (n, table) in tables.into_iter().enumerate() {
-        let Value::Table(table) = table else {
-            return Err(root.refuse("disturbance", &table, "tables [[disturbance]]"));
-        };
-        let mut section = Section::new(&format!("disturbance {}", n + 1), table);
-        read.push(read_disturbance(&mut section, duration)?);
-    }
-    read.sort_by(|a, b| a.at.total_cmp(&b.at));
-    for (slot, disturbance) in list.iter_mut().zip(read) {
-        *slot = Some(disturbance);
-    }
-    Ok(list)
-}
-
-fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance, Refusal> {
-    let at = section.number("at", 0.0..=duration, "0..duration s")?;
-    let mut changes = Vec::new();
-    for (field, change) in &CHANGES {
-        if section.has(field.key) {
-            let mut value = 0.0;
-            section.field(field, &mut value)?;
-            changes.push(change(value));
-        }
-    }
-    for (key, _, change) in FLAGS {
-        match section.take(key) {
-            Some(Value::Boolean(flag)) => changes.push(change(flag)),
-            Some(other) => return Err(section.refuse(key, &other, "true or false")),
-            None => {}
-        }
-    }
-    if let Some(mut target) = section.optional("target")? {
-        changes.push(Change::Target(read_target(&mut target)?));
-        target.finish()?;
-    }
-    section.finish()?;
-    match changes[..] {
-        [change] => Ok(Disturbance {
-            at: f64::from(at),
-            change,
-        }),
-        _ => Err(Refusal::new(
-            format!("{} has {} changes", section.path(""), changes.len()),
-            format!("give exactly one of {}", section.names()[1..].join(", ")),
-        )),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use kband::control::Target;
+    use kband::plant::Disturbance;
+
     use super::*;
 
     fn refusal(text: &str) -> String {

@@ -13,9 +13,9 @@ use crate::report;
   kband explain capture
   kband explain fault 4")]
 pub struct Arguments {
-    /// The word.
+    /// The word; without it, the list of them.
     #[arg(value_enum)]
-    topic: Topic,
+    topic: Option<Topic>,
 
     /// Number of the fault or limit; without it, all of them.
     #[arg(value_name = "N")]
@@ -28,8 +28,10 @@ pub enum Topic {
     /// The number that is controlled.
     K,
     /// Restitution, and why it is an interval.
+    #[value(alias = "r")]
     Restitution,
     /// Where parts lock to the drive.
+    #[value(alias = "lock")]
     Band,
     /// Period doublings.
     Cascade,
@@ -38,6 +40,7 @@ pub enum Topic {
     /// Two regimes at one setting.
     Basin,
     /// The kick that brings parts into lock.
+    #[value(alias = "kick")]
     Capture,
     /// What the drive is doing, and what it does next.
     State,
@@ -54,8 +57,24 @@ const FAULTS: &str = include_str!("../../../docs/faults.md");
 
 /// Prints the section.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    report::print(&text(arguments.topic, arguments.number)?)?;
+    report::print(&match arguments.topic {
+        Some(topic) => text(topic, arguments.number)?,
+        None => topics(),
+    })?;
     Ok(Exit::Done)
+}
+
+/// What can be explained, a line each.
+fn topics() -> String {
+    Topic::value_variants()
+        .iter()
+        .filter_map(ValueEnum::to_possible_value)
+        .map(|topic| {
+            let help = topic.get_help().map(ToString::to_string);
+            let (name, help) = (topic.get_name(), help.unwrap_or_default());
+            format!("kband explain {name:<12} {help}\n")
+        })
+        .collect()
 }
 
 fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {

@@ -23,9 +23,11 @@ pub mod settings;
 pub mod simulate;
 pub mod transport;
 
+use std::error::Error as _;
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use crate::arguments;
@@ -120,7 +122,12 @@ pub fn main() -> ExitCode {
         Err(message) => {
             // Help and version go to standard output with status 0, a bad option to standard error
             // with status 2; there is no one left to tell when that fails.
-            let _ = message.print();
+            match refused(&message) {
+                Some(refusal) => eprintln!("{refusal}"),
+                None => {
+                    let _ = message.print();
+                }
+            }
             return ExitCode::from(message.exit_code() as u8);
         }
     };
@@ -132,6 +139,28 @@ pub fn main() -> ExitCode {
             ExitCode::from(refusal.status())
         }
     }
+}
+
+/// A value that clap or a parser refused, in the form of every other refusal.
+fn refused(message: &clap::Error) -> Option<Refusal> {
+    let word = |kind| match message.get(kind) {
+        Some(ContextValue::String(word)) if !word.is_empty() => Some(word.as_str()),
+        _ => None,
+    };
+    let option = word(ContextKind::InvalidArg)?;
+    let value = word(ContextKind::InvalidValue)?;
+    let accepted = match (message.kind(), message.get(ContextKind::ValidValue)) {
+        (ErrorKind::ValueValidation, _) => message.source()?.to_string(),
+        (ErrorKind::InvalidValue, Some(ContextValue::Strings(names))) => names.join(", "),
+        _ => return None,
+    };
+    let key = option.split(' ').next().unwrap_or(option);
+    Some(Refusal::value(
+        key,
+        value,
+        accepted.trim_start_matches("accepted: "),
+        format!("change {key} and run again; --help says what it is"),
+    ))
 }
 
 fn run(line: &Line) -> Result<Exit, Refusal> {
@@ -150,6 +179,24 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         command().debug_assert();
+    }
+
+    #[test]
+    fn a_refused_option_names_key_value_range_and_next_step() {
+        let refusal = |line: &[&str]| {
+            let message = command().try_get_matches_from(line).unwrap_err();
+            refused(&message).map(|refusal| refusal.to_string())
+        };
+        assert_eq!(
+            refusal(&["kband", "simulate", "--duration", "-5"]).unwrap(),
+            "error: --duration = -5 is refused\n  accepted: 0.1..86400 s\n  \
+             next: change --duration and run again; --help says what it is"
+        );
+        let form = refusal(&["kband", "bands", "--format", "xml"]).unwrap();
+        assert!(form.contains("accepted: table, csv, json"), "{form}");
+        // What has no value to be named stays clap's.
+        assert_eq!(refusal(&["kband", "bands", "--format"]), None);
+        assert_eq!(refusal(&["kband", "bands", "--help"]), None);
     }
 
     #[test]

@@ -1,9 +1,12 @@
 //! `kband paper`: every equation, number and claim of the paper, printed and recomputed.
 
 mod chaos;
+mod conveying;
 mod flight;
 mod lock;
+mod means;
 mod page;
+mod renewal;
 mod row;
 
 use std::path::PathBuf;
@@ -85,11 +88,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 /// All rows in the order of the paper.
 fn recomputed(desk: &Desk) -> Result<Vec<Row>, Refusal> {
-    let work: Vec<row::Work> = [flight::ROWS, lock::ROWS, chaos::ROWS]
-        .into_iter()
-        .flatten()
-        .copied()
-        .collect();
+    let parts = [
+        flight::ROWS,
+        lock::ROWS,
+        conveying::ROWS,
+        means::ROWS,
+        renewal::ROWS,
+        chaos::ROWS,
+    ];
+    let work: Vec<row::Work> = parts.into_iter().flatten().copied().collect();
     let mut rows: Vec<Row> = desk
         .try_map("the paper", work.len(), |n| work[n]())?
         .into_iter()

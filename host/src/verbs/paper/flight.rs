@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
 
-use super::row::{Cases, Row, Verdict, Work, Worst, integrated};
+use super::row::{Cases, Row, Work, Worst, integrated};
 use crate::refusal::Refusal;
 
 pub(super) const ROWS: &[Work] = &[
@@ -66,42 +66,23 @@ fn laboratory() -> Result<Vec<Row>, Refusal> {
     // Rounding of ways of up to 100 and the rule's own error.
     let tolerance = 1e-9;
     Ok(vec![
-        Row {
-            place: 10,
-            equation: "(1)".into(),
-            subject: "motion in the laboratory",
-            printed: "not transcribed".into(),
-            recomputed: "free flight between impacts, seen from the shaken track".into(),
-            verdict: Verdict::Step,
-            residual: normal.value,
-            tolerance,
-            printed_error: None,
-            cases: normal.cases,
-        },
-        Row {
-            place: 20,
-            equation: "(2)".into(),
-            subject: "equations of motion",
-            printed: "u'' = sin τ − k; v'' with −k + g(α)".into(),
-            recomputed: "u'' = sin τ − k; v'' = η sin(τ+γ) − k tan α".into(),
-            verdict: Verdict::Corrected,
-            residual: along.value,
-            tolerance,
-            printed_error: Some(printed_pull.value),
-            cases: along.cases,
-        },
-        Row {
-            place: 30,
-            equation: "(3)".into(),
-            subject: "scaling",
-            printed: "v = x/a".into(),
-            recomputed: "v = x/b: both coordinates in units of the normal amplitude".into(),
-            verdict: Verdict::Corrected,
-            residual: scale.value,
-            tolerance,
-            printed_error: Some(printed_scale.value),
-            cases: scale.cases,
-        },
+        Row::new(10, "(1)", "motion in the laboratory")
+            .step("free flight between impacts, seen from the shaken track")
+            .within(normal, tolerance),
+        Row::new(20, "(2)", "equations of motion")
+            .corrected(
+                "u'' = sin τ − k; v'' with −k + g(α)",
+                "u'' = sin τ − k; v'' = η sin(τ+γ) − k tan α",
+            )
+            .within(along, tolerance)
+            .off(printed_pull.value),
+        Row::new(30, "(3)", "scaling")
+            .corrected(
+                "v = x/a",
+                "v = x/b: both coordinates in units of the normal amplitude",
+            )
+            .within(scale, tolerance)
+            .off(printed_scale.value),
     ])
 }
 
@@ -124,34 +105,15 @@ fn laws_of_impact() -> Result<Vec<Row>, Refusal> {
         let after = tangential.after(flight.launch, &flight.impact, phi);
         along.see(after - settings.restitution * slide);
     }
-    let step = |place, equation: &str, subject, recomputed: &str, worst: Worst| Row {
-        place,
-        equation: equation.into(),
-        subject,
-        printed: "not transcribed".into(),
-        recomputed: recomputed.into(),
-        verdict: Verdict::Step,
-        residual: worst.value,
-        // The integration's own error for flights of up to 60.
-        tolerance: 1e-8,
-        printed_error: None,
-        cases: worst.cases,
-    };
     Ok(vec![
-        step(
-            40,
-            "(4)",
-            "impact, normal",
-            "u'(after) = −R u'(before)",
-            normal,
-        ),
-        step(
-            50,
-            "(5)",
-            "impact, along the track",
-            "v'(after) = Rt v'(before)",
-            along,
-        ),
+        Row::new(40, "(4)", "impact, normal")
+            .step("u'(after) = −R u'(before)")
+            // The integration's own error for flights of up to 60.
+            .within(normal, 1e-8),
+        Row::new(50, "(5)", "impact, along the track")
+            .step("v'(after) = Rt v'(before)")
+            // The integration's own error for flights of up to 60.
+            .within(along, 1e-8),
     ])
 }
 
@@ -172,19 +134,12 @@ fn first_return() -> Result<Vec<Row>, Refusal> {
             .fold(f64::INFINITY, f64::min);
         earlier.see((-deepest).max(0.0));
     }
-    Ok(vec![Row {
-        place: 60,
-        equation: "(6)".into(),
-        subject: "from impact to impact",
-        printed: "not transcribed".into(),
-        recomputed: "the next impact is the FIRST d > 0 with u(d) = 0; none is missed".into(),
-        verdict: Verdict::Step,
-        residual: earlier.value,
-        // Rounding of heights of up to 60.
-        tolerance: 1e-12,
-        printed_error: None,
-        cases: earlier.cases,
-    }])
+    Ok(vec![
+        Row::new(60, "(6)", "from impact to impact")
+            .step("the next impact is the FIRST d > 0 with u(d) = 0; none is missed")
+            // Rounding of heights of up to 60.
+            .within(earlier, 1e-12),
+    ])
 }
 
 /// u(d) as printed in (8).
@@ -216,30 +171,19 @@ fn trajectories() -> Result<Vec<Row>, Refusal> {
     }
     let tolerance = 1e-9;
     Ok(vec![
-        Row {
-            place: 70,
-            equation: "(7b)".into(),
-            subject: "height during a flight",
-            printed: "u = (cos t + ψ) d − k d²/2 − [sin(t+d) − sin t]".into(),
-            recomputed: "the same".into(),
-            verdict: Verdict::Agrees,
-            residual: normal.value,
-            tolerance,
-            printed_error: None,
-            cases: normal.cases,
-        },
-        Row {
-            place: 71,
-            equation: "(7c)".into(),
-            subject: "velocity along the track in flight",
-            printed: "η multiplies the whole bracket".into(),
-            recomputed: "v' = φ − η [cos(t+d+γ) − cos(t+γ)] − k tan α d".into(),
-            verdict: Verdict::Corrected,
-            residual: along.value,
-            tolerance,
-            printed_error: Some(printed.value),
-            cases: along.cases,
-        },
+        Row::new(70, "(7b)", "height during a flight")
+            .agrees(
+                "u = (cos t + ψ) d − k d²/2 − [sin(t+d) − sin t]",
+                "the same",
+            )
+            .within(normal, tolerance),
+        Row::new(71, "(7c)", "velocity along the track in flight")
+            .corrected(
+                "η multiplies the whole bracket",
+                "v' = φ − η [cos(t+d+γ) − cos(t+γ)] − k tan α d",
+            )
+            .within(along, tolerance)
+            .off(printed.value),
     ])
 }
 
@@ -274,31 +218,17 @@ fn flight_time() -> Result<Vec<Row>, Refusal> {
         printed.see(height(k, t, psi, d) / exact - 1.0);
     }
     Ok(vec![
-        Row {
-            place: 80,
-            equation: "(8)".into(),
-            subject: "flight time",
-            printed: "u(d) = 0 with (7b)".into(),
-            recomputed: "the same; the map's root solves it".into(),
-            verdict: Verdict::Agrees,
-            residual: root.value,
+        Row::new(80, "(8)", "flight time")
+            .agrees("u(d) = 0 with (7b)", "the same; the map's root solves it")
             // A few roundings of its terms.
-            tolerance: 4.0 * f64::EPSILON,
-            printed_error: None,
-            cases: root.cases,
-        },
-        Row {
-            place: 81,
-            equation: "(8) in f64".into(),
-            subject: "flight time of chatter, ψ = 2e-7",
-            printed: "as printed: all digits cancel".into(),
-            recomputed: "u/d = ψ + d {sin t C(d) − k/2 + d cos t S(d)}, relative error".into(),
-            verdict: Verdict::Corrected,
-            residual: deflated.value,
-            tolerance: 1e-12,
-            printed_error: Some(printed.value),
-            cases: deflated.cases,
-        },
+            .within(root, 4.0 * f64::EPSILON),
+        Row::new(81, "(8) in f64", "flight time of chatter, ψ = 2e-7")
+            .corrected(
+                "as printed: all digits cancel",
+                "u/d = ψ + d {sin t C(d) − k/2 + d cos t S(d)}, relative error",
+            )
+            .within(deflated, 1e-12)
+            .off(printed.value),
     ])
 }
 
@@ -335,30 +265,16 @@ fn maps() -> Result<Vec<Row>, Refusal> {
     }
     let tolerance = 1e-8;
     Ok(vec![
-        Row {
-            place: 90,
-            equation: "(9)".into(),
-            subject: "launch velocity after an impact",
-            printed: "ψ' = R s, s the arrival speed".into(),
-            recomputed: "the same".into(),
-            verdict: Verdict::Agrees,
-            residual: normal.value,
-            tolerance,
-            printed_error: None,
-            cases: normal.cases,
-        },
-        Row {
-            place: 100,
-            equation: "(10)".into(),
-            subject: "velocity along the track after an impact",
-            printed: "η multiplies the whole bracket".into(),
-            recomputed: "φ' = Rt {φ − η [cos(t+d+γ) − cos(t+γ)] − k tan α d}".into(),
-            verdict: Verdict::Corrected,
-            residual: along.value,
-            tolerance,
-            printed_error: Some(printed.value),
-            cases: along.cases,
-        },
+        Row::new(90, "(9)", "launch velocity after an impact")
+            .agrees("ψ' = R s, s the arrival speed", "the same")
+            .within(normal, tolerance),
+        Row::new(100, "(10)", "velocity along the track after an impact")
+            .corrected(
+                "η multiplies the whole bracket",
+                "φ' = Rt {φ − η [cos(t+d+γ) − cos(t+γ)] − k tan α d}",
+            )
+            .within(along, tolerance)
+            .off(printed.value),
     ])
 }
 
@@ -381,16 +297,12 @@ fn mean_velocity() -> Result<Vec<Row>, Refusal> {
         let kept = Tangential::build(flight.k, settings)?.way(flight.launch, &flight.impact, phi);
         worst.see((kept - way) / d);
     }
-    Ok(vec![Row {
-        place: 110,
-        equation: "(11)".into(),
-        subject: "mean velocity in a flight",
-        printed: "W = φ + η cos(t+γ) − (k/2) tan α d − (η/d)[sin(t+d+γ) − sin(t+γ)]".into(),
-        recomputed: "the same".into(),
-        verdict: Verdict::Agrees,
-        residual: worst.value,
-        tolerance: 1e-8,
-        printed_error: None,
-        cases: worst.cases,
-    }])
+    Ok(vec![
+        Row::new(110, "(11)", "mean velocity in a flight")
+            .agrees(
+                "W = φ + η cos(t+γ) − (k/2) tan α d − (η/d)[sin(t+d+γ) − sin(t+γ)]",
+                "the same",
+            )
+            .within(worst, 1e-8),
+    ])
 }

@@ -52,27 +52,70 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// A row whose printed form is not evaluated; the words are its subject, what the paper prints and what
-    /// holds.
-    pub(super) fn of(
-        place: u32,
-        equation: &str,
-        [subject, printed, recomputed]: [&'static str; 3],
-        verdict: Verdict,
-        worst: Worst,
-        tolerance: f64,
-    ) -> Self {
+    /// A row of which no more is known than where it stands.
+    pub(super) fn new(place: u32, equation: impl Into<String>, subject: &'static str) -> Self {
         Self {
             place,
             equation: equation.into(),
             subject,
-            printed: printed.into(),
-            recomputed: recomputed.into(),
-            verdict,
-            residual: worst.value,
-            tolerance,
+            printed: String::new(),
+            recomputed: String::new(),
+            verdict: Verdict::Step,
+            residual: f64::NAN,
+            tolerance: 0.0,
             printed_error: None,
+            cases: 0,
+        }
+    }
+
+    fn judged(self, verdict: Verdict, printed: String, recomputed: String) -> Self {
+        Self {
+            verdict,
+            printed,
+            recomputed,
+            ..self
+        }
+    }
+
+    /// What the paper prints holds.
+    pub(super) fn agrees(self, printed: impl Into<String>, recomputed: impl Into<String>) -> Self {
+        self.judged(Verdict::Agrees, printed.into(), recomputed.into())
+    }
+
+    /// What the paper prints, and what holds instead.
+    pub(super) fn corrected(
+        self,
+        printed: impl Into<String>,
+        recomputed: impl Into<String>,
+    ) -> Self {
+        self.judged(Verdict::Corrected, printed.into(), recomputed.into())
+    }
+
+    /// What the paper claims, and what is the case.
+    pub(super) fn refuted(self, printed: impl Into<String>, recomputed: impl Into<String>) -> Self {
+        self.judged(Verdict::Refuted, printed.into(), recomputed.into())
+    }
+
+    /// What holds at a step whose printed form is not transcribed.
+    pub(super) fn step(self, recomputed: impl Into<String>) -> Self {
+        self.judged(Verdict::Step, "not transcribed".into(), recomputed.into())
+    }
+
+    /// How far what holds is off its reference, and may be.
+    pub(super) fn within(self, worst: Worst, tolerance: f64) -> Self {
+        Self {
+            residual: worst.value,
             cases: worst.cases,
+            tolerance,
+            ..self
+        }
+    }
+
+    /// How far the printed form is off, in the same measure.
+    pub(super) fn off(self, printed_error: f64) -> Self {
+        Self {
+            printed_error: Some(printed_error),
+            ..self
         }
     }
 
@@ -93,6 +136,11 @@ pub(super) struct Worst {
 }
 
 impl Worst {
+    /// A deviation that is known of so many cases.
+    pub(super) fn of(value: f64, cases: u64) -> Self {
+        Self { value, cases }
+    }
+
     /// Takes one more deviation; NaN stays.
     pub(super) fn see(&mut self, deviation: f64) {
         let deviation = deviation.abs();

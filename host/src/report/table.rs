@@ -1,0 +1,297 @@
+//! Tables: to read, as CSV and as JSON; and rows that go out as they come.
+
+use std::fmt::Write as _;
+use std::io::Write;
+
+use serde_json::{Map, Value as Json};
+
+use super::value::Value;
+use crate::refusal::Refusal;
+
+/// A column of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Column {
+    name: &'static str,
+    unit: &'static str,
+    digits: usize,
+    words: bool,
+}
+
+impl Column {
+    /// A column; `name` is also its JSON key, `unit` may be empty.
+    #[must_use]
+    pub const fn new(name: &'static str, unit: &'static str) -> Self {
+        Self {
+            name,
+            unit,
+            digits: 6,
+            words: false,
+        }
+    }
+
+    /// The column with this many significant digits in the table to read (else 6).
+    #[must_use]
+    pub const fn digits(self, digits: usize) -> Self {
+        Self { digits, ..self }
+    }
+
+    /// The column for words, for forms whose columns have a kind.
+    #[must_use]
+    pub const fn words(self) -> Self {
+        Self {
+            words: true,
+            ..self
+        }
+    }
+
+    /// Whether it holds words.
+    #[must_use]
+    pub fn is_words(&self) -> bool {
+        self.words
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Its unit; empty for a pure number or words.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        self.unit
+    }
+
+    /// The value as this column shows it in a table to read.
+    pub(crate) fn shown(&self, value: &Value) -> String {
+        value.read(self.digits)
+    }
+
+    pub(crate) fn header(&self) -> String {
+        if self.unit.is_empty() {
+            self.name.into()
+        } else {
+            format!("{} ({})", self.name, self.unit)
+        }
+    }
+}
+
+/// Rows under columns.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    columns: Vec<Column>,
+    rows: Vec<Vec<Value>>,
+    plain: bool,
+}
+
+impl Table {
+    /// An empty table with these columns.
+    #[must_use]
+    pub fn new(columns: &[Column]) -> Self {
+        Self {
+            columns: columns.to_vec(),
+            ..Self::default()
+        }
+    }
+
+    /// The table with bare names as its CSV header: for formats that are fixed, and read back.
+    #[must_use]
+    pub fn plain_header(mut self) -> Self {
+        self.plain = true;
+        self
+    }
+
+    /// Adds a row; values beyond the columns are dropped, missing ones stay empty.
+    pub fn push<const N: usize>(&mut self, row: [Value; N]) {
+        self.push_row(row.into());
+    }
+
+    /// Adds a row of a length known at run time.
+    pub fn push_row(&mut self, mut row: Vec<Value>) {
+        row.resize(self.columns.len(), Value::Missing);
+        self.rows.push(row);
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there are no rows.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// As aligned columns: words to the left, numbers to the right.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::header).collect()];
+        for row in &self.rows {
+            let cell = |(value, column): (&Value, &Column)| value.read(column.digits);
+            cells.push(row.iter().zip(&self.columns).map(cell).collect());
+        }
+        let widths: Vec<usize> = (0..self.columns.len())
+            .map(|n| {
+                cells
+                    .iter()
+                    .map(|row| row[n].chars().count())
+                    .max()
+                    .unwrap_or(0)
+            })
+            .collect();
+        let words: Vec<bool> = (0..self.columns.len())
+            .map(|n| self.rows.iter().any(|row| matches!(row[n], Value::Text(_))))
+            .collect();
+        let mut text = String::new();
+        for row in &cells {
+            let mut line = String::new();
+            for (n, cell) in row.iter().enumerate() {
+                let gap = if n == 0 { "" } else { "  " };
+                let width = widths[n];
+                // Writing to a String cannot fail.
+                let _ = if words[n] {
+                    write!(line, "{gap}{cell:<width$}")
+                } else {
+                    write!(line, "{gap}{cell:>width$}")
+                };
+            }
+            text.push_str(line.trim_end());
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Writes it as CSV: units in the header, 17 significant digits.
+    pub fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
+        let name = |column: &Column| {
+            if self.plain {
+                column.name.to_string()
+            } else {
+                column.header()
+            }
+        };
+        writeln!(
+            out,
+            "{}",
+            self.columns.iter().map(name).collect::<Vec<_>>().join(",")
+        )?;
+        for row in &self.rows {
+            write_row(out, row)?;
+        }
+        Ok(())
+    }
+
+    /// Its columns.
+    #[must_use]
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
+    }
+
+    /// Hands its rows to `rows`, one by one.
+    pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
+        self.rows.iter().try_for_each(|row| rows.row(row))
+    }
+
+    /// As a JSON array of objects whose keys are the column names.
+    #[must_use]
+    pub fn to_json(&self) -> Json {
+        let object = |row: &Vec<Value>| {
+            let pair = |(column, value): (&Column, &Value)| (column.name.to_string(), value.json());
+            Json::Object(
+                self.columns
+                    .iter()
+                    .zip(row)
+                    .map(pair)
+                    .collect::<Map<_, _>>(),
+            )
+        };
+        Json::Array(self.rows.iter().map(object).collect())
+    }
+}
+
+fn write_row(out: &mut dyn Write, row: &[Value]) -> std::io::Result<()> {
+    for (n, value) in row.iter().enumerate() {
+        let comma = if n == 0 { "" } else { "," };
+        write!(out, "{comma}{}", value.csv())?;
+    }
+    writeln!(out)
+}
+
+/// Where rows go as they come, for more of them than a table should hold.
+pub trait Rows {
+    /// Takes a row of as many values as there are columns.
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
+}
+
+/// Rows that go out as CSV: units in the header, numbers in full.
+pub struct CsvRows<'a> {
+    out: &'a mut dyn Write,
+}
+
+impl<'a> CsvRows<'a> {
+    /// Writes the header of these columns.
+    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+        let names: Vec<String> = columns.iter().map(Column::header).collect();
+        writeln!(out, "{}", names.join(",")).map_err(|error| unwritten(&error))?;
+        Ok(Self { out })
+    }
+}
+
+impl Rows for CsvRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        write_row(self.out, row).map_err(|error| unwritten(&error))
+    }
+}
+
+/// The refusal of a row that could not be written.
+pub(crate) fn unwritten(error: &std::io::Error) -> Refusal {
+    Refusal::new(
+        format!("the rows cannot be written: {error}"),
+        "check space and permissions of the folder",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let mut table = Table::new(&[
+            Column::new("k", ""),
+            Column::new("b", "mm").digits(3),
+            Column::new("regime", ""),
+        ]);
+        table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
+        table.push([0.25.into(), Value::Missing, "rest".into()]);
+        table
+    }
+
+    #[test]
+    fn csv_has_units_in_the_header_and_quotes_commas() {
+        let mut csv = Vec::new();
+        table().write_csv(&mut csv).unwrap();
+        assert_eq!(
+            String::from_utf8(csv).unwrap(),
+            "k,b (mm),regime\n0.10000000000000001,1.234567,\"locked, r = 1\"\n\
+             0.25,,rest\n"
+        );
+    }
+
+    #[test]
+    fn json_has_a_key_for_every_column() {
+        assert_eq!(
+            table().to_json().to_string(),
+            r#"[{"k":0.1,"b":1.234567,"regime":"locked, r = 1"},{"k":0.25,"b":null,"regime":"rest"}]"#
+        );
+    }
+
+    #[test]
+    fn the_table_to_read_is_aligned() {
+        assert_eq!(
+            table().to_text(),
+            "   k  b (mm)  regime\n 0.1    1.23  locked, r = 1\n0.25       -  rest\n"
+        );
+    }
+}

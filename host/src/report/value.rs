@@ -1,0 +1,174 @@
+//! The values of a table, and how numbers are written.
+
+use serde_json::Value as Json;
+
+/// One value of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// A measured or computed number.
+    Number(f64),
+    /// A number that its shortest digits say in full, such as one that came in single precision.
+    Short(f64),
+    /// A count.
+    Count(u64),
+    /// Words.
+    Text(Box<str>),
+    /// Yes or no.
+    Flag(bool),
+    /// Nothing: there is no such value here.
+    Missing,
+}
+
+impl From<f64> for Value {
+    fn from(value: f64) -> Self {
+        Self::Number(value)
+    }
+}
+
+impl From<u64> for Value {
+    fn from(value: u64) -> Self {
+        Self::Count(value)
+    }
+}
+
+impl From<usize> for Value {
+    fn from(value: usize) -> Self {
+        Self::Count(value as u64)
+    }
+}
+
+impl From<u32> for Value {
+    fn from(value: u32) -> Self {
+        Self::Count(value.into())
+    }
+}
+
+impl From<bool> for Value {
+    fn from(value: bool) -> Self {
+        Self::Flag(value)
+    }
+}
+
+impl From<&str> for Value {
+    fn from(value: &str) -> Self {
+        Self::Text(value.into())
+    }
+}
+
+impl From<String> for Value {
+    fn from(value: String) -> Self {
+        Self::Text(value.into())
+    }
+}
+
+impl<T: Into<Value>> From<Option<T>> for Value {
+    fn from(value: Option<T>) -> Self {
+        value.map_or(Self::Missing, Into::into)
+    }
+}
+
+impl Value {
+    pub(super) fn read(&self, digits: usize) -> String {
+        match self {
+            Self::Number(value) | Self::Short(value) => number(*value, digits),
+            Self::Count(value) => value.to_string(),
+            Self::Text(text) => text.to_string(),
+            Self::Flag(yes) => if *yes { "yes" } else { "no" }.into(),
+            Self::Missing => "-".into(),
+        }
+    }
+
+    pub(crate) fn csv(&self) -> String {
+        match self {
+            Self::Number(value) => number(*value, 17),
+            Self::Short(value) => value.to_string(),
+            Self::Text(text) if text.contains([',', '"', '\n']) => {
+                format!("\"{}\"", text.replace('"', "\"\""))
+            }
+            Self::Flag(yes) => yes.to_string(),
+            Self::Missing => String::new(),
+            other => other.read(17),
+        }
+    }
+
+    pub(crate) fn json(&self) -> Json {
+        match self {
+            Self::Number(value) | Self::Short(value) => (*value).into(),
+            Self::Count(value) => (*value).into(),
+            Self::Text(text) => text.as_ref().into(),
+            Self::Flag(yes) => (*yes).into(),
+            Self::Missing => Json::Null,
+        }
+    }
+}
+
+/// `value` in this many significant digits, as C's `%g`: trailing zeros dropped, an exponent only
+/// below 1e-5 or where the digits do not reach the point. 17 digits read back to the same f64.
+#[must_use]
+pub fn number(value: f64, digits: usize) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let digits = digits.max(1);
+    let scientific = format!("{value:.*e}", digits - 1);
+    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
+    let exponent: i32 = exponent.parse().unwrap_or(0);
+    let trim = |text: &str| {
+        if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_string()
+        } else {
+            text.to_string()
+        }
+    };
+    if exponent < -5 || exponent >= digits as i32 {
+        format!("{}e{exponent}", trim(mantissa))
+    } else {
+        trim(&format!(
+            "{value:.*}",
+            (digits as i32 - 1 - exponent) as usize
+        ))
+    }
+}
+
+/// The double that reads as the single does: 0.18, not 0.18000000715.
+#[must_use]
+pub fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seventeen_digits_read_back_to_the_same_bits() {
+        for value in [
+            0.1,
+            -1.0 / 3.0,
+            1e-30,
+            6.02e23,
+            123456.789,
+            5e-324,
+            f64::MAX,
+            1e16,
+        ] {
+            assert_eq!(
+                number(value, 17).parse::<f64>().unwrap().to_bits(),
+                f64::to_bits(value)
+            );
+        }
+        assert_eq!(number(0.1, 17), "0.10000000000000001");
+        assert_eq!(number(1234567.0, 3), "1.23e6");
+        assert_eq!(number(0.3930521675, 6), "0.393052");
+        assert_eq!(number(9.9999999, 3), "10");
+        assert_eq!(number(2e-7, 6), "2e-7");
+    }
+
+    #[test]
+    fn singles_are_told_as_they_were_typed() {
+        for value in [0.18_f32, 50.0, 9.806_65, 1e-3, -60.0, 1e-7] {
+            assert_eq!(shortest(value).to_string(), value.to_string());
+            assert_eq!(shortest(value) as f32, value);
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! What a single run came to, in words and as JSON.
+
+use std::path::Path;
+
+use kband::control::Event;
+use kband::regime::classify::Regime;
+use serde_json::json;
+
+use crate::refusal::Refusal;
+use crate::report::{Column, Report, Table, Value, number};
+use crate::simulate::{Outcome, describe, words};
+
+/// Files of a single run.
+pub(super) struct Written<'a> {
+    pub picture: &'a Path,
+    pub trace: Option<&'a Path>,
+    pub scope: Option<&'a Path>,
+}
+
+/// The timeline and the result in words.
+pub(super) fn told(
+    outcome: &Outcome,
+    fidelity: &str,
+    unmet: Option<&[String]>,
+    written: &Written<'_>,
+) -> Result<Report, Refusal> {
+    let mut table = Table::new(&[
+        Column::new("time", "s").digits(4),
+        Column::new("event", ""),
+        Column::new("state", ""),
+        Column::new("b", "mm").digits(3),
+        Column::new("k", "").digits(4),
+    ]);
+    for happened in outcome.events() {
+        let report = happened.report;
+        let k = f64::from(report.k);
+        let mut event = happened.event.name().to_string();
+        if happened.event == Event::KickBegun {
+            event = format!(
+                "{event} ({} of {})",
+                report.attempts,
+                outcome.attempts_allowed()
+            );
+        }
+        if let (Event::Faulted, Some(fault)) = (happened.event, report.fault) {
+            event = format!("{event}: {} (fault {})", fault.name(), fault.number());
+        }
+        table.push([
+            happened.time.into(),
+            event.into(),
+            report.state.name().into(),
+            (f64::from(report.amplitude) * 1e3).into(),
+            if k < 1e3 { k.into() } else { Value::Missing },
+        ]);
+    }
+    let settings = &outcome.file().scene.settings;
+    let last = outcome.last();
+    let mut report = Report::new(table).heading(format!(
+        "target {}; {} Hz, incline {} degrees, restitution {}..{}, Q {}",
+        describe(outcome.target()),
+        settings.frequency,
+        settings.incline,
+        settings.restitution_low,
+        settings.restitution_high,
+        settings.quality
+    ));
+    let mut say = |words: String| report = std::mem::take(&mut report).note(words);
+    say(format!(
+        "state            {}{}",
+        last.state.name(),
+        last.fault.map_or(String::new(), |fault| format!(
+            ": {} (fault {})",
+            fault.name(),
+            fault.number()
+        ))
+    ));
+    for limit in outcome.limits() {
+        say(format!("held back by     {limit}"));
+    }
+    if let Some(why) = outcome.no_setpoint() {
+        say(format!("no setpoint      {why}"));
+    }
+    say(format!(
+        "amplitude b      {} mm",
+        number(outcome.amplitude() * 1e3, 4)
+    ));
+    let k = outcome.k();
+    if k.is_finite() {
+        say(format!("k                {}", number(k, 4)));
+    }
+    match outcome.band() {
+        Some(band) => say(format!(
+            "band             k {} .. {} (order {}), {}",
+            number(band.low(), 4),
+            number(band.high(), 4),
+            band.order(),
+            if band.contains(k) {
+                "k inside"
+            } else {
+                "k outside"
+            }
+        )),
+        None => say(format!(
+            "band             none: {}",
+            outcome.no_band().unwrap_or_default()
+        )),
+    }
+    say(format!("regime           {}", outcome.regime()));
+    let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
+    if !strays.is_empty() {
+        say(format!(
+            "parts            R {} outside the lot {}..{} that the controller is told (part.actual)",
+            strays.join(", "),
+            settings.restitution_low,
+            settings.restitution_high
+        ));
+    }
+    let silent = last
+        .regime
+        .is_some_and(|heard| heard.regime == Regime::Rest);
+    if let Some(heard) = last.regime {
+        say(format!(
+            "heard            {} (confidence {})",
+            words(heard.regime),
+            number(f64::from(heard.confidence), 2)
+        ));
+    }
+    if let Some(found) = outcome.identified() {
+        say(format!(
+            "restitution      {} identified, standard error {}, {} hops at k {}",
+            number(f64::from(found.restitution), 3),
+            number(f64::from(found.deviation), 1),
+            found.hops,
+            number(f64::from(found.k), 3)
+        ));
+    }
+    if let Some(phase) = outcome.lock_phase() {
+        let expected = outcome.expected_phase().map_or(String::new(), |phase| {
+            format!(
+                " (the map says {} for the middle of the lot)",
+                number(phase, 3)
+            )
+        });
+        let heard = if silent {
+            "not heard".into()
+        } else {
+            format!("heard {} rad", number(f64::from(last.phase), 3))
+        };
+        say(format!(
+            "lock phase       {} rad, {heard}{expected}",
+            number(phase, 3)
+        ));
+        if silent {
+            say(
+                "                 the parts are locked, but too quiet for the controller: \
+                 [sensor] ringing against noise"
+                    .into(),
+            );
+        }
+    }
+    say(format!(
+        "conveying speed  {} mm/s",
+        number(outcome.speed() * 1e3, 3)
+    ));
+    if let Some(unmet) = unmet {
+        if unmet.is_empty() {
+            say("expectation      met".into());
+        }
+        for line in unmet {
+            say(format!("NOT AS EXPECTED  {line}"));
+        }
+    }
+    say(format!("picture          {}", written.picture.display()));
+    for (name, file) in [("trace", written.trace), ("scope", written.scope)] {
+        if let Some(file) = file {
+            say(format!("{name:<16} {}", file.display()));
+        }
+    }
+    let speed = outcome.times_real_time();
+    say(format!(
+        "speed            {} times real time ({fidelity})",
+        number(speed, 3)
+    ));
+    let path = |path: &Path| path.display().to_string();
+    let events: Vec<_> = outcome
+        .events()
+        .map(|happened| json!({"time": happened.time, "event": happened.event.name(), "state": happened.report.state.name()}))
+        .collect();
+    report.json(&json!({
+        "events": events,
+        "state": last.state.name(),
+        "fault": last.fault.map(|fault| fault.name()),
+        "limits": outcome.limits(),
+        "amplitude_mm": outcome.amplitude() * 1e3,
+        "k": k.is_finite().then_some(k),
+        "band": outcome.band().map(|band| [band.low(), band.high()]),
+        "regime": outcome.regime(),
+        "lock_phase_rad": outcome.lock_phase(),
+        "speed_mm_s": outcome.speed() * 1e3,
+        "restitution_identified": outcome.identified().map(|found| found.restitution),
+        "not_as_expected": unmet,
+        "picture": path(written.picture),
+        "trace": written.trace.map(path),
+        "scope": written.scope.map(path),
+        "fidelity": fidelity,
+        "times_real_time": speed,
+    }))
+}
