@@ -1,7 +1,7 @@
 //! The log of a board: frames of defmt, decoded with the image that wrote them.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::Path;
 
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
@@ -37,6 +37,7 @@ pub type Source = Box<dyn FnMut() -> Result<Vec<u8>, Refusal>>;
 /// A log as it is written.
 pub struct Log<'a> {
     more: Source,
+    record: Option<File>,
     decoder: Box<dyn StreamDecoder + Send + Sync + 'a>,
     unreadable: u64,
 }
@@ -46,6 +47,7 @@ impl<'a> Log<'a> {
     pub fn new(more: Source, words: &'a Words) -> Self {
         Self {
             more,
+            record: None,
             decoder: words.0.new_stream_decoder(),
             unreadable: 0,
         }
@@ -71,6 +73,11 @@ impl<'a> Log<'a> {
         Ok(Self::new(Box::new(more), words))
     }
 
+    /// Keeps the bytes that come from now on in a file.
+    pub fn record(&mut self, file: File) {
+        self.record = Some(file);
+    }
+
     /// Frames so far that could not be read.
     #[must_use]
     pub fn unreadable(&self) -> u64 {
@@ -79,7 +86,16 @@ impl<'a> Log<'a> {
 
     /// The lines that were added since the last call: time, level and words.
     pub fn lines(&mut self) -> Result<Vec<String>, Refusal> {
-        self.decoder.received(&(self.more)()?);
+        let bytes = (self.more)()?;
+        if let Some(record) = &mut self.record {
+            record.write_all(&bytes).map_err(|error| {
+                Refusal::new(
+                    format!("the record of the log cannot be written: {error}"),
+                    "make room, and start again",
+                )
+            })?;
+        }
+        self.decoder.received(&bytes);
         let mut lines = Vec::new();
         loop {
             match self.decoder.decode() {

@@ -353,7 +353,7 @@ fn the_log_is_refused_where_it_is_not_built_in_and_for_an_image_that_has_none() 
         run(folder.path(), words, &[]).refused(words, &["notes.txt", "cargo feeder"]);
     }
     let words = "monitor --on /dev/null";
-    run(folder.path(), words, &["--elf", image]).refused(words, &["its probe", "--log FILE"]);
+    run(folder.path(), words, &["--elf", image]).refused(words, &["debug probe", "--log FILE"]);
 }
 
 /// The events in the log lines of what `kband monitor` printed.
@@ -418,11 +418,17 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
     let out = run(folder.path(), words, &["--elf", image]).done(words);
     assert_eq!(logged(&out), expected[..expected.len() - 1], "{out}");
 
-    // Beside the telemetry of a board that runs.
-    let words = "monitor --rows 5 --format json";
+    // Beside the telemetry of a board that runs, recorded and printed again.
+    let words = "monitor --rows 5 --format json --record-log again.defmt";
     let out = kband_with(folder.path(), words, &["--elf", image]).done(words);
-    assert_eq!(logged(&out)[0], (1, "started".into()), "{out}");
+    let heard = logged(&out);
+    assert_eq!(heard[0], (1, "started".into()), "{out}");
     assert!(out.contains("\"state\":\"starting\""), "{out}");
+    let again = "monitor --log again.defmt --format json";
+    let again = run(folder.path(), again, &["--elf", image]).done(again);
+    assert_eq!(logged(&again), heard);
+    kband_with(folder.path(), words, &["--elf", image])
+        .refused(words, &["again.defmt", "is there already"]);
 }
 
 #[test]

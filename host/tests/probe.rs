@@ -357,7 +357,10 @@ fn the_log_of_a_board_is_read_while_it_runs() {
     let came = std::thread::scope(|scope| {
         let desk = scope.spawn(|| {
             let words = ["monitor", "--elf", elf, "--probe", &name, "--duration", "6"];
-            kband(folder.path(), &words)
+            kband(
+                folder.path(),
+                &[&words[..], &["--record-log", "kept"]].concat(),
+            )
         });
         let end = Instant::now() + Duration::from_secs(4);
         let mut number = 1;

@@ -68,7 +68,12 @@ pub struct Arguments {
     #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, requires = "elf", conflicts_with_all = ["replay", "log"])]
     probe: Option<Option<String>>,
 
-    /// Print a recorded log instead of a board: its bytes as the board wrote them; needs --elf.
+    /// Record the log as well, its bytes as the board writes them, to be printed with --log; a file that is there already is
+    /// refused.
+    #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["replay", "log"])]
+    record_log: Option<PathBuf>,
+
+    /// Print a recorded log instead of a board; needs --elf.
     #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows", "record", "replay"])]
     log: Option<PathBuf>,
 
@@ -143,7 +148,9 @@ fn through_the_probe(
         }
     }
     let wanted = arguments.probe.iter().flatten().next();
+    check(arguments.record_log.as_deref())?;
     let mut watch = Watch::probed(elf, wanted.map(String::as_str), desk)?;
+    record_log(&mut watch, arguments)?;
     let begun = Instant::now();
     let limit = arguments.duration.map(Duration::from_secs_f64);
     let mut going = true;
@@ -155,6 +162,34 @@ fn through_the_probe(
     }
     rows.close();
     unreadable(&watch);
+    if let Some(path) = &arguments.record_log {
+        eprintln!("recorded to {}", path.display());
+    }
+    Ok(())
+}
+
+/// Refused where a record is asked for that cannot be made, or is there already.
+fn check(record: Option<&Path>) -> Result<(), Refusal> {
+    let Some(path) = record else { return Ok(()) };
+    Target::check(path)?;
+    if path.exists() {
+        return Err(Refusal::new(
+            format!("{} is there already", path.display()),
+            "give another name, or remove it: a record is never overwritten",
+        ));
+    }
+    Ok(())
+}
+
+fn made(path: &Path) -> Result<File, Refusal> {
+    let made = File::options().write(true).create_new(true).open(path);
+    made.map_err(|error| Refusal::file(path, &error, "check space and permissions of the folder"))
+}
+
+fn record_log(watch: &mut Watch, arguments: &Arguments) -> Result<(), Refusal> {
+    if let Some(path) = &arguments.record_log {
+        watch.record(made(path)?);
+    }
     Ok(())
 }
 
@@ -167,15 +202,8 @@ fn unreadable(watch: &Watch) {
 /// Prints a board.
 fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     let path = arguments.record.as_deref();
-    if let Some(path) = path {
-        Target::check(path)?;
-        if path.exists() {
-            return Err(Refusal::new(
-                format!("{} is there already", path.display()),
-                "give another name, or remove it: a record is never overwritten",
-            ));
-        }
-    }
+    check(path)?;
+    check(arguments.record_log.as_deref())?;
     let mut address = arguments.address.clone();
     let mut watch = match &arguments.elf {
         None => None,
@@ -202,11 +230,10 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
     };
     let mut line = address.open(Emulated::Running)?;
     if let Some(path) = path {
-        let made = File::options().write(true).create_new(true).open(path);
-        let record = made.map_err(|error| {
-            Refusal::file(path, &error, "check space and permissions of the folder")
-        })?;
-        line.record(record)?;
+        line.record(made(path)?)?;
+    }
+    if let Some(watch) = &mut watch {
+        record_log(watch, arguments)?;
     }
     let frequency = line.ask(&Request::Get("frequency"), |response| match response {
         Response::Setting(setting) => Some(Said::Setting(setting.key.into(), setting.value)),
@@ -249,7 +276,7 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
     if let Some(watch) = &watch {
         unreadable(watch);
     }
-    if let Some(path) = path {
+    for path in path.iter().chain(&arguments.record_log.as_deref()) {
         eprintln!("recorded to {}", path.display());
     }
     if line.unreadable() > 0 {

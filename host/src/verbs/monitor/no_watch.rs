@@ -1,6 +1,7 @@
 //! What stands for the log of a board in a kband that was built without.
 
 use std::convert::Infallible;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use crate::desk::Desk;
@@ -19,6 +20,10 @@ impl Watch {
 
     pub(super) fn emulated(_elf: &Path) -> Result<(Self, PathBuf), Refusal> {
         Err(missing())
+    }
+
+    pub(super) fn record(&mut self, _file: File) {
+        match self.0 {}
     }
 
     pub(super) fn lines(&mut self) -> Result<Vec<String>, Refusal> {

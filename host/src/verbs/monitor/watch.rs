@@ -1,5 +1,6 @@
 //! The log of a board beside its telemetry.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use crate::desk::Desk;
@@ -53,6 +54,11 @@ impl Watch {
             log,
             temporary: None,
         }
+    }
+
+    /// Keeps what is written from now on in a file.
+    pub(super) fn record(&mut self, file: File) {
+        self.log.record(file);
     }
 
     /// The lines that were added since the last call.
