@@ -138,7 +138,7 @@ fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
         Some(band) if band.contains(k) => {
             let margins = band.margins(k);
             format!(
-                "b {:.1} % below the flip, {:.1} % above the end of the lock",
+                "b {:.1} % below the flip, {:.1} % above lock's end",
                 100.0 * margins.low.amplitude,
                 100.0 * margins.high.amplitude
             )

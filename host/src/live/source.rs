@@ -137,7 +137,7 @@ impl Simulation {
     /// The simulation of a scene at time 0.
     pub fn build(name: &str, file: &SceneFile) -> Result<Self, Refusal> {
         Ok(Self {
-            name: format!("simulation of {name}"),
+            name: name.into(),
             closed: ClosedLoop::build(&file.scene)?,
             due: 0.0,
             time: 0.0,

@@ -284,9 +284,16 @@ impl Sweep {
     pub fn draw(&self, file: &SceneFile) -> Picture {
         let count = self.points.first().map_or(0, |point| point.runs.runs.len());
         let picture = Picture::new("How sure the wanted state is").caption(format!(
-            "{count} run{} a point, target {}",
+            "{count} run{} a point, target {}{}",
             if count == 1 { "" } else { "s" },
-            super::describe(file.scene.target)
+            super::describe(file.scene.target),
+            match self.axes.get(2..) {
+                Some(further @ [_, ..]) => {
+                    let keys: Vec<&str> = further.iter().map(|axis| axis.key.as_str()).collect();
+                    format!(", mean over {}", keys.join(" and "))
+                }
+                _ => String::new(),
+            }
         ));
         let axis = |axis: &Axes, cells: bool| {
             let (low, high) = bounds(&axis.values);

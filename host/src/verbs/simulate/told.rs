@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use kband::control::Event;
+use kband::control::{Event, State};
 use kband::regime::classify::Regime;
 use serde_json::json;
 
@@ -74,6 +74,14 @@ pub(super) fn told(
             fault.number()
         ))
     ));
+    if last.state == State::Capturing {
+        say(format!(
+            "                 the scene ended at kick {} of {}: --duration {} gives it time",
+            last.attempts,
+            outcome.attempts_allowed(),
+            number((3.0 * outcome.file().duration).min(86_400.0), 4)
+        ));
+    }
     for limit in outcome.limits() {
         say(format!("held back by     {limit}"));
     }

@@ -1,0 +1,188 @@
+//! Launches from a file, one in each row.
+
+use std::path::Path;
+
+use kband::impact::{Kernel, Map};
+
+use crate::refusal::Refusal;
+
+/// A map and the state it is applied to.
+pub(super) struct Row<K: Kernel> {
+    pub kernel: K,
+    pub state: K::State,
+}
+
+/// The rows of a file.
+pub(super) struct Rows<K: Kernel> {
+    /// Those that the arithmetic holds.
+    pub held: Vec<Row<K>>,
+    /// For each row its place among those, if it is one of them.
+    pub places: Vec<Option<usize>>,
+    /// How many it does not hold, and what it says of the first.
+    pub left: Option<(usize, Refusal)>,
+}
+
+/// All rows of the file. The first that is no launch at all is refused with its line and column, before
+/// anything is printed; a launch that only this arithmetic cannot hold is left out.
+pub(super) fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Rows<K>, Refusal> {
+    const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
+    let name = path.display();
+    let mut lines = text
+        .trim_start_matches('\u{feff}')
+        .lines()
+        .enumerate()
+        .map(|(n, line)| (n + 1, line.trim()))
+        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    let header = lines.next().map_or("", |(_, line)| line);
+    let names: Vec<&str> = header
+        .split(',')
+        .map(|name| name.trim().trim_matches('"'))
+        .collect();
+    let mut places = [0; 4];
+    for (place, column) in places.iter_mut().zip(COLUMNS) {
+        *place = names
+            .iter()
+            .position(|name| *name == column)
+            .ok_or_else(|| {
+                Refusal::value(
+                    format!("header of {name}"),
+                    format!("'{header}'"),
+                    "the columns k,restitution,phase,velocity in any order",
+                    format!("add the column {column}"),
+                )
+            })?;
+    }
+    let mut rows = Rows {
+        held: Vec::new(),
+        places: Vec::new(),
+        left: None,
+    };
+    for (line, text) in lines {
+        let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+        let mut values = [0.0; 4];
+        for ((value, place), column) in values.iter_mut().zip(places).zip(COLUMNS) {
+            let field = fields.get(place).copied().unwrap_or("");
+            *value = field.parse().map_err(|_| {
+                Refusal::value(column, format!("'{field}'"), "a number", "correct this row")
+                    .at(format!("{name}, line {line}"))
+            })?;
+        }
+        let [k, restitution, phase, velocity] = values;
+        let refused = |refused: kband::feeder::OutOfRange| {
+            Refusal::value(
+                refused.parameter,
+                refused.value,
+                format!("{} (arithmetic {})", refused.accepted, K::NAME),
+                "correct or remove this row, or choose another --arithmetic",
+            )
+            .at(format!("{name}, line {line}"))
+        };
+        let launch = K::build(k, restitution)
+            .and_then(|kernel| K::state(phase, velocity).map(|state| Row { kernel, state }));
+        match launch {
+            Ok(row) => {
+                rows.places.push(Some(rows.held.len()));
+                rows.held.push(row);
+            }
+            Err(cause) => {
+                let cause = refused(cause);
+                if Map::build(k, restitution).is_err() || Map::state(phase, velocity).is_err() {
+                    return Err(cause);
+                }
+                rows.places.push(None);
+                let (count, first) = rows.left.take().unwrap_or((0, cause));
+                rows.left = Some((count + 1, first));
+            }
+        }
+    }
+    if let (true, Some((_, first))) = (rows.held.is_empty(), &rows.left) {
+        return Err(first.clone());
+    }
+    if rows.held.is_empty() {
+        return Err(Refusal::new(
+            format!("{name} has no rows"),
+            "give at least one row below the header k,restitution,phase,velocity",
+        ));
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::Hybrid;
+
+    use super::*;
+
+    fn refusal(text: &str) -> String {
+        match read_rows::<Map>(Path::new("a.csv"), text) {
+            Ok(_) => panic!("accepted: {text}"),
+            Err(refusal) => refusal.to_string(),
+        }
+    }
+
+    #[test]
+    fn a_bad_row_is_named_by_line_column_value_and_range() {
+        let cases = [
+            ("", "header of a.csv = '' is refused"),
+            ("k,restitution,phase\n1,1,1\n", "add the column velocity"),
+            ("k,restitution,phase,velocity\n", "a.csv has no rows"),
+            (
+                "k,restitution,phase,velocity\n0.4,0.2,1,1\n\n0.4,1.2,1,1\n",
+                "line 4: restitution = 1.2",
+            ),
+            (
+                "k,restitution,phase,velocity\r\n\r\n# note\r\n0.4,0.2,x,1\r\n",
+                "line 4: phase = 'x'",
+            ),
+            (
+                "k,restitution,phase,velocity\n0.4,0.2,1\n",
+                "line 2: velocity = ''",
+            ),
+            (
+                "k,restitution,phase,velocity\n0.4,0.2,1,-1\n",
+                "line 2: velocity = -1",
+            ),
+            (
+                "velocity,k,restitution,phase\n1,nan,0.2,1\n",
+                "line 2: k = NaN",
+            ),
+            (
+                "k,restitution,phase,velocity\n0,0.2,1,1\n",
+                "accepted: 0.001..1000 (arithmetic f64)",
+            ),
+        ];
+        for (text, expected) in cases {
+            let message = refusal(text);
+            assert!(message.contains(expected), "{text:?}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_row_that_only_the_arithmetic_cannot_hold_is_left_out() {
+        let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
+        let rows = read_rows::<Hybrid>(Path::new("a.csv"), text).unwrap();
+        assert_eq!(rows.places, [None, Some(0), None]);
+        let (count, first) = rows.left.unwrap();
+        assert_eq!(count, 2);
+        assert!(
+            first.to_string().contains("line 2: velocity = 70"),
+            "{first}"
+        );
+        // Where nothing is left, it is refused.
+        let none = read_rows::<Hybrid>(
+            Path::new("a.csv"),
+            "k,restitution,phase,velocity\n0.4,0.2,1,70\n",
+        );
+        assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
+    }
+
+    #[test]
+    fn columns_may_come_in_any_order_among_others() {
+        let text = "class,velocity,phase,restitution,k\nhigh,2,1,0.5,0.4\n";
+        let rows = read_rows::<Map>(Path::new("a.csv"), text).unwrap().held;
+        assert_eq!(
+            (rows.len(), rows[0].kernel.k(), rows[0].state.velocity),
+            (1, 0.4, 2.0)
+        );
+    }
+}
