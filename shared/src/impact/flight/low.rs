@@ -301,8 +301,8 @@ pub(crate) fn landing<L: Lane>(
         landing = landing.or(settled, again);
         settled = settled | then;
     }
-    let certain = settled & !landing.phase.below(L::splat(0.0)) & stretch.holds(&landing);
-    (landing, certain)
+    landing.phase = in_turn(landing.phase);
+    (landing, settled & stretch.holds(&landing))
 }
 
 /// [`landing`] with as many steps as it takes, for the few that it takes more; `None` where it is not
