@@ -201,6 +201,15 @@ impl Lane for Avx512 {
         Self(unsafe { _mm512_setr_pd(a, b, c, d, e, f, g, h) })
     }
     #[inline(always)]
+    fn choose(bytes: [u8; WIDEST], places: u64) -> [u8; WIDEST] {
+        // SAFETY: the CPU has AVX-512, see the module.
+        unsafe {
+            let bytes = _mm_cvtsi64_si128(i64::from_le_bytes(bytes));
+            let chosen = _mm_shuffle_epi8(bytes, _mm_cvtsi64_si128(places as i64));
+            _mm_cvtsi128_si64(chosen).to_le_bytes()
+        }
+    }
+    #[inline(always)]
     fn to_array(self) -> [f64; WIDEST] {
         let mut values = [0.0; WIDEST];
         // SAFETY: the CPU has AVX-512, see the module; the array is as long as a register.

@@ -91,6 +91,13 @@ pub(crate) trait Lane:
     fn store(self, values: &mut [f64], at: usize);
     /// The first of these numbers of a column.
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self;
+    /// The bytes at these places, a byte each.
+    #[inline(always)]
+    fn choose(bytes: [u8; WIDEST], places: u64) -> [u8; WIDEST] {
+        places
+            .to_le_bytes()
+            .map(|place| bytes[usize::from(place) % WIDEST])
+    }
     /// The lanes, followed by 0.
     fn to_array(self) -> [f64; WIDEST];
 }

@@ -1,7 +1,7 @@
 //! Which lanes: as a set, and in a queue.
 
 use super::LANES;
-use crate::arithmetic::lane::WIDEST;
+use crate::arithmetic::lane::{Lane, WIDEST};
 
 /// A yes or no for each lane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,18 +39,47 @@ impl Set {
         (self.0[at / 64] >> (at % 64)) as u32 & ((1 << width) - 1)
     }
 
-    /// Adds lanes from `at` on, one bit each.
-    #[inline(always)]
-    pub fn add(&mut self, at: usize, bits: u32) {
-        self.0[at / 64] |= u64::from(bits) << (at % 64);
-    }
-
     pub fn iter(&self) -> impl Iterator<Item = usize> + '_ {
         self.0.iter().enumerate().flat_map(|(n, &word)| {
             core::iter::successors(Some(word), |&rest| Some(rest & rest.wrapping_sub(1)))
                 .take_while(|&rest| rest != 0)
                 .map(move |rest| 64 * n + rest.trailing_zeros() as usize)
         })
+    }
+}
+
+/// A yes or no for each lane, a byte each: those of lanes from all over the block are set without asking
+/// which they are.
+#[derive(Clone, Debug)]
+pub(super) struct Flags([u8; LANES + WIDEST]);
+
+impl Flags {
+    pub const EMPTY: Self = Self([0; LANES + WIDEST]);
+
+    /// Sets those of the first `width` of these lanes by their bits.
+    #[inline(always)]
+    pub fn put(&mut self, lanes: [u8; WIDEST], width: usize, bits: u32) {
+        for (n, lane) in lanes.into_iter().enumerate().take(width) {
+            self.0[usize::from(lane)] = (bits >> n & 1) as u8;
+        }
+    }
+
+    /// Adds those from `at` on, one bit each.
+    #[inline(always)]
+    pub fn add(&mut self, at: usize, bits: u32) {
+        for (n, flag) in self.0[at..at + WIDEST].iter_mut().enumerate() {
+            *flag |= (bits >> n & 1) as u8;
+        }
+    }
+
+    /// The `width` from `at` on, one bit each.
+    #[inline(always)]
+    pub fn bits(&self, at: usize, width: usize) -> u32 {
+        let mut flags = [0; WIDEST];
+        flags.copy_from_slice(&self.0[at..at + WIDEST]);
+        // Byte n goes to bit n of the topmost byte.
+        let bits = u64::from_le_bytes(flags).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+        bits as u32 & ((1 << width) - 1)
     }
 }
 
@@ -73,15 +102,10 @@ impl Queue {
 
     /// Adds those lanes of a register whose bits are set.
     #[inline(always)]
-    pub fn push_chosen(&mut self, lanes: [u8; WIDEST], bits: u32) {
-        if bits == 0 {
-            return;
-        }
-        let chosen = PLACES[bits as usize % PLACES.len()].to_le_bytes();
+    pub fn push_chosen<L: Lane>(&mut self, lanes: [u8; WIDEST], bits: u32) {
+        let chosen = L::choose(lanes, PLACES[bits as usize % PLACES.len()]);
         if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
-            for (place, n) in places.iter_mut().zip(chosen) {
-                *place = lanes[usize::from(n) % WIDEST];
-            }
+            places.copy_from_slice(&chosen);
             self.count += bits.count_ones() as usize;
         }
     }

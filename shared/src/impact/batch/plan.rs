@@ -1,6 +1,6 @@
 //! Which lanes fly next, by the kind of their flights.
 
-use super::lanes::{Queue, Set};
+use super::lanes::{Flags, Queue, Set};
 use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::flight::{Launch, Track};
 
@@ -21,19 +21,19 @@ impl Kind {
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     /// Those whose flights are tall.
-    pub tall: Set,
+    pub tall: Flags,
     /// The others by their [`Kind`], and those tall ones that are gathered.
     pub queues: [Queue; 4],
 }
 
 impl Plan {
     pub const EMPTY: Self = Self {
-        tall: Set::EMPTY,
+        tall: Flags::EMPTY,
         queues: [Queue::EMPTY; 4],
     };
 
     pub fn clear(&mut self) {
-        self.tall = Set::EMPTY;
+        self.tall = Flags::EMPTY;
         for queue in &mut self.queues {
             queue.clear();
         }
@@ -51,34 +51,23 @@ impl Plan {
         (lanes, count): ([u8; WIDEST], usize),
     ) {
         let all = (1 << count) - 1;
-        let tall = L::bits(launch.is_tall(track)) & all;
-        for lane in chosen(lanes, tall) {
-            self.tall.put(lane, true);
+        let tall = L::bits(launch.is_tall(track));
+        self.tall.put(lanes, L::WIDTH, tall);
+        let left = all & !tall;
+        let rests = L::bits(launch.chatters_out(track, restitution)) & left;
+        if rests != 0 {
+            for (n, lane) in lanes.into_iter().enumerate() {
+                if rests >> n & 1 == 1 {
+                    resting.put(lane.into(), true);
+                }
+            }
         }
-        if tall == all {
-            return;
-        }
-        let rests = L::bits(launch.chatters_out(track, restitution)) & all & !tall;
-        for lane in chosen(lanes, rests) {
-            resting.put(lane, true);
-        }
-        let left = all & !(tall | rests);
+        let left = left & !rests;
         let short = L::bits(launch.is_short(track)) & left;
         let home = L::bits(launch.is_home(track)) & left & !short;
         let [_, shorts, homes, lows] = &mut self.queues;
-        shorts.push_chosen(lanes, short);
-        homes.push_chosen(lanes, home);
-        lows.push_chosen(lanes, left & !(short | home));
+        shorts.push_chosen::<L>(lanes, short);
+        homes.push_chosen::<L>(lanes, home);
+        lows.push_chosen::<L>(lanes, left & !(short | home));
     }
-}
-
-/// The lanes of a register whose bits are set.
-#[inline(always)]
-fn chosen(lanes: [u8; WIDEST], bits: u32) -> impl Iterator<Item = usize> {
-    let mut left = bits;
-    core::iter::from_fn(move || {
-        let n = (left != 0).then(|| left.trailing_zeros() as usize)?;
-        left &= left - 1;
-        Some(lanes[n % WIDEST].into())
-    })
 }

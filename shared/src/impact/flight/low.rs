@@ -314,6 +314,9 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
     } else {
         stretch(track, launch)
     };
+    if !f64::any(stretch.certain) {
+        return None;
+    }
     let mut d = stretch.start;
     for _ in 0..8 {
         d = d.max(stretch.low).min(stretch.high);
