@@ -61,7 +61,8 @@ pub(crate) fn guess<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> L {
     L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2)
 }
 
-/// The end of a short hop from a guess; the mask says where it is certain to be the first impact.
+/// The end of a short hop from a guess; the mask says where it is certain to be the first impact. Where the
+/// last step falls short in any lane it is taken once more, for that lane alone.
 #[inline(always)]
 pub(crate) fn landing<L: Lane>(
     track: &Track<L>,
