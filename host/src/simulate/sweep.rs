@@ -1,7 +1,8 @@
 //! One scene over values of its keys, each many times.
 
-use toml::{Table, Value};
+use toml::Table;
 
+use super::axes::{Axes, set};
 use super::engine::Fidelity;
 use super::runs::{self, Run, Runs};
 use super::scene::SceneFile;
@@ -12,119 +13,6 @@ use crate::report::{Column, Table as Rows, Value as Cell};
 
 /// Most points of a sweep, all keys together.
 const POINTS: usize = 1_000_000;
-
-/// A key of a scene and the values that it takes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Axes {
-    /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.
-    pub key: String,
-    /// Its values.
-    pub values: Vec<f64>,
-}
-
-impl Axes {
-    /// `key=a..b:n` or `key=a`, as typed.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        let wanted = "KEY=LOW..HIGH:COUNT, such as drive.gain=0.5..1.5:11";
-        let (key, range) = text.split_once('=').ok_or(format!("expected {wanted}"))?;
-        let number = |text: &str| {
-            let parsed = text.trim().parse::<f64>().ok();
-            parsed
-                .filter(|number| number.is_finite())
-                .ok_or(format!("'{text}' is not a number: expected {wanted}"))
-        };
-        let values = match range.split_once("..") {
-            None => vec![number(range)?],
-            Some((low, rest)) => {
-                let (high, count) = rest
-                    .rsplit_once(':')
-                    .ok_or(format!("how many values? expected {wanted}"))?;
-                let (low, high) = (number(low)?, number(high)?);
-                let count: usize = count
-                    .trim()
-                    .parse()
-                    .ok()
-                    .filter(|count| (1..=100_000).contains(count))
-                    .ok_or(format!("'{count}' is not a count of 1..100000"))?;
-                let step = (high - low) / (count.max(2) - 1) as f64;
-                (0..count).map(|n| low + step * n as f64).collect()
-            }
-        };
-        if key.trim().is_empty() {
-            return Err(format!("no key: expected {wanted}"));
-        }
-        Ok(Self {
-            key: key.trim().into(),
-            values,
-        })
-    }
-}
-
-/// Sets a key of a scene's table, creating the tables on its way.
-fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
-    let unknown = |part: &str| {
-        Refusal::value(
-            "--sweep",
-            key,
-            "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at",
-            format!("correct {part}; docs/scenes.md lists every key"),
-        )
-    };
-    let mut parts: Vec<&str> = key.split('.').collect();
-    let last = parts.pop().unwrap_or_default();
-    let mut inner = table;
-    for part in &parts {
-        let next = inner
-            .entry(*part)
-            .or_insert_with(|| Value::Table(Table::new()));
-        inner = match next {
-            Value::Table(table) => table,
-            Value::Array(list) => {
-                // What follows is the number of a table of the list, from 1.
-                return set_in_list(list, key, part, value, &unknown);
-            }
-            _ => return Err(unknown(part)),
-        };
-    }
-    put(inner, parts.last().copied(), last, value).ok_or_else(|| unknown(last))
-}
-
-fn set_in_list(
-    list: &mut [Value],
-    key: &str,
-    name: &str,
-    value: f64,
-    unknown: &dyn Fn(&str) -> Refusal,
-) -> Result<(), Refusal> {
-    let rest = key
-        .split_once(&format!("{name}."))
-        .map_or("", |(_, rest)| rest);
-    let (number, rest) = rest.split_once('.').ok_or_else(|| unknown(rest))?;
-    let index = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
-    match index.and_then(|index| list.get_mut(index)) {
-        Some(Value::Table(table)) => set(table, rest, value),
-        _ => Err(unknown(number)),
-    }
-}
-
-/// Puts a number at a key; `None` where a table stands there.
-fn put(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
-    if matches!(table.get(key), Some(Value::Table(_))) {
-        return None;
-    }
-    if within == Some("target") {
-        // A target is one of several keys.
-        table.clear();
-    }
-    let whole = matches!(key, "seed" | "locked" | "count") && value.fract() == 0.0;
-    let value = if whole {
-        Value::Integer(value as i64)
-    } else {
-        Value::Float(value)
-    };
-    table.insert(key.into(), value);
-    Some(())
-}
 
 /// What came of one point of a sweep.
 #[derive(Clone, Debug, PartialEq)]
@@ -439,9 +327,6 @@ mod tests {
         ] {
             let refused = sweep(&[key], 11, 1).unwrap_err().to_string();
             assert!(refused.contains(expected), "{key}: {refused}");
-        }
-        for text in ["gain", "gain=1..2", "gain=a..2:3", "gain=1..2:0", "=1..2:3"] {
-            assert!(Axes::parse(text).is_err(), "{text}");
         }
     }
 }

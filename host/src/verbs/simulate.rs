@@ -15,7 +15,8 @@ use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
 use crate::report::{self, Format, Report, Table};
-use crate::simulate::sweep::{Axes, Sweep};
+use crate::simulate::axes::Axes;
+use crate::simulate::sweep::Sweep;
 use crate::simulate::{
     DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, draw, runs, scene_table, schema, trace,
 };

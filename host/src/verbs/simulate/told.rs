@@ -126,6 +126,11 @@ pub(super) fn told(
     let silent = last
         .regime
         .is_some_and(|heard| heard.regime == Regime::Rest);
+    // What is heard now and then only is no lock to the controller.
+    let faint = matches!(last.state, State::Holding | State::Capturing)
+        && last
+            .regime
+            .is_some_and(|heard| heard.regime == Regime::Undecided);
     if let Some(heard) = last.regime {
         say(format!(
             "heard            {} (confidence {})",
@@ -158,7 +163,7 @@ pub(super) fn told(
             "lock phase       {} rad, {heard}{expected}",
             number(phase, 3)
         ));
-        if silent {
+        if silent || faint {
             say(
                 "                 the parts are locked, but too quiet for the controller: \
                  [sensor] ringing against noise"

@@ -1,0 +1,147 @@
+//! The keys of a scene that a sweep changes, and the values that they take.
+
+use toml::{Table, Value};
+
+use crate::refusal::Refusal;
+
+/// A key of a scene and the values that it takes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axes {
+    /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.
+    pub key: String,
+    /// Its values.
+    pub values: Vec<f64>,
+}
+
+impl Axes {
+    /// `key=a..b:n` or `key=a`, as typed; else what is accepted.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        Self::read(text).ok_or_else(|| {
+            "KEY=VALUE or KEY=LOW..HIGH:COUNT with a COUNT of 1..100000, such as \
+             drive.gain=0.5..1.5:11"
+                .into()
+        })
+    }
+
+    fn read(text: &str) -> Option<Self> {
+        let (key, range) = text.split_once('=')?;
+        let number = |text: &str| {
+            let number: f64 = text.trim().parse().ok()?;
+            number.is_finite().then_some(number)
+        };
+        let values = match range.split_once("..") {
+            None => vec![number(range)?],
+            Some((low, rest)) => {
+                let (high, count) = rest.rsplit_once(':')?;
+                let (low, high) = (number(low)?, number(high)?);
+                let count: usize = count.trim().parse().ok()?;
+                if !(1..=100_000).contains(&count) {
+                    return None;
+                }
+                let step = (high - low) / (count.max(2) - 1) as f64;
+                let value = |n: usize| match n {
+                    0 => low,
+                    // As it was typed: a rounding beyond it may be out of range.
+                    _ if n + 1 == count => high,
+                    _ => low + step * n as f64,
+                };
+                (0..count).map(value).collect()
+            }
+        };
+        let key = key.trim();
+        (!key.is_empty()).then(|| Self {
+            key: key.into(),
+            values,
+        })
+    }
+}
+
+/// Sets a key of a scene's table, creating the tables on its way.
+pub(super) fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
+    let unknown = |part: &str| {
+        Refusal::value(
+            "--sweep",
+            key,
+            "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at",
+            format!("correct {part}; docs/scenes.md lists every key"),
+        )
+    };
+    let mut parts: Vec<&str> = key.split('.').collect();
+    let last = parts.pop().unwrap_or_default();
+    let mut inner = table;
+    for part in &parts {
+        let next = inner
+            .entry(*part)
+            .or_insert_with(|| Value::Table(Table::new()));
+        inner = match next {
+            Value::Table(table) => table,
+            Value::Array(list) => {
+                // What follows is the number of a table of the list, from 1.
+                return set_in_list(list, key, part, value, &unknown);
+            }
+            _ => return Err(unknown(part)),
+        };
+    }
+    put(inner, parts.last().copied(), last, value).ok_or_else(|| unknown(last))
+}
+
+fn set_in_list(
+    list: &mut [Value],
+    key: &str,
+    name: &str,
+    value: f64,
+    unknown: &dyn Fn(&str) -> Refusal,
+) -> Result<(), Refusal> {
+    let rest = key
+        .split_once(&format!("{name}."))
+        .map_or("", |(_, rest)| rest);
+    let (number, rest) = rest.split_once('.').ok_or_else(|| unknown(rest))?;
+    let index = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
+    match index.and_then(|index| list.get_mut(index)) {
+        Some(Value::Table(table)) => set(table, rest, value),
+        _ => Err(unknown(number)),
+    }
+}
+
+/// Puts a number at a key; `None` where a table stands there.
+fn put(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
+    if matches!(table.get(key), Some(Value::Table(_))) {
+        return None;
+    }
+    if within == Some("target") {
+        // A target is one of several keys.
+        table.clear();
+    }
+    let whole = matches!(key, "seed" | "locked" | "count") && value.fract() == 0.0;
+    let value = if whole {
+        Value::Integer(value as i64)
+    } else {
+        Value::Float(value)
+    };
+    table.insert(key.into(), value);
+    Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ends_of_a_range_are_those_that_were_typed() {
+        let axes = Axes::parse("part.restitution=0.1..0.7:7").unwrap();
+        assert_eq!(axes.key, "part.restitution");
+        assert_eq!((axes.values[0], axes.values[6]), (0.1, 0.7));
+        assert_eq!(Axes::parse("seed=3").unwrap().values, [3.0]);
+        assert_eq!(Axes::parse("seed=3..9:1").unwrap().values, [3.0]);
+        for text in [
+            "gain",
+            "gain=1..2",
+            "gain=a..2:3",
+            "gain=1..2:0",
+            "gain=1..nan:3",
+            "=1..2:3",
+        ] {
+            assert!(Axes::parse(text).is_err(), "{text}");
+        }
+    }
+}
