@@ -11,7 +11,7 @@ use crate::impact::flight::{Launch, Near, tall};
 /// Registers that go through a stage together.
 const GROUP: usize = 8;
 
-/// One impact of the tall lanes of those registers most of whose lanes are tall; the other tall ones
+/// One impact of the tall lanes of those registers three quarters of which are tall; the other tall ones
 /// are queued. Lanes that are not tall next are added to `unsorted`.
 #[inline(always)]
 pub(super) fn advance<L: Lane>(
@@ -27,7 +27,7 @@ pub(super) fn advance<L: Lane>(
         let mut count = 0;
         while at < LANES && count < GROUP {
             let bits = now.tall.bits(at, L::WIDTH);
-            if 2 * bits.count_ones() as usize >= L::WIDTH {
+            if 4 * bits.count_ones() as usize >= 3 * L::WIDTH {
                 starts[count] = at;
                 count += 1;
             } else {
