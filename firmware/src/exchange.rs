@@ -35,6 +35,7 @@ impl Exchange {
                 step: 0,
                 immediate: true,
                 fold: None,
+                whole: false,
             })),
             signal: Mutex::new(Cell::new(None)),
             news: AtomicU8::new(0),

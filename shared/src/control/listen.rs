@@ -42,6 +42,8 @@ const MEMORY: f32 = 0.965;
 const RISE: u32 = 12;
 /// Threshold over the running median: six times the RMS of Gaussian noise.
 const THRESHOLD: f32 = 6.0 / 0.6745;
+/// Height of a loud ringing over the running median: twice that threshold.
+const LOUD: f32 = 2.0 * THRESHOLD;
 
 impl Ear {
     /// An ear that never takes less than `floor` (m/s^2, the converter's own steps) for noise.
@@ -61,6 +63,13 @@ impl Ear {
     #[must_use]
     pub fn noise(&self) -> f32 {
         self.median * (1.0 / 0.6745)
+    }
+
+    /// Whether an impact rings that was just heard, or loudly.
+    #[inline]
+    #[must_use]
+    pub fn rings(&self) -> bool {
+        self.rising > 0 || self.ringing > LOUD * self.median
     }
 
     /// Takes the acceleration of one sample in m/s^2; the height of the residual where an impact

@@ -4,6 +4,7 @@ use core::f64::consts::TAU;
 
 use num_complex::Complex64 as Complex;
 
+use super::gap::Gap;
 use super::noise::Noise;
 use super::recurrence::{exp, exp_small, turn};
 use super::scene::SensorModel;
@@ -22,6 +23,8 @@ const CORNER: f64 = 0.27;
 const MEMORY: f64 = 0.965;
 const BLIND: u64 = 13;
 const THRESHOLD: f64 = 6.0 / 0.6745;
+/// Memory over that threshold for which the demodulator leaves a sample out.
+const LEFT_OUT: f64 = 2.0;
 /// Weight of a sample in the memory of hidden time: 2000 samples.
 const WEIGHT: f64 = 5e-4;
 
@@ -32,6 +35,8 @@ pub struct ImpactEar {
     ringing: Complex,
     /// Residual of a ringing of unit height that begins at a sample, n samples later: its imaginary part.
     response: [Complex; LOOKED],
+    /// What it tends to, once the filters have forgotten the begin.
+    steady: [Complex; LOOKED],
     /// RMS of the residual over the RMS of white noise in the reading.
     noise_gain: f64,
     /// Share of time that a ringing hides for each e-fold of its height over the noise.
@@ -42,6 +47,10 @@ pub struct ImpactEar {
     hidden: f64,
     /// `e^(ringing n/8)`.
     onset: [Complex; SHARES + 1],
+    /// What the demodulator leaves out.
+    gap: Gap,
+    /// Logarithm of what a sample leaves of the ear's memory of a loud ringing.
+    forgetting: f64,
     /// The last ringing that was loud.
     last: Ring,
     /// First sample at which another impact may be heard.
@@ -64,39 +73,69 @@ struct Ring {
     /// `e^(i angle)` and height at its first sample, and that sample.
     began: Complex,
     sample: u64,
+    /// The same of all earlier ones, at that sample.
+    under: Complex,
     /// Samples of it that the memory has.
     known: usize,
     memory: f64,
-    /// Least height that is loud.
+    /// Least height that is loud, and that is left out.
     loud: f64,
+    least: f64,
+    /// First of its samples at which the memory is that high.
+    out: Option<usize>,
 }
 
 impl Ring {
     const NONE: Self = Self {
         began: Complex::new(0.0, 0.0),
         sample: 0,
+        under: Complex::new(0.0, 0.0),
         known: LOOKED,
         memory: 0.0,
         loud: 0.0,
+        least: f64::INFINITY,
+        out: None,
     };
 
-    /// The ear's memory of it at a sample. Its noise is that of the onset: what follows only says how long
-    /// an impact soon after is taken for the same ringing.
-    fn memory(&self, response: &[Complex; LOOKED], sample: u64) -> f64 {
+    /// Residual so many samples after its first, without noise.
+    fn residual(&self, ear: &ImpactEar, sample: usize) -> f64 {
+        (self.began * ear.response[sample] + self.under * ear.steady[sample]).im
+    }
+
+    /// Lets the ear's memory have the height of the residual at the next sample.
+    fn remember(&mut self, residual: f64) {
+        self.memory *= MEMORY;
+        if residual > self.loud {
+            self.memory = self.memory.max(residual);
+        }
+        if self.memory > self.least && self.out.is_none() {
+            self.out = Some(self.known);
+        }
+        self.known += 1;
+    }
+
+    /// Lets the ear's memory have what it has not. The noise is that of the onset: what follows only says
+    /// how long an impact soon after is taken for the same ringing.
+    fn complete(&mut self, ear: &ImpactEar) {
+        while self.known < LOOKED {
+            self.remember(self.residual(ear, self.known).abs());
+        }
+    }
+
+    /// What is left at a sample of its ringing and of the ear's memory of it.
+    fn left(mut self, ear: &ImpactEar, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
         // After 250 samples 1.4e-4 of it is left: less than the noise of any ringing that a board can read.
         if since >= 250 {
-            return 0.0;
+            return (Complex::new(0.0, 0.0), 0.0);
         }
-        let mut memory = self.memory;
-        for response in &response[self.known..] {
-            memory *= MEMORY;
-            let residual = (self.began * response).im.abs();
-            if residual > self.loud {
-                memory = memory.max(residual);
-            }
-        }
-        memory * libm::exp(FORGETTING * (since as f64 - LOOKED as f64).max(0.0))
+        self.complete(ear);
+        let rings = self.began + self.under;
+        let forgotten = (since as f64 - LOOKED as f64).max(0.0);
+        (
+            rings * exp(ear.ringing * since as f64),
+            self.memory * libm::exp(FORGETTING * forgotten),
+        )
     }
 }
 
@@ -159,11 +198,17 @@ impl ImpactEar {
         Self {
             ringing,
             response,
+            steady: core::array::from_fn(|n| {
+                let since = n as f64 - (LOOKED - 1) as f64;
+                response[LOOKED - 1] * exp(ringing * since)
+            }),
             noise_gain: libm::sqrt(power),
             filling: -WEIGHT / ringing.re,
             tuning: Tuning::new(ringing, 0.0),
             hidden: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / SHARES as f64))),
+            gap: Gap::default(),
+            forgetting: FORGETTING.max(ringing.re),
             last: Ring::NONE,
             open: 200,
         }
@@ -195,8 +240,24 @@ impl ImpactEar {
         rms * (0.6745 + 0.787 * self.hidden.min(0.4))
     }
 
+    /// Begins the cycle of so many samples from a sample on.
+    pub fn begin(&mut self, sample: u64, samples: u32) {
+        self.gap.begin(sample, samples);
+    }
+
+    /// Whether nothing is left out of the next cycle.
+    pub fn keep_whole(&mut self, whole: bool) {
+        self.gap.keep_whole(whole);
+    }
+
+    /// Share of the cycle under way, of so many samples, that the demodulator leaves out.
+    #[must_use]
+    pub fn left_out(&self, samples: u32) -> f64 {
+        self.gap.share(samples)
+    }
+
     /// Takes an impact: whether it is heard, and the sum of its ringing against the drive's turn from its
-    /// first sample on, which is what the demodulator makes of it.
+    /// first sample on, as far as the demodulator does not leave it out.
     pub fn impact(
         &mut self,
         struck: Struck,
@@ -210,43 +271,83 @@ impl ImpactEar {
         } = struck;
         let Background { median, rms } = background;
         let began = self.began(share) * height;
-        let [ahead, back] = self.tuning.sums;
-        let sum = (began * ahead - began.conj() * back) * Complex::new(0.0, -0.5);
+        let (under, memory) = self.last.left(self, sample);
         let loud = THRESHOLD * median;
-        // Nothing that a ringing leaves is higher than itself.
-        if height + 3.5 * rms < loud {
-            return (None, sum);
-        }
         let mut ring = Ring {
             began,
             sample,
+            under,
             known: 0,
-            memory: self.last.memory(&self.response, sample),
+            memory,
             loud,
+            least: LEFT_OUT * loud,
+            out: None,
         };
+        // Nothing that a ringing leaves is higher than itself.
+        let quiet = height + under.l1_norm() + 3.5 * rms < loud;
         let mut heard = None;
-        for response in &self.response {
-            let left = (began * response).im + rms * f64::from(noise.gauss());
+        while ring.known < LOOKED && !quiet {
+            let left = ring.residual(self, ring.known) + rms * f64::from(noise.gauss());
             let residual = left.abs();
             let at = sample + ring.known as u64;
             let above = residual > 1.5 * ring.memory;
-            ring.known += 1;
-            ring.memory *= MEMORY;
-            if residual > loud {
-                ring.memory = ring.memory.max(residual);
-                if above && at >= self.open {
-                    heard = Some(HeardAt {
-                        sample: at,
-                        strength: residual,
-                    });
-                    self.open = at + BLIND;
-                    break;
-                }
+            ring.remember(residual);
+            if residual > loud && above && at >= self.open {
+                heard = Some(HeardAt {
+                    sample: at,
+                    strength: residual,
+                });
+                self.open = at + BLIND;
+                ring.out = ring.out.or(Some(ring.known - 1));
+                break;
             }
         }
+        let sum = self.heeded(&mut ring, heard.is_some());
         self.last = ring;
-        self.hidden += logarithm((height / median).max(1.0) as f32) * self.filling;
+        if !quiet {
+            self.hidden += logarithm((height / median).max(1.0) as f32) * self.filling;
+        }
         (heard, sum)
+    }
+
+    /// Sum of a ringing as far as it is not left out; it and those before are, where it is high, from then until
+    /// the ear has forgotten it.
+    fn heeded(&mut self, ring: &mut Ring, heard: bool) -> Complex {
+        let sample = ring.sample;
+        let since = |at: u64| at.saturating_sub(sample) as f64;
+        let held = self.gap.until().max(sample);
+        let own = self.tail(ring.began, since(held));
+        let rings = ring.began + ring.under;
+        // Without this, each impact of a quiet part would have its memory worked out.
+        if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
+            return own;
+        }
+        ring.complete(self);
+        let Some(out) = ring.out else {
+            return own;
+        };
+        let from = (sample + out as u64).max(held);
+        let lasts = libm::log(ring.memory / ring.least) / -self.forgetting;
+        let mut forgotten = sample + (LOOKED as f64 + lasts).max(0.0) as u64;
+        if heard {
+            forgotten = forgotten.max(self.open);
+        }
+        let until = self.gap.leave_out(from, forgotten).max(from);
+        own - self.tail(rings, since(from)) + self.tail(rings, since(until))
+    }
+
+    /// Sum of a ringing against the drive's turn, from so many samples after its first on.
+    fn tail(&self, began: Complex, samples: f64) -> Complex {
+        let [ahead, back] = self.tuning.sums;
+        let (left, turned) = if samples > 0.0 {
+            (
+                began * exp(self.ringing * samples),
+                turn(self.tuning.theta * samples),
+            )
+        } else {
+            (began, Complex::new(1.0, 0.0))
+        };
+        turned * (left * ahead - left.conj() * back) * Complex::new(0.0, -0.5)
     }
 
     /// `e^(ringing share)`, `share` in 0..1.

@@ -15,7 +15,7 @@ use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
 use super::sense::Sense;
 use crate::arithmetic::Phase;
-use crate::control::{Cycle, HEARD_PER_CYCLE, Heard, SAMPLE_RATE, phase_step};
+use crate::control::{Command, Cycle, HEARD_PER_CYCLE, Heard, SAMPLE_RATE, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::TangentialSettings;
 
@@ -135,10 +135,8 @@ impl EnvelopePlant {
     }
 
     /// Runs one drive cycle at an output amplitude (share of full) and a step of the phase.
-    /// `fold` is what the signal path is to fold from the next cycle on ([`Command::fold`]).
-    ///
-    /// [`Command::fold`]: crate::control::Command::fold
-    pub fn cycle(&mut self, output: f32, step: u32, fold: Option<Phase>) -> Cycle {
+    /// `next` is what the signal path is told for the cycle after it: what it is to fold, and to leave out.
+    pub fn cycle(&mut self, output: f32, step: u32, next: &Command) -> Cycle {
         self.strike_count = 0;
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         self.drive
@@ -156,13 +154,15 @@ impl EnvelopePlant {
         let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
         let found = self.drive.end();
+        let heeded = 1.0 - self.ear.left_out(samples);
         let found = readings.unwrap_or(Demodulated {
-            in_phase: found.in_phase + struck.re,
-            quadrature: found.quadrature + struck.im,
+            in_phase: found.in_phase + struck.re / heeded,
+            quadrature: found.quadrature + struck.im / heeded,
         });
         self.read(&mut cycle, found, loudest, middle);
         self.tell(&mut cycle, samples);
-        self.readings.finish(fold, step, &mut cycle);
+        self.readings.finish(next.fold, step, &mut cycle);
+        self.ear.keep_whole(next.whole);
         self.sample += u64::from(samples);
         self.ear.pass(samples);
         cycle
@@ -306,6 +306,7 @@ impl EnvelopePlant {
             median: self.median,
             rms,
         };
+        self.ear.begin(self.sample, self.drive.samples());
         let mut sum = Complex::new(0.0, 0.0);
         for index in 0..self.strike_count {
             let strike = self.strikes[index];
@@ -348,8 +349,9 @@ impl EnvelopePlant {
         } = self.sense;
         let turned = if self.inverted { -factor } else { factor };
         let samples = f64::from(cycle.samples);
-        // Mean of 2 n(t) e^(i phase) over N samples.
-        let scatter = white * libm::sqrt(2.0 / samples.max(1.0));
+        // Mean of 2 n(t) e^(i phase) over the N samples that are not left out.
+        let heeded = 1.0 - self.ear.left_out(u32::from(cycle.samples));
+        let scatter = white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
         let hum = self.hum(samples, middle);
         let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
         let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());

@@ -87,7 +87,7 @@ impl EnvelopeLoop {
         let Command {
             amplitude, step, ..
         } = self.running;
-        let cycle = self.plant.cycle(amplitude, step, self.pending.fold);
+        let cycle = self.plant.cycle(amplitude, step, &self.pending);
         self.happen(self.plant.samples()[0] - 1);
         cycle
     }

@@ -17,6 +17,7 @@ mod ear;
 mod envelope;
 mod envelope_loop;
 mod feeder;
+mod gap;
 mod noise;
 mod part;
 mod readings;

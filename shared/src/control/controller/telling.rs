@@ -54,6 +54,7 @@ impl Controller {
             step: self.scale.step,
             immediate: !self.course.running(),
             fold: self.identifier.fold(),
+            whole: self.identifier.listens(),
         }
     }
 
