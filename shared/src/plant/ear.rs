@@ -6,6 +6,7 @@ use num_complex::Complex64 as Complex;
 
 use super::gap::Gap;
 use super::noise::Noise;
+use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use super::scene::SensorModel;
 use crate::control::SAMPLE_RATE;
@@ -47,6 +48,9 @@ pub struct ImpactEar {
     hidden: f64,
     /// `e^(ringing n/8)`.
     onset: [Complex; SHARES + 1],
+    /// What is left of a ringing, and of the memory, after whole samples.
+    decay: Powers,
+    oblivion: Powers,
     /// What the demodulator leaves out.
     gap: Gap,
     /// Logarithm of what a sample leaves of the ear's memory of a loud ringing.
@@ -61,8 +65,10 @@ pub struct ImpactEar {
 #[derive(Clone, Copy, Debug)]
 struct Tuning {
     theta: f64,
-    /// `1/(1 - e^(i theta) r)` for the ringing r of a sample and for its conjugate.
+    /// `1/(1 - e^(i theta) r)` for the ringing r of a sample and for its conjugate, times i/2.
     sums: [Complex; 2],
+    /// `e^(i theta) r` for both to whole exponents.
+    turns: [Powers; 2],
     /// What both high-passes leave of the drive's own swing.
     leak: f64,
 }
@@ -131,10 +137,10 @@ impl Ring {
         }
         self.complete(ear);
         let rings = self.began + self.under;
-        let forgotten = (since as f64 - LOOKED as f64).max(0.0);
+        let forgotten = since.saturating_sub(LOOKED as u64);
         (
-            rings * exp(ear.ringing * since as f64),
-            self.memory * libm::exp(FORGETTING * forgotten),
+            rings * ear.decay.at(since),
+            self.memory * ear.oblivion.at(forgotten).re,
         )
     }
 }
@@ -207,6 +213,8 @@ impl ImpactEar {
             tuning: Tuning::new(ringing, 0.0),
             hidden: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / SHARES as f64))),
+            decay: Powers::new(ringing),
+            oblivion: Powers::new(FORGETTING.into()),
             gap: Gap::default(),
             forgetting: FORGETTING.max(ringing.re),
             last: Ring::NONE,
@@ -314,7 +322,7 @@ impl ImpactEar {
     /// the ear has forgotten it.
     fn heeded(&mut self, ring: &mut Ring, heard: bool) -> Complex {
         let sample = ring.sample;
-        let since = |at: u64| at.saturating_sub(sample) as f64;
+        let since = |at: u64| at.saturating_sub(sample);
         let held = self.gap.until().max(sample);
         let own = self.tail(ring.began, since(held));
         let rings = ring.began + ring.under;
@@ -327,7 +335,8 @@ impl ImpactEar {
             return own;
         };
         let from = (sample + out as u64).max(held);
-        let lasts = libm::log(ring.memory / ring.least) / -self.forgetting;
+        // To a fifth of a sample.
+        let lasts = logarithm((ring.memory / ring.least) as f32) / -self.forgetting;
         let mut forgotten = sample + (LOOKED as f64 + lasts).max(0.0) as u64;
         if heard {
             forgotten = forgotten.max(self.open);
@@ -337,17 +346,14 @@ impl ImpactEar {
     }
 
     /// Sum of a ringing against the drive's turn, from so many samples after its first on.
-    fn tail(&self, began: Complex, samples: f64) -> Complex {
+    fn tail(&self, began: Complex, samples: u64) -> Complex {
         let [ahead, back] = self.tuning.sums;
-        let (left, turned) = if samples > 0.0 {
-            (
-                began * exp(self.ringing * samples),
-                turn(self.tuning.theta * samples),
-            )
-        } else {
-            (began, Complex::new(1.0, 0.0))
-        };
-        turned * (left * ahead - left.conj() * back) * Complex::new(0.0, -0.5)
+        let (mut left, mut conjugate) = (began * ahead, began.conj() * back);
+        if samples > 0 {
+            left *= self.tuning.turns[0].at(samples);
+            conjugate *= self.tuning.turns[1].at(samples);
+        }
+        conjugate - left
     }
 
     /// `e^(ringing share)`, `share` in 0..1.
@@ -365,7 +371,7 @@ impl ImpactEar {
     }
 }
 
-/// `ln x` within 0.007, for x of at least 1: the exponent, and a parabola through the mantissa.
+/// `ln x` within 0.007, for normal x: the exponent, and a parabola through the mantissa.
 fn logarithm(x: f32) -> f64 {
     let bits = x.to_bits();
     let mantissa = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000);
@@ -381,9 +387,11 @@ impl Tuning {
         // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
         let back = turn(-theta);
         let once = (one - back) * (1.0 - CORNER) / (one - back * (1.0 - CORNER));
+        let logs = [ringing + turning, ringing.conj() + turning];
         Self {
             theta,
-            sums: [ringing, ringing.conj()].map(|log| (one - exp(log + turning)).inv()),
+            sums: logs.map(|log| (one - exp(log)).inv() * Complex::new(0.0, 0.5)),
+            turns: logs.map(Powers::new),
             leak: once.norm_sqr(),
         }
     }

@@ -20,6 +20,7 @@ mod feeder;
 mod gap;
 mod noise;
 mod part;
+mod powers;
 mod readings;
 mod recurrence;
 mod scene;
