@@ -105,7 +105,16 @@ impl Ring {
 
     /// Residual so many samples after its first, without noise.
     fn residual(&self, ear: &ImpactEar, sample: usize) -> f64 {
-        (self.began * ear.response[sample] + self.under * ear.steady[sample]).im
+        let own = self.began * ear.response[sample];
+        if self.is_alone() {
+            return own.im;
+        }
+        (own + self.under * ear.steady[sample]).im
+    }
+
+    /// Whether nothing of earlier ones is left.
+    fn is_alone(&self) -> bool {
+        self.under == Complex::new(0.0, 0.0)
     }
 
     /// Lets the ear's memory have the height of the residual at the next sample.
@@ -129,18 +138,19 @@ impl Ring {
     }
 
     /// What is left at a sample of its ringing and of the ear's memory of it.
-    fn left(mut self, ear: &ImpactEar, sample: u64) -> (Complex, f64) {
+    fn left(&self, ear: &ImpactEar, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
         // After 250 samples 1.4e-4 of it is left: less than the noise of any ringing that a board can read.
         if since >= 250 {
             return (Complex::new(0.0, 0.0), 0.0);
         }
-        self.complete(ear);
+        let mut whole = *self;
+        whole.complete(ear);
         let rings = self.began + self.under;
         let forgotten = since.saturating_sub(LOOKED as u64);
         (
             rings * ear.decay.at(since),
-            self.memory * ear.oblivion.at(forgotten).re,
+            whole.memory * ear.oblivion.at(forgotten).re,
         )
     }
 }
@@ -324,7 +334,8 @@ impl ImpactEar {
         let sample = ring.sample;
         let since = |at: u64| at.saturating_sub(sample);
         let held = self.gap.until().max(sample);
-        let own = self.tail(ring.began, since(held));
+        let began = self.sums(ring.began);
+        let own = self.tail(began, since(held));
         let rings = ring.began + ring.under;
         // Without this, each impact of a quiet part would have its memory worked out.
         if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
@@ -342,13 +353,22 @@ impl ImpactEar {
             forgotten = forgotten.max(self.open);
         }
         let until = self.gap.leave_out(from, forgotten).max(from);
-        own - self.tail(rings, since(from)) + self.tail(rings, since(until))
+        let sums = if ring.is_alone() {
+            began
+        } else {
+            self.sums(rings)
+        };
+        own - self.tail(sums, since(from)) + self.tail(sums, since(until))
+    }
+
+    /// What both terms of a ringing's sum are at its first sample.
+    fn sums(&self, began: Complex) -> [Complex; 2] {
+        let [ahead, back] = self.tuning.sums;
+        [began * ahead, began.conj() * back]
     }
 
     /// Sum of a ringing against the drive's turn, from so many samples after its first on.
-    fn tail(&self, began: Complex, samples: u64) -> Complex {
-        let [ahead, back] = self.tuning.sums;
-        let (mut left, mut conjugate) = (began * ahead, began.conj() * back);
+    fn tail(&self, [mut left, mut conjugate]: [Complex; 2], samples: u64) -> Complex {
         if samples > 0 {
             left *= self.tuning.turns[0].at(samples);
             conjugate *= self.tuning.turns[1].at(samples);
