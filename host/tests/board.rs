@@ -1,22 +1,19 @@
 //! The verbs of the board against the firmware on the emulated CPU.
 
+mod came;
+
 use std::fs::File;
 use std::path::Path;
+#[cfg(feature = "log")]
 use std::process::{Command, Stdio};
 
+use came::Came;
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use serde_json::Value;
 
 /// Wall-clock seconds for one command, a loaded machine allowed for.
 const LIMIT: &str = "60";
-
-/// What a command came to.
-struct Came {
-    status: Option<i32>,
-    out: String,
-    said: String,
-}
 
 /// Runs `kband` in `folder` on the emulated board; killed at the limit.
 fn kband(folder: &Path, words: &str) -> Came {
@@ -31,55 +28,8 @@ fn kband_with(folder: &Path, words: &str, more: &[&str]) -> Came {
 
 /// Runs `kband` in `folder`; killed at the limit.
 fn run(folder: &Path, words: &str, more: &[&str]) -> Came {
-    let file = |name: &str| File::create(folder.join(name)).unwrap();
-    let status = Command::new("timeout")
-        .args(["--kill-after=5", LIMIT])
-        .arg(env!("CARGO_BIN_EXE_kband"))
-        .args(words.split(' '))
-        .args(more)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(file(".out"))
-        .stderr(file(".said"))
-        .status()
-        .unwrap();
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-    Came {
-        status: status.code(),
-        out: read(".out"),
-        said: read(".said"),
-    }
-}
-
-impl Came {
-    fn done(self, words: &str) -> String {
-        assert_eq!(self.status, Some(0), "kband {words}: {}", self.said);
-        self.out
-    }
-
-    fn refused(self, words: &str, expected: &[&str]) {
-        assert_eq!(
-            self.status,
-            Some(2),
-            "kband {words}: {}{}",
-            self.out,
-            self.said
-        );
-        assert_eq!(
-            self.said.matches("error:").count(),
-            1,
-            "kband {words}: {}",
-            self.said
-        );
-        assert!(self.out.is_empty(), "kband {words}: {}", self.out);
-        for part in expected {
-            assert!(
-                self.said.contains(part),
-                "kband {words}: no '{part}' in {}",
-                self.said
-            );
-        }
-    }
+    let words: Vec<&str> = words.split(' ').chain(more.iter().copied()).collect();
+    came::run(folder, LIMIT, &words)
 }
 
 #[test]
@@ -87,7 +37,7 @@ fn an_image_is_checked_without_a_probe() {
     let folder = folder();
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     let words = "flash --dry-run --format json";
-    let plan = run(folder.path(), words, &[image.to_str().unwrap()]).done(words);
+    let plan = run(folder.path(), words, &[image.to_str().unwrap()]).done();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     let sectors = plan["sectors"].as_array().unwrap();
     let bytes: u64 = sectors
@@ -121,7 +71,7 @@ fn an_image_is_checked_without_a_probe() {
         (".said", ["no ELF", "cargo feeder"]),
         ("none", ["none", "cargo feeder"]),
     ] {
-        run(folder.path(), words, &[image]).refused(words, &expected);
+        run(folder.path(), words, &[image]).refused(&expected);
     }
     // Built without its way to a probe, or with it and no probe here.
     let words = "flash";
@@ -131,11 +81,11 @@ fn an_image_is_checked_without_a_probe() {
     } else {
         "--features flash"
     };
-    came.refused(words, &[expected, "next:"]);
+    came.refused(&[expected, "next:"]);
 }
 
-fn json(came: Came, words: &str) -> Value {
-    serde_json::from_str(&came.done(words)).unwrap()
+fn json(came: Came) -> Value {
+    serde_json::from_str(&came.done()).unwrap()
 }
 
 fn folder() -> tempfile::TempDir {
@@ -146,7 +96,7 @@ fn folder() -> tempfile::TempDir {
 fn the_board_says_who_and_how_it_is() {
     let folder = folder();
     let words = "identify --format json";
-    let board = json(kband(folder.path(), words), words);
+    let board = json(kband(folder.path(), words));
     assert_eq!(board["schema"], format!("{:08x}", kband::wire::SCHEMA));
     assert_eq!(board["fits_this_desk"], true);
     assert_eq!(board["self_test"]["sensor"], true);
@@ -162,7 +112,7 @@ fn the_board_says_who_and_how_it_is() {
 fn settings_are_those_of_the_controller_and_a_change_outlasts_the_board_once_it_is_saved() {
     let folder = folder();
     let words = "settings list --format json";
-    let list = json(kband(folder.path(), words), words);
+    let list = json(kband(folder.path(), words));
     let list = list.as_array().unwrap();
     assert_eq!(list.len(), kband::control::Settings::KEYS.len());
     for (row, key) in list.iter().zip(kband::control::Settings::KEYS) {
@@ -179,16 +129,16 @@ fn settings_are_those_of_the_controller_and_a_change_outlasts_the_board_once_it_
         }
     }
     let words = "settings set restitution_high 0.31 --flash-image board.flash";
-    assert!(kband(folder.path(), words).done(words).contains("--save"));
+    assert!(kband(folder.path(), words).done().contains("--save"));
     let value = |key: &str| {
         let words = format!("settings get {key} --format json --flash-image board.flash");
-        json(kband(folder.path(), &words), &words)[0]["value"].as_f64()
+        json(kband(folder.path(), &words))[0]["value"].as_f64()
     };
     assert_eq!(value("restitution_high"), Some(0.22));
     let words = "settings set restitution_high 0.31 --save --flash-image board.flash";
-    assert!(kband(folder.path(), words).done(words).contains("kept"));
+    assert!(kband(folder.path(), words).done().contains("kept"));
     let words = "settings set incline -2.5 --save --flash-image board.flash";
-    kband(folder.path(), words).done(words);
+    kband(folder.path(), words).done();
     assert_eq!(value("restitution_high"), Some(0.31));
     assert_eq!(value("incline"), Some(-2.5));
 }
@@ -198,7 +148,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
     let folder = folder();
     let flash = "--flash-image board.flash";
     let words = format!("settings export all.toml {flash}");
-    kband(folder.path(), &words).done(&words);
+    kband(folder.path(), &words).done();
     let all = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
     assert_eq!(
         all.matches(" = ").count(),
@@ -213,7 +163,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
     let words = format!("settings import good.toml --save {flash}");
     assert!(
         kband(folder.path(), &words)
-            .done(&words)
+            .done()
             .contains("3 settings in the file, 3 changed")
     );
     let changed = std::fs::read(folder.path().join("board.flash")).unwrap();
@@ -235,7 +185,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
     ] {
         write("bad.toml", text);
         let words = format!("settings import bad.toml --save {flash}");
-        kband(folder.path(), &words).refused(&words, &expected);
+        kband(folder.path(), &words).refused(&expected);
         assert_eq!(
             std::fs::read(folder.path().join("board.flash")).unwrap(),
             changed,
@@ -244,13 +194,9 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
     }
     // What was exported brings all of it back.
     let words = format!("settings import all.toml --save {flash}");
-    assert!(
-        kband(folder.path(), &words)
-            .done(&words)
-            .contains("3 changed")
-    );
+    assert!(kband(folder.path(), &words).done().contains("3 changed"));
     let words = format!("settings export again.toml {flash}");
-    kband(folder.path(), &words).done(&words);
+    kband(folder.path(), &words).done();
     assert_eq!(
         std::fs::read_to_string(folder.path().join("again.toml")).unwrap(),
         all
@@ -276,7 +222,7 @@ fn what_a_board_does_not_take_is_refused_with_cause_range_and_next_step() {
         ("settings export none/all.toml", ["none", "mkdir"]),
         ("settings list --flash-image .out", [".out", "whole pages"]),
     ] {
-        kband(folder.path(), words).refused(words, &expected);
+        kband(folder.path(), words).refused(&expected);
     }
     let mut names: Vec<_> = std::fs::read_dir(&folder)
         .unwrap()
@@ -291,7 +237,7 @@ fn what_a_board_does_not_take_is_refused_with_cause_range_and_next_step() {
 fn a_board_is_monitored_recorded_and_replayed() {
     let folder = folder();
     let words = "monitor --every 5 --format json --record run.kband --rows 6";
-    let now = kband(folder.path(), words).done(words);
+    let now = kband(folder.path(), words).done();
     let rows: Vec<Value> = now
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
@@ -309,29 +255,25 @@ fn a_board_is_monitored_recorded_and_replayed() {
     assert!(rows.iter().any(|row| row["event"] == "started"), "{now}");
     // The record has what was printed, and the cycles that came while it ended.
     let words = "monitor --replay run.kband --format json";
-    let replayed = run(folder.path(), words, &[]).done(words);
+    let replayed = run(folder.path(), words, &[]).done();
     let replayed: Vec<&str> = replayed.lines().collect();
     assert!(
         now.lines().all(|row| replayed.contains(&row)),
         "{now}{replayed:#?}"
     );
     let words = "monitor --replay run.kband --format csv";
-    let csv = run(folder.path(), words, &[]).done(words);
+    let csv = run(folder.path(), words, &[]).done();
     assert!(csv.starts_with("time (s),cycle,state,k,b (mm),"), "{csv}");
     let words = "monitor --replay run.kband";
-    assert!(
-        run(folder.path(), words, &[])
-            .done(words)
-            .contains("starting")
-    );
+    assert!(run(folder.path(), words, &[]).done().contains("starting"));
 
     let words = "monitor --record run.kband --duration 1";
-    kband(folder.path(), words).refused(words, &["run.kband", "is there already", "next:"]);
+    kband(folder.path(), words).refused(&["run.kband", "is there already", "next:"]);
     std::fs::write(folder.path().join("other.kband"), "no record\0\0\0").unwrap();
     let words = "monitor --replay other.kband";
-    run(folder.path(), words, &[]).refused(words, &["other.kband", "no record", "--record"]);
+    run(folder.path(), words, &[]).refused(&["other.kband", "no record", "--record"]);
     let words = "monitor --replay none.kband";
-    run(folder.path(), words, &[]).refused(words, &["none.kband", "--record"]);
+    run(folder.path(), words, &[]).refused(&["none.kband", "--record"]);
 }
 
 #[test]
@@ -346,14 +288,14 @@ fn the_log_is_refused_where_it_is_not_built_in_and_for_an_image_that_has_none() 
         ["without the log", "--features log"]
     };
     let words = "monitor --log none.defmt";
-    run(folder.path(), words, &["--elf", image]).refused(words, &expected);
+    run(folder.path(), words, &["--elf", image]).refused(&expected);
     if built_in {
         std::fs::write(folder.path().join("notes.txt"), "no image").unwrap();
         let words = "monitor --log notes.txt --elf notes.txt";
-        run(folder.path(), words, &[]).refused(words, &["notes.txt", "cargo feeder"]);
+        run(folder.path(), words, &[]).refused(&["notes.txt", "cargo feeder"]);
     }
     let words = "monitor --on /dev/null";
-    run(folder.path(), words, &["--elf", image]).refused(words, &["debug probe", "--log FILE"]);
+    run(folder.path(), words, &["--elf", image]).refused(&["debug probe", "--log FILE"]);
 }
 
 /// The events in the log lines of what `kband monitor` printed.
@@ -405,7 +347,7 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
         })
         .collect();
     let words = "monitor --log raw.defmt --format json";
-    let out = run(folder.path(), words, &["--elf", image]).done(words);
+    let out = run(folder.path(), words, &["--elf", image]).done();
     assert!(out.contains("started by power-on"), "{out}");
     assert_eq!(logged(&out), expected, "{out}");
 
@@ -415,29 +357,29 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
     raw.truncate(raw.len() - 3);
     std::fs::write(folder.path().join("bad.defmt"), raw).unwrap();
     let words = "monitor --log bad.defmt --format json";
-    let out = run(folder.path(), words, &["--elf", image]).done(words);
+    let out = run(folder.path(), words, &["--elf", image]).done();
     assert_eq!(logged(&out), expected[..expected.len() - 1], "{out}");
 
     // Beside the telemetry of a board that runs, recorded and printed again.
     let words = "monitor --rows 5 --format json --record-log again.defmt";
-    let out = kband_with(folder.path(), words, &["--elf", image]).done(words);
+    let out = kband_with(folder.path(), words, &["--elf", image]).done();
     let heard = logged(&out);
     assert_eq!(heard[0], (1, "started".into()), "{out}");
     assert!(out.contains("\"state\":\"starting\""), "{out}");
     let again = "monitor --log again.defmt --format json";
-    let again = run(folder.path(), again, &["--elf", image]).done(again);
+    let again = run(folder.path(), again, &["--elf", image]).done();
     assert_eq!(logged(&again), heard);
     kband_with(folder.path(), words, &["--elf", image])
-        .refused(words, &["again.defmt", "is there already"]);
+        .refused(&["again.defmt", "is there already"]);
 }
 
 #[test]
 fn an_identification_that_has_no_result_yet_changes_nothing() {
     let folder = folder();
     let words = "settings commission --within 2 --flash-image board.flash";
-    kband(folder.path(), words).refused(words, &["after 2 s", "no result", "--within"]);
+    kband(folder.path(), words).refused(&["after 2 s", "no result", "--within"]);
     let words = "settings commission --apply --within 2";
-    kband(folder.path(), words).refused(words, &["no flash", "--flash-image"]);
+    kband(folder.path(), words).refused(&["no flash", "--flash-image"]);
     assert_eq!(
         std::fs::read(folder.path().join("board.flash")).unwrap(),
         [0xff; 8192]
@@ -487,10 +429,11 @@ fn a_port_with_garbage_and_a_board_of_another_version_are_told_apart() {
 
     // Another baud rate, or another program's device.
     let words = "settings list";
-    on_a_port_that_says(words, b"\x80\x7f\0\xf8\x06\0").refused(
-        words,
-        &["frames that cannot be read", "115200 baud", "next:"],
-    );
+    on_a_port_that_says(words, b"\x80\x7f\0\xf8\x06\0").refused(&[
+        "frames that cannot be read",
+        "115200 baud",
+        "next:",
+    ]);
     let identity = Identity {
         version: kband::wire::VERSION,
         schema: 0x0bad_cafe,
@@ -498,7 +441,7 @@ fn a_port_with_garbage_and_a_board_of_another_version_are_told_apart() {
     };
     let mut buffer = [0; FRAME_MOST];
     let frame = write_identity(&mut buffer, 0, &identity).unwrap();
-    on_a_port_that_says(words, frame).refused(words, &["0.0.9+old", "0badcafe", "kband flash"]);
+    on_a_port_that_says(words, frame).refused(&["0.0.9+old", "0badcafe", "kband flash"]);
     // Who it is may be asked of any board.
     let words = "identify --format json";
     let came = on_a_port_that_says(words, frame);

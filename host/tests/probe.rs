@@ -1,12 +1,13 @@
 //! The verbs of the debug probe against an emulated chip behind an emulated probe.
 #![cfg(feature = "flash")]
 
+mod came;
+
 use std::collections::HashMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use came::Came;
 use kband_host::chip::{Image, STM32F405RG};
 use kband_tests::chip::Chip;
 use kband_tests::emulator::Machine;
@@ -23,40 +24,9 @@ const SETTINGS: u8 = 0x5a;
 /// What an older image left in the flash.
 const OLDER: u8 = 0x00;
 
-struct Came {
-    status: Option<i32>,
-    out: String,
-    said: String,
-}
-
+/// Runs `kband` in `folder`; killed at the limit.
 fn kband(folder: &Path, words: &[&str]) -> Came {
-    let file = |name: &str| File::create(folder.join(name)).unwrap();
-    let status = Command::new("timeout")
-        .args(["--kill-after=5", LIMIT])
-        .arg(env!("CARGO_BIN_EXE_kband"))
-        .args(words)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(file(".out"))
-        .stderr(file(".said"))
-        .status()
-        .unwrap();
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-    Came {
-        status: status.code(),
-        out: read(".out"),
-        said: read(".said"),
-    }
-}
-
-impl Came {
-    fn refused(&self, expected: &[&str]) {
-        assert_eq!(self.status, Some(2), "{}{}", self.out, self.said);
-        assert_eq!(self.said.matches("error:").count(), 1, "{}", self.said);
-        for part in expected {
-            assert!(self.said.contains(part), "no '{part}' in {}", self.said);
-        }
-    }
+    came::run(folder, LIMIT, words)
 }
 
 fn folder() -> TempDir {
@@ -96,16 +66,10 @@ fn an_image_is_written_verified_and_started_with_the_drive_off() {
     let (folder, path) = (folder(), feeder());
     let image = Image::read(&path, &STM32F405RG).unwrap();
     let probe = Probe::before(board());
-    let came = kband(
-        folder.path(),
-        &["flash", path.to_str().unwrap(), "--probe", &probe.name()],
-    );
-    assert_eq!(came.status, Some(0), "{}", came.said);
-    assert!(
-        came.out.contains("written, verified, started"),
-        "{}",
-        came.out
-    );
+    let name = probe.name();
+    let words = ["flash", path.to_str().unwrap(), "--probe", &name];
+    let out = kband(folder.path(), &words).done();
+    assert!(out.contains("written, verified, started"), "{out}");
     let chip = probe.chip();
     assert!(holds(&chip, &image));
     assert!(settings_are_kept(&chip));
