@@ -18,7 +18,7 @@ const FAMILY: u32 = 0xfff;
 
 const WIRES: &str = "check SWDIO, SWCLK, ground and the board's supply";
 
-/// A chip that was reached and is the one that it should be. Nothing here stops its core.
+/// A chip that was reached and is the one that it should be. Nothing but [`Reached::control`] stops its core.
 pub struct Reached {
     interface: Box<dyn ArmDebugInterface>,
     memory: FullyQualifiedApAddress,

@@ -14,7 +14,7 @@ use crate::file;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Format, Report, Table};
 use portrait::{States, portrait};
-use rows::{Row, Rows, read_rows};
+use rows::{Row, Rows, not_held, read_rows};
 
 /// Consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -179,14 +179,9 @@ fn table<K: Kernel>(
         for impact in impacts(&row) {
             let next = K::observe(impact.next);
             states.push((next.phase, next.velocity));
-            row[0].state = K::state(next.phase, next.velocity).map_err(|refused| {
-                Refusal::value(
-                    refused.parameter,
-                    refused.value,
-                    format!("{} (arithmetic {})", refused.accepted, K::NAME),
-                    "ask for fewer impacts, or choose another --arithmetic",
-                )
-                .at(format!("after impact {n}"))
+            // What it cannot hold it cannot fly either; the state itself keeps its last bits.
+            K::state(next.phase, next.velocity).map_err(|refused| {
+                not_held::<K>(refused, "ask for fewer impacts").at(format!("after impact {n}"))
             })?;
             row[0].state = impact.next;
             table.push([

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use kband::feeder::OutOfRange;
 use kband::impact::{Kernel, Map};
 
 use crate::refusal::Refusal;
@@ -20,6 +21,16 @@ pub(super) struct Rows<K: Kernel> {
     pub places: Vec<Option<usize>>,
     /// How many it does not hold, and what it says of the first.
     pub left: Option<(usize, Refusal)>,
+}
+
+/// A launch that an arithmetic cannot hold; `next` is what to do instead of choosing another.
+pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
+    Refusal::value(
+        refused.parameter,
+        refused.value,
+        format!("{} (arithmetic {})", refused.accepted, K::NAME),
+        format!("{next}, or choose another --arithmetic"),
+    )
 }
 
 /// All rows of the file. The first that is no launch at all is refused with its line and column, before
@@ -68,14 +79,8 @@ pub(super) fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Rows<K>, R
             })?;
         }
         let [k, restitution, phase, velocity] = values;
-        let refused = |refused: kband::feeder::OutOfRange| {
-            Refusal::value(
-                refused.parameter,
-                refused.value,
-                format!("{} (arithmetic {})", refused.accepted, K::NAME),
-                "correct or remove this row, or choose another --arithmetic",
-            )
-            .at(format!("{name}, line {line}"))
+        let refused = |refused| {
+            not_held::<K>(refused, "correct or remove this row").at(format!("{name}, line {line}"))
         };
         let launch = K::build(k, restitution)
             .and_then(|kernel| K::state(phase, velocity).map(|state| Row { kernel, state }));
