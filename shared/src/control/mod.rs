@@ -5,6 +5,18 @@
 //! of its phase. [`Controller::plan_step`] plans in idle time. All of it is single precision,
 //! integers and the map: the same bits at the desk, in the emulator and on the board.
 //!
+//! | wing | holds |
+//! |---|---|
+//! | `hear` | what the accelerometer says: the signal path, impacts, lock and regime |
+//! | `drive` | the track's amplitude and frequency, brought to where they are wanted |
+//! | `identify` | the restitution of the parts from their chatter |
+//! | `aim` | the setpoint of a target, and the searches for it |
+//! | `course` | the state machine, captures, faults and limits |
+//! | `controller` | [`Controller`]: the wings in the order of one drive cycle |
+//!
+//! On the ground: `settings`, `angle`, `saturate`, `state` (the numbered lists and the state table);
+//! `report` is what goes in and comes out each cycle.
+//!
 //! | word | means |
 //! |---|---|
 //! | output | what the drive is given, a share of full output |
@@ -18,46 +30,26 @@
 //! | fault | it stopped |
 
 mod aim;
-mod amplitude;
 mod angle;
-mod capture;
-mod chaos;
-mod chatter;
 mod controller;
 mod course;
-mod fit;
-mod fold;
-mod hearing;
+mod drive;
+mod hear;
 mod identify;
-mod listen;
-mod listening;
-mod reference;
 mod report;
-mod resonance;
-mod restraint;
-mod ringing;
-mod scale;
-mod setpoint;
+mod saturate;
 mod settings;
-mod signal;
-mod speed;
-mod supervise;
-mod suspicion;
-mod transition;
+mod state;
 
-pub use amplitude::AmplitudeLoop;
-pub use angle::{phase_of, radians_of};
-pub use capture::Planned;
-pub use chaos::Chaos;
+pub use aim::{Chaos, NoSetpoint, Planned, Target};
+pub use angle::{SAMPLE_RATE, phase_of, phase_step, radians_of};
 pub use controller::{Controller, PLAN_SLICES};
-pub(crate) use fold::Fold;
-pub use fold::Folded;
-pub use hearing::Hearing;
+pub use drive::AmplitudeLoop;
+pub(crate) use hear::Fold;
+pub use hear::{
+    AdcCode, Command, Cycle, Ear, Folded, HEARD_PER_CYCLE, Heard, Hearing, Sampled, Signal,
+};
 pub use identify::{Identification, Identified, Unidentified};
-pub use listen::{Ear, HEARD_PER_CYCLE, Heard};
 pub use report::{Inputs, Report, Start};
-pub use setpoint::{NoSetpoint, Target};
 pub use settings::{Key, Settings};
-pub use signal::{AdcCode, Command, Cycle, SAMPLE_RATE, Sampled, Signal, phase_step};
-pub use supervise::{Event, Events, Fault, Limits, State};
-pub use transition::{TRANSITIONS, Transition};
+pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};

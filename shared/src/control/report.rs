@@ -1,8 +1,8 @@
 //! What goes into a controller each cycle, and what comes out of it.
 
-use super::identify::Identification;
-use super::signal::{Command, Signal};
-use super::supervise::{Events, Fault, Limits, State};
+use crate::control::hear::Command;
+use crate::control::identify::Identification;
+use crate::control::state::{Events, Fault, Limits, State};
 use crate::regime::classify::Verdict;
 
 /// Why the controller starts.
@@ -71,11 +71,4 @@ pub struct Report {
     pub events: Events,
     /// What the drive is to do.
     pub command: Command,
-}
-
-impl Signal {
-    /// Hands the command of a report to the signal path.
-    pub fn obey(&mut self, report: &Report) {
-        self.command(report.command);
-    }
 }

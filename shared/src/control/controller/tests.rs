@@ -2,6 +2,8 @@ use super::*;
 use crate::control::{Heard, Report};
 use crate::regime::classify::Regime;
 
+mod table;
+
 #[test]
 fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
     let target = Target::Locked { order: 1 };

@@ -2,9 +2,9 @@
 
 use core::f32::consts::{PI, TAU};
 
-use super::settings::Settings;
-use super::signal::phase_step;
-use super::supervise::Limits;
+use crate::control::angle::phase_step;
+use crate::control::settings::Settings;
+use crate::control::state::Limits;
 
 /// The numbers that amplitude, k and output hang together by.
 #[derive(Clone, Copy, Debug)]

@@ -2,9 +2,9 @@
 
 use core::f32::consts::{FRAC_PI_2, PI};
 
-use super::amplitude::held;
-use super::settings::Settings;
-use super::signal::SAMPLE_RATE;
+use crate::control::angle::SAMPLE_RATE;
+use crate::control::saturate::saturate;
+use crate::control::settings::Settings;
 
 /// Most points of a sweep.
 const POINTS: u16 = 64;
@@ -114,7 +114,7 @@ impl Resonance {
         // Near the peak the lead falls by 2 Q for a relative change of frequency.
         let towards = self.frequency * error / (2.0 * self.quality);
         let share = PI / (SLOWNESS * self.quality);
-        self.frequency = held(self.frequency + share * towards, self.low, self.high);
+        self.frequency = saturate(self.frequency + share * towards, self.low, self.high);
     }
 }
 

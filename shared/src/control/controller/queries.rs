@@ -1,24 +1,16 @@
 //! What a controller tells of itself, and what another one may tell it.
 
-use super::super::angle::radians_of;
-use super::super::capture::Planned;
-use super::super::chaos::{Chaos, ChaosSearch};
-use super::super::identify::Identification;
-use super::super::report::{Inputs, Report};
-use super::super::setpoint::{NoSetpoint, Target};
-use super::super::settings::Settings;
-use super::super::signal::{Command, Cycle};
-use super::super::supervise::{Events, State};
 use super::Controller;
+use crate::control::aim::{Chaos, ChaosSearch, NoSetpoint, Planned, Target};
+use crate::control::angle::radians_of;
+use crate::control::hear::Command;
+use crate::control::identify::Identification;
+use crate::control::report::Report;
+use crate::control::settings::Settings;
+use crate::control::state::{Events, State};
 use crate::regime::capture::PlanSettings;
 
 impl Controller {
-    /// Takes a cycle of the signal path and the board's inputs; what was seen, and what the drive is to do.
-    pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
-        self.advance(cycle, inputs);
-        self.report()
-    }
-
     /// What was seen and done in the last cycle.
     #[must_use]
     pub fn report(&self) -> Report {

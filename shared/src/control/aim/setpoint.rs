@@ -2,10 +2,10 @@
 
 use core::fmt;
 
-use super::angle::phase_of;
-use super::identify;
-use super::settings::Settings;
-use crate::arithmetic::Phase;
+use crate::control::angle::phase_of;
+use crate::control::hear::LockAt;
+use crate::control::identify;
+use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, Restitution, accept};
 use crate::regime::band::BandError;
 use crate::regime::{Band, Lock, NoBand};
@@ -27,7 +27,7 @@ pub enum Target {
     /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
     Speed(f32),
     /// To find the restitution of the parts by listening to them hop and rest
-    /// ([`Identification`](super::Identification)): a step of commissioning.
+    /// ([`Identification`](crate::control::Identification)): a step of commissioning.
     Identify,
 }
 
@@ -57,19 +57,6 @@ impl fmt::Display for NoSetpoint {
             Self::Speed(None) => formatter.write_str("the lot has no common band, so no lock conveys it"),
         }
     }
-}
-
-/// Where a lock is heard.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LockAt {
-    /// Drive cycles per impact.
-    pub order: u8,
-    /// k of the setpoint.
-    pub k: f64,
-    /// Phase at which the lot's parts strike.
-    pub phase: Phase,
-    /// Half width of the phases that count, in rad.
-    pub width: f32,
 }
 
 /// How the setpoint of a target is given.

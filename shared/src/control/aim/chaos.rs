@@ -1,6 +1,6 @@
 //! Where the parts of a lot are chaotic: a search with the map on board, slice by slice.
 
-use super::settings::Settings;
+use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::impact::{Hybrid, Kernel};
 use crate::regime::classify::{Classifier, HearingSettings, Regime};
@@ -61,7 +61,7 @@ impl Trial {
 /// A search for chaos that has come to its end: for which lot, what came, after how many slices.
 ///
 /// Two controllers with the same lot come to the same k after as many slices, so that one that is told
-/// need not search ([`Controller::chaos_known`](super::Controller::chaos_known)).
+/// need not search ([`Controller::chaos_known`](crate::control::Controller::chaos_known)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chaos {
     /// Lowest and highest restitution of the lot.
@@ -87,6 +87,7 @@ pub struct ChaosSearch {
     done: bool,
     lot: [f32; 2],
     slices: u32,
+    /// What came of it, or of another search for the same lot.
     known: Option<Chaos>,
 }
 
@@ -126,8 +127,11 @@ impl ChaosSearch {
         for _ in 0..SLICE {
             if self.k < self.lowest {
                 self.done = true;
-            }
-            if self.done {
+                self.known = Some(Chaos {
+                    lot: self.lot,
+                    k: self.longest.map(|(high, low)| libm::sqrt(high * low)),
+                    slices: self.slices,
+                });
                 return false;
             }
             let restitution = self.parts.get(self.part).copied();
@@ -166,21 +170,6 @@ impl ChaosSearch {
         self.k *= 1.0 - STEP;
     }
 
-    /// Whether the search is over.
-    #[must_use]
-    pub fn done(&self) -> bool {
-        self.done
-    }
-
-    /// k in the middle of the widest stretch, `None` where the lot has none.
-    #[must_use]
-    pub fn k(&self) -> Option<f64> {
-        match self.known {
-            Some(known) => known.k,
-            None => self.longest.map(|(high, low)| libm::sqrt(high * low)),
-        }
-    }
-
     /// The lot that is being searched for; `None` once its chaos is known or found.
     #[must_use]
     pub fn asked(&self) -> Option<[f32; 2]> {
@@ -197,11 +186,7 @@ impl ChaosSearch {
     /// What came of it, once it is over.
     #[must_use]
     pub fn found(&self) -> Option<Chaos> {
-        self.done.then(|| Chaos {
-            lot: self.lot,
-            k: self.k(),
-            slices: self.slices,
-        })
+        self.known.filter(|_| self.done)
     }
 }
 
@@ -223,7 +208,7 @@ mod tests {
             slices += 1;
             assert!(slices < 2000);
         }
-        (search.k(), slices)
+        (search.found().unwrap().k, slices)
     }
 
     #[test]

@@ -1,22 +1,15 @@
 //! The controller: one call per drive cycle decides what the drive does next.
 
-use super::aim::Aim;
-use super::amplitude::AmplitudeLoop;
-use super::angle::{phase_of, radians_of};
-use super::course::{self, Course, Rest, Turn};
-use super::identify::{self, Driven, Identifier, Step};
-use super::listening::Listening;
-use super::reference::{Move, Reference};
-use super::report::{Inputs, Start};
-use super::resonance::Resonance;
-use super::restraint::{self, Restraint};
-use super::scale::Scale;
-use super::setpoint::Target;
-use super::settings::Settings;
-use super::signal::Cycle;
-use super::supervise::{Event, Events, Fault, Limits, State};
-use super::suspicion::{Expected, Suspicions};
 use crate::arithmetic::Phase;
+use crate::control::aim::{Aim, Target};
+use crate::control::angle::{phase_of, radians_of};
+use crate::control::course::{self, Course, Decision, Expected, Rest, Restraint, Suspicions, Turn};
+use crate::control::drive::{AmplitudeLoop, Move, Reference, Resonance, Scale};
+use crate::control::hear::{Cycle, Listening};
+use crate::control::identify::{self, Driven, Identifier, Step};
+use crate::control::report::{Inputs, Report, Start};
+use crate::control::settings::Settings;
+use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::feeder::OutOfRange;
 
 /// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
@@ -121,6 +114,12 @@ impl Controller {
         if self.aim.no_setpoint().is_some() {
             self.news.push(Event::NoSetpoint);
         }
+    }
+
+    /// Takes a cycle of the signal path and the board's inputs; what was seen, and what the drive is to do.
+    pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
+        self.advance(cycle, inputs);
+        self.report()
     }
 
     /// As [`Controller::cycle`], for who does not read each report.
@@ -234,7 +233,7 @@ impl Controller {
     /// What holds the drive back in this cycle.
     fn limit(&mut self, inputs: &Inputs) {
         let timeout = self.settings.link_timeout;
-        self.restraint.cycle(&restraint::Shown {
+        self.restraint.cycle(&course::Restrained {
             running: self.course.running(),
             link_heard: inputs.link_heard,
             link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
@@ -277,7 +276,8 @@ impl Controller {
         self.amplitude.reset();
         self.listening.forget();
         self.restraint.rest();
-        self.course.rest(&mut self.aim);
+        let decision = self.course.rest();
+        self.carry_out(decision);
         self.identifier.interrupt();
     }
 
@@ -314,9 +314,27 @@ impl Controller {
                 && self.reference.now == goal
                 && (measured - goal).abs() < 0.01 * goal,
             limits: self.restraint.limits(),
+            lock: self
+                .aim
+                .lock()
+                .map(|lock| self.listening.confidence(Some(lock))),
+            regime: self.listening.regime,
+            plan: self.aim.search.plan(),
+            chaos: self.aim.found_chaos(),
         };
-        self.course
-            .progress(&shown, &mut self.aim, &mut self.listening, events);
+        let decision = self.course.progress(&shown, events);
+        self.carry_out(decision);
+    }
+
+    /// Does what the state machine decided.
+    fn carry_out(&mut self, decision: Decision) {
+        match decision {
+            Decision::Stay => {}
+            Decision::ListenAnew => self.listening.forget(),
+            Decision::GoToChaos(k) => self.aim.go(k),
+            Decision::GoToLock => self.aim.go_to_lock(),
+            Decision::NoChaos => self.aim.give_up_chaos(),
+        }
     }
 
     /// A cycle of the identification, where one is under way.
@@ -359,7 +377,7 @@ impl Controller {
     }
 }
 
-mod telling;
+mod queries;
 
 #[cfg(test)]
 mod tests;

@@ -1,9 +1,9 @@
 //! What the parts are heard to do: the lock, and the regime.
 
-use super::hearing::Hearing;
-use super::setpoint::LockAt;
+use super::phases::Hearing;
 use super::signal::Cycle;
 use crate::arithmetic::Phase;
+use crate::control::hear::LockAt;
 use crate::feeder::OutOfRange;
 use crate::regime::classify::{Classifier, HearingSettings, Verdict};
 

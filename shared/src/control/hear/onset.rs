@@ -35,7 +35,7 @@ pub struct Ear {
 }
 
 /// Corner of the high-passes as a share of the sample rate, times 2 pi: 1 kHz at 20 kHz.
-pub(super) const CORNER: f32 = 0.27;
+pub const CORNER: f32 = 0.27;
 /// Decay of the memory of a ringing per sample: 1.4 ms at 20 kHz.
 const MEMORY: f32 = 0.965;
 /// Samples within which a ringing reaches its height: 0.6 ms at 20 kHz, a quarter period at 420 Hz.

@@ -2,8 +2,8 @@
 
 use core::f32::consts::PI;
 
-use super::signal::Cycle;
-use super::supervise::Fault;
+use crate::control::hear::Cycle;
+use crate::control::state::Fault;
 
 /// Cycles after which a suspicion is a fault.
 #[derive(Clone, Copy, Debug, Default)]

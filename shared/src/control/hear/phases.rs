@@ -1,8 +1,8 @@
 //! What the impacts heard say together: circular statistics of their phases.
 
-use super::angle::radians_of;
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::control::angle::radians_of;
 
 /// Circular statistics of the phases at which parts strike, with a memory of some cycles.
 ///
@@ -111,9 +111,9 @@ impl Hearing {
 
 #[cfg(test)]
 mod tests {
-    use super::super::angle::phase_of;
-    use super::super::listen::Heard;
     use super::*;
+    use crate::control::Heard;
+    use crate::control::angle::phase_of;
 
     fn heard(phases: &[f32]) -> Cycle {
         let mut cycle = Cycle::default();

@@ -1,6 +1,6 @@
 //! What holds the drive back.
 
-use super::supervise::Limits;
+use crate::control::state::Limits;
 
 /// Cycles that the output may stand at its limit: short stays there belong to every start and kick.
 const STRAIN: u32 = 25;

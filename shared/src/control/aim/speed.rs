@@ -1,7 +1,8 @@
 //! The lock that conveys at a wanted speed, searched order by order.
 
-use super::setpoint::{Choice, Level, LockAt, NoSetpoint, ORDERS, lot};
-use super::settings::Settings;
+use super::setpoint::{Choice, Level, NoSetpoint, ORDERS, lot};
+use crate::control::hear::LockAt;
+use crate::control::settings::Settings;
 use crate::feeder::{Track, TrackSettings};
 use crate::impact::TangentialSettings;
 use crate::regime::{Lock, band};

@@ -8,8 +8,8 @@
 use core::f32::consts::{PI, TAU};
 
 use super::chatter::{Chatter, IMPACTS};
-use super::fold::{HANDED, Layout, PLACES};
-use super::ringing::{Explained, Impact, Ringing, explain, leaked};
+use super::train::{Explained, Impact, Ringing, explain, leaked};
+use crate::control::hear::{HANDED, Layout, PLACES};
 
 /// Time from the beginning of a fold to the first landing that is expected, in rad.
 pub const BEFORE: f32 = 0.5;
@@ -434,9 +434,9 @@ fn lowest(values: &[f32]) -> Option<f32> {
 mod tests {
     use std::vec::Vec;
 
-    use super::super::Ear;
-    use super::super::signal::phase_step;
     use super::*;
+    use crate::control::Ear;
+    use crate::control::angle::phase_step;
     use crate::plant::Noise;
 
     /// The chatter of some parts at k, heard in noise over one cycle, with a ringing that lasts for some samples.

@@ -2,7 +2,7 @@
 
 use core::f32::consts::TAU;
 
-use super::amplitude::held;
+use crate::control::saturate::saturate;
 
 /// How the reference moves to its goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +30,7 @@ impl Reference {
     pub fn go(&mut self, goal: f32, pace: Move, lead: f32, envelope: f32) {
         self.now = match pace {
             Move::At => goal,
-            Move::Ramp(rate) => self.now + held(goal - self.now, -rate, rate),
+            Move::Ramp(rate) => self.now + saturate(goal - self.now, -rate, rate),
             Move::Envelope => self.after_a_cycle(goal, lead, envelope),
         };
         self.commanded = goal;

@@ -1,12 +1,13 @@
 //! What is aimed at: the target, the setpoint chosen for it, and the searches that belong to it.
 
-use super::capture::Search;
 use super::chaos::ChaosSearch;
-use super::scale::Scale;
-use super::setpoint::{Choice, Level, LockAt, NoSetpoint, Target};
-use super::settings::Settings;
+use super::kicks::Search;
+use super::setpoint::{Choice, Level, NoSetpoint, Target};
 use super::speed::SpeedSearch;
-use super::supervise::{Event, Events};
+use crate::control::drive::Scale;
+use crate::control::hear::LockAt;
+use crate::control::settings::Settings;
+use crate::control::state::{Event, Events};
 use crate::feeder::OutOfRange;
 
 /// The target, with what was chosen for it and what is still searched for.
@@ -92,6 +93,12 @@ impl Aim {
     pub fn give_up_chaos(&mut self) {
         self.lock = None;
         self.level = Level::None(NoSetpoint::Chaos);
+    }
+
+    /// Where the lot is chaotic, once the search for it is over: k, `None` where it is nowhere.
+    pub fn found_chaos(&self) -> Option<Option<f64>> {
+        let found = self.chaos.as_ref()?.found()?;
+        Some(found.k)
     }
 
     /// One slice of what is searched for; whether more is to be done.

@@ -1,13 +1,11 @@
 //! The signal path of one sample: drive phase, demodulation, listening, drive output.
 
 use super::fold::{Fold, Folded, HANDED};
-use super::listen::{Ear, HEARD_PER_CYCLE, Heard};
-use super::settings::Settings;
+use super::onset::{Ear, HEARD_PER_CYCLE, Heard};
 use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::control::angle::phase_step;
+use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-
-/// Samples per second of the signal path.
-pub const SAMPLE_RATE: u32 = 20_000;
 
 /// Share of a cycle that the demodulator leaves out at most: what is left still tells cosine, sine and mean apart.
 const MOST_LEFT_OUT: f32 = 1.0 / 3.0;
@@ -23,7 +21,7 @@ pub struct AdcCode(pub u16);
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
-    /// Advance of the phase per sample (see [`phase_step`]).
+    /// Advance of the phase per sample (see [`phase_step`](crate::control::phase_step)).
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
@@ -35,13 +33,6 @@ pub struct Command {
     /// signal path to obey it.
     #[serde(skip)]
     pub whole: bool,
-}
-
-/// Advance of the phase per sample for a frequency in Hz, 0..5000: error at most 2.4e-6 Hz or 1.2e-7
-/// of it.
-#[must_use]
-pub fn phase_step(frequency: f32) -> u32 {
-    (f64::from(frequency) * (4_294_967_296.0 / f64::from(SAMPLE_RATE)) + 0.5) as u32
 }
 
 /// What one cycle of the drive brought.

@@ -1,6 +1,7 @@
 //! The amplitude loop: track amplitude b to its reference, cycle by cycle.
 
-use super::settings::Settings;
+use crate::control::saturate::saturate;
+use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 
 /// Time constant of the closed loop in cycles. The loop's dead time is two cycles (half a cycle of
@@ -11,18 +12,6 @@ const CLOSED_LOOP: f32 = 6.0;
 const LEARNING: f32 = 0.04;
 /// How far the estimate of the drive's gain may go from its setting.
 const GAIN_RANGE: f32 = 4.0;
-
-/// A value held between two bounds. Unlike `clamp` it cannot panic, which the image of the board is
-/// checked for.
-pub(super) fn held(value: f32, low: f32, high: f32) -> f32 {
-    if value < low {
-        low
-    } else if value > high {
-        high
-    } else {
-        value
-    }
-}
 
 /// Fixed values of the loop, from settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,7 +113,7 @@ impl AmplitudeLoop {
         if explained > 0.02 {
             let seen = measured / explained;
             let old = self.gain;
-            let seen = held(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
+            let seen = saturate(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
             self.gain += LEARNING * (seen - old);
             // What the feedforward now does, the integral need not do any more.
             self.integral += self.reference[2] * (1.0 / old - 1.0 / self.gain);
@@ -135,7 +124,7 @@ impl AmplitudeLoop {
         let feedforward = (self.reference[0] - keep * self.reference[1]) * inverse / (1.0 - keep);
         let kick = proportional * error * inverse;
         let raw = feedforward + kick + self.integral;
-        let output = held(raw, low, high);
+        let output = saturate(raw, low, high);
         self.saturated = raw > high;
         // Anti-windup: the integral stops where it would push further into the limit.
         if (raw <= high || error < 0.0) && (raw >= low || error > 0.0) {

@@ -1,12 +1,10 @@
-//! The course of a drive from state to state.
+//! The state machine of a drive: a cycle's facts in, the next state and a decision out.
 
-use super::aim::Aim;
 use super::capture::{Capture, Progress};
-use super::chaos::ChaosSearch;
-use super::listening::Listening;
-use super::report::{Inputs, Start};
-use super::supervise::{Event, Events, Fault, Limits, State};
-use crate::regime::classify::Regime;
+use crate::control::report::{Inputs, Start};
+use crate::control::state::{Event, Events, Fault, Limits, State};
+use crate::regime::capture::Plan;
+use crate::regime::classify::{Regime, Verdict};
 
 /// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked.
 const PATIENCE: u32 = 40;
@@ -56,11 +54,34 @@ pub struct Rest {
 
 /// What a cycle shows of a running drive.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct Shown<'a> {
     /// Whether the amplitude is at the setpoint.
     pub near: bool,
     /// What holds the drive back.
     pub limits: Limits,
+    /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
+    pub lock: Option<f32>,
+    /// What the parts were last heard to do.
+    pub regime: Option<Verdict>,
+    /// The kicks that bring the parts onto the lock, once they are planned.
+    pub plan: Option<&'a Plan>,
+    /// Where the parts are chaotic, once the search for it is over: k, `None` where the lot has none.
+    pub chaos: Option<Option<f64>>,
+}
+
+/// What a cycle's progress asks of what is around the state machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Decision {
+    /// Nothing.
+    Stay,
+    /// What was heard belongs to the past: it is forgotten.
+    ListenAnew,
+    /// The setpoint goes to this k, in the chaos of the lot.
+    GoToChaos(f64),
+    /// The setpoint goes back to the lock, from which chaos is reached.
+    GoToLock,
+    /// The lot has no chaos: there is no setpoint.
+    NoChaos,
 }
 
 /// The state, and what the way to the next one depends on.
@@ -188,9 +209,9 @@ impl Course {
     }
 
     /// Everything at rest, drive off: the way to chaos begins anew.
-    pub fn rest(&mut self, aim: &mut Aim) {
+    pub fn rest(&mut self) -> Decision {
         self.capture.stop();
-        self.back_to_lock(aim);
+        self.back_to_lock()
     }
 
     /// Follows the enable input; `ready` is whether the drive may start.
@@ -244,20 +265,14 @@ impl Course {
     }
 
     /// Moves between the states of a running drive.
-    pub fn progress(
-        &mut self,
-        shown: &Shown,
-        aim: &mut Aim,
-        listening: &mut Listening,
-        events: &mut Events,
-    ) {
-        let Shown { near, limits } = *shown;
-        let confidence = listening.confidence(aim.lock());
+    pub fn progress(&mut self, shown: &Shown<'_>, events: &mut Events) -> Decision {
+        let Shown { near, limits, .. } = *shown;
+        let confidence = shown.lock.unwrap_or(0.0);
         let locked = confidence >= BELIEVED;
         if self.settled() && self.state != State::Limiting && !limits.is_empty() {
             self.capture.stop();
             self.enter(State::Limiting);
-            return;
+            return Decision::Stay;
         }
         match self.state {
             State::Starting => {
@@ -267,23 +282,21 @@ impl Course {
                     0
                 };
                 if self.arrived >= 3 || limits.contains(Limits::OUTPUT) {
-                    listening.forget();
                     if limits.is_empty() {
                         self.enter(State::Holding);
                         events.push(Event::SetpointReached);
                     } else {
                         self.enter(State::Limiting);
                     }
+                    return Decision::ListenAnew;
                 }
             }
             State::Limiting if limits.is_empty() => {
                 self.arrived = 0;
                 self.enter(State::Starting);
             }
-            State::Holding if self.listens_for_chaos() => {
-                self.glide_on(near, aim, listening, events);
-            }
-            State::Holding if aim.lock().is_some() => {
+            State::Holding if self.listens_for_chaos() => return self.glide_on(shown, events),
+            State::Holding if shown.lock.is_some() => {
                 if locked {
                     self.enter(State::Locked);
                     events.push(Event::Locked);
@@ -292,13 +305,13 @@ impl Course {
                     self.enter(State::Capturing);
                 }
             }
-            State::Capturing => match self.capture.cycle(&aim.search, locked, near) {
+            State::Capturing => match self.capture.cycle(shown.plan, locked, near) {
                 Progress::Going => {}
                 Progress::Planned { sure: true } => events.push(Event::KickPlanned),
                 Progress::Planned { sure: false } => events.push(Event::KickUncertain),
                 Progress::Begun => {
                     events.push(Event::KickBegun);
-                    listening.forget();
+                    return Decision::ListenAnew;
                 }
                 Progress::Ended => events.push(Event::KickEnded),
                 Progress::Captured => {
@@ -322,7 +335,7 @@ impl Course {
                     self.enter(State::Lost);
                     events.push(Event::LockLost);
                 } else if self.glide == Glide::Ahead && self.in_state >= SETTLED {
-                    self.leave_lock(aim, events);
+                    return self.leave_lock(shown.chaos, events);
                 }
             }
             State::Lost => {
@@ -336,67 +349,62 @@ impl Course {
             }
             _ => {}
         }
+        Decision::Stay
     }
 
     /// Leaves the lock for chaos, once the search for it is over.
-    fn leave_lock(&mut self, aim: &mut Aim, events: &mut Events) {
-        match aim.chaos.filter(ChaosSearch::done).map(|chaos| chaos.k()) {
-            None => {}
+    fn leave_lock(&mut self, chaos: Option<Option<f64>>, events: &mut Events) -> Decision {
+        match chaos {
+            None => Decision::Stay,
             Some(Some(k)) => {
                 self.glide = Glide::Going;
-                aim.go(k);
                 self.enter(State::Holding);
+                Decision::GoToChaos(k)
             }
             Some(None) => {
                 self.glide = Glide::Unwanted;
-                aim.give_up_chaos();
                 events.push(Event::NoSetpoint);
+                Decision::NoChaos
             }
         }
     }
 
     /// Goes back to the amplitude of the lock, from which chaos is reached.
-    fn back_to_lock(&mut self, aim: &mut Aim) {
-        if self.listens_for_chaos() && aim.lock().is_some() {
-            self.glide = Glide::Ahead;
-            aim.go_to_lock();
+    fn back_to_lock(&mut self) -> Decision {
+        if !self.listens_for_chaos() {
+            return Decision::Stay;
         }
+        self.glide = Glide::Ahead;
+        Decision::GoToLock
     }
 
     /// On the way to chaos, and there: listens whether the parts are in it.
-    fn glide_on(
-        &mut self,
-        near: bool,
-        aim: &mut Aim,
-        listening: &mut Listening,
-        events: &mut Events,
-    ) {
+    fn glide_on(&mut self, shown: &Shown<'_>, events: &mut Events) -> Decision {
         match self.glide {
-            Glide::Going if near => {
+            Glide::Going if shown.near => {
                 self.glide = Glide::There { heard: false };
-                listening.forget();
+                return Decision::ListenAnew;
             }
             Glide::There { heard } => {
-                let sure = listening
-                    .regime
-                    .filter(|verdict| verdict.confidence >= SURE);
+                let sure = shown.regime.filter(|verdict| verdict.confidence >= SURE);
                 match sure.map(|verdict| verdict.regime) {
                     Some(Regime::Chaotic) if !heard => {
                         self.glide = Glide::There { heard: true };
                         events.push(Event::Chaotic);
                     }
-                    Some(Regime::Rest | Regime::HopAndRest { .. }) => self.fall(aim, events),
+                    Some(Regime::Rest | Regime::HopAndRest { .. }) => return self.fall(events),
                     _ => {}
                 }
             }
             _ => {}
         }
+        Decision::Stay
     }
 
     /// The parts fell out of chaos to rest: the way begins anew, as often as kicks are allowed.
-    fn fall(&mut self, aim: &mut Aim, events: &mut Events) {
+    fn fall(&mut self, events: &mut Events) -> Decision {
         self.falls = self.falls.saturating_add(1);
-        self.back_to_lock(aim);
+        let decision = self.back_to_lock();
         if f32::from(self.falls) > self.borne {
             self.given_up = true;
             self.glide = Glide::Unwanted;
@@ -407,5 +415,6 @@ impl Course {
             self.enter(State::Starting);
             events.push(Event::LockLost);
         }
+        decision
     }
 }

@@ -13,12 +13,12 @@
 
 use core::f32::consts::TAU;
 
-use super::angle::phase_of;
 use super::chatter::Chatter;
 use super::fit::{BEFORE, Circumstances, Fit, Verdict};
-use super::fold::{HANDED, Layout};
-use super::signal::Cycle;
 use crate::arithmetic::Phase;
+use crate::control::angle::phase_of;
+use crate::control::hear::Cycle;
+use crate::control::hear::{HANDED, Layout};
 
 /// k at which it begins.
 pub const FIRST: f64 = 0.87;
@@ -385,8 +385,8 @@ fn back(k: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Settings, Target};
     use super::*;
+    use crate::control::{Settings, Target};
     use crate::plant::{ClosedLoop, Scene, SensorModel};
 
     fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {

@@ -111,7 +111,7 @@ impl Limits {
         self.0 == 0
     }
 
-    pub(super) fn set(&mut self, other: Self, present: bool) {
+    pub(in crate::control) fn set(&mut self, other: Self, present: bool) {
         if present {
             self.0 |= other.0;
         } else {
@@ -181,7 +181,7 @@ impl Events {
         self.0.iter().flatten().copied()
     }
 
-    pub(super) fn push(&mut self, event: Event) {
+    pub(in crate::control) fn push(&mut self, event: Event) {
         if let Some(slot) = self.0.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(event);
         }

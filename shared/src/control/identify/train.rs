@@ -1,10 +1,10 @@
 //! A train of impacts as the ear hears it, each with the same damped ringing, and how much of a fold it
 //! explains.
 
-use super::amplitude::held;
-use super::angle::phase_of;
-use super::listen::CORNER;
 use crate::arithmetic::sine_cosine_single;
+use crate::control::angle::phase_of;
+use crate::control::hear::CORNER;
+use crate::control::saturate::saturate;
 
 /// Columns of the fit: the ringing in and out of phase, how both change with its turn, and what the high-passes
 /// leave of the drive's own swing, a cubic over the fold.
@@ -72,11 +72,11 @@ impl Ringing {
 
     /// This ringing, within what a first-order change of another one may be believed.
     fn near(self, other: Self) -> Self {
-        let decay = held(self.decay, 0.5 * other.decay, 2.0 * other.decay);
+        let decay = saturate(self.decay, 0.5 * other.decay, 2.0 * other.decay);
         Self {
-            decay: held(decay, 0.002, 0.5),
-            angle: held(
-                held(self.angle, other.angle - 0.1, other.angle + 0.1),
+            decay: saturate(decay, 0.002, 0.5),
+            angle: saturate(
+                saturate(self.angle, other.angle - 0.1, other.angle + 0.1),
                 0.05,
                 3.1,
             ),
@@ -84,7 +84,7 @@ impl Ringing {
     }
 }
 
-/// A high-pass of the ear ([`Ear`](super::Ear)).
+/// A high-pass of the ear ([`Ear`](crate::control::Ear)).
 #[derive(Clone, Copy, Default)]
 struct HighPass(Complex);
 
@@ -284,8 +284,8 @@ pub fn leaked(
 mod tests {
     use std::vec::Vec;
 
-    use super::super::Ear;
     use super::*;
+    use crate::control::Ear;
     use crate::plant::Noise;
 
     const RINGING: Ringing = Ringing {

@@ -1,0 +1,20 @@
+//! The amplitude for a target, and the searches that find it with the map.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `setpoint` | the amplitude for a target, chosen for the whole lot |
+//! | `speed` | the lock that conveys at a wanted speed |
+//! | `chaos` | the widest chaotic stretch of k |
+//! | `kicks` | the kicks that bring the lot onto a lock |
+//! | `selection` | the target, what was chosen for it, and what is still searched for |
+
+mod chaos;
+mod kicks;
+mod selection;
+mod setpoint;
+mod speed;
+
+pub use chaos::{Chaos, ChaosSearch};
+pub use kicks::Planned;
+pub use selection::Aim;
+pub use setpoint::{NoSetpoint, Target};

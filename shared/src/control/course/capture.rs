@@ -1,0 +1,140 @@
+//! Capture: kicks that throw parts onto the wanted orbit, one attempt after the other.
+
+use crate::regime::capture::{Kick, Plan};
+
+/// Share of the lot below which a plan is called uncertain.
+const SURE: f64 = 0.95;
+
+/// What the capture does in a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stage {
+    /// Nothing: the parts are not to be captured, or not now.
+    Idle,
+    /// Waiting for the plan.
+    Planning,
+    /// About to try the next kick.
+    Ready,
+    /// In the kick's n-th cycle.
+    Kicking(Kick, u32),
+    /// Listening to what became of it, for n cycles.
+    Judging(u32),
+}
+
+/// Cycles of listening after the kick's amplitude has come back, before it counts as failed: parts may
+/// hop for a while before the orbit takes them.
+const PATIENCE: u32 = 60;
+
+/// The attempts at capturing the parts.
+#[derive(Clone, Copy, Debug)]
+pub struct Capture {
+    stage: Stage,
+    attempts: u8,
+    allowed: u8,
+}
+
+/// What changed in a cycle of the capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Nothing worth telling.
+    Going,
+    /// The plan is ready; whether its best kick captured the whole lot.
+    Planned {
+        /// Whether it captured all but one part in twenty.
+        sure: bool,
+    },
+    /// A kick begins.
+    Begun,
+    /// The kick is over and listening begins.
+    Ended,
+    /// The parts are heard in the wanted lock.
+    Captured,
+    /// The attempts are used up.
+    Failed,
+}
+
+impl Capture {
+    /// A capture that may try `allowed` kicks.
+    #[must_use]
+    pub fn new(allowed: u8) -> Self {
+        Self {
+            stage: Stage::Idle,
+            attempts: 0,
+            allowed,
+        }
+    }
+
+    /// Begins anew, with every attempt ahead.
+    pub fn begin(&mut self) {
+        self.attempts = 0;
+        self.stage = Stage::Planning;
+    }
+
+    /// Gives up what it was doing.
+    pub fn stop(&mut self) {
+        self.stage = Stage::Idle;
+    }
+
+    /// Kicks begun since [`Capture::begin`].
+    #[must_use]
+    pub fn attempts(&self) -> u8 {
+        self.attempts
+    }
+
+    /// Amplitude commanded for the coming cycle over the setpoint.
+    #[must_use]
+    pub fn command(&self) -> f32 {
+        match self.stage {
+            Stage::Kicking(kick, cycle) => kick.command(cycle),
+            _ => 1.0,
+        }
+    }
+
+    /// One cycle on; `plan` is there once the search for kicks is over, `locked` is whether the wanted lock is heard, `settled` whether the amplitude is
+    /// back at the setpoint.
+    pub fn cycle(&mut self, plan: Option<&Plan>, locked: bool, settled: bool) -> Progress {
+        match self.stage {
+            Stage::Idle => Progress::Going,
+            Stage::Planning => match plan {
+                Some(plan) => {
+                    self.stage = Stage::Ready;
+                    Progress::Planned {
+                        sure: plan.best().is_some_and(|best| best.share() >= SURE),
+                    }
+                }
+                None => Progress::Going,
+            },
+            Stage::Ready => self.next(plan),
+            Stage::Kicking(kick, cycle) => {
+                if cycle + 1 < kick.length() {
+                    self.stage = Stage::Kicking(kick, cycle + 1);
+                    Progress::Going
+                } else {
+                    self.stage = Stage::Judging(0);
+                    Progress::Ended
+                }
+            }
+            Stage::Judging(_) if locked && settled => {
+                self.stage = Stage::Idle;
+                Progress::Captured
+            }
+            Stage::Judging(cycle) if cycle < PATIENCE => {
+                self.stage = Stage::Judging(cycle + u32::from(settled));
+                Progress::Going
+            }
+            Stage::Judging(_) => self.next(plan),
+        }
+    }
+
+    fn next(&mut self, plan: Option<&Plan>) -> Progress {
+        let kick = plan
+            .and_then(|plan| plan.attempt(u32::from(self.attempts)))
+            .filter(|_| self.attempts < self.allowed);
+        let Some(kick) = kick else {
+            self.stage = Stage::Idle;
+            return Progress::Failed;
+        };
+        self.attempts += 1;
+        self.stage = Stage::Kicking(kick, 0);
+        Progress::Begun
+    }
+}

@@ -1,0 +1,18 @@
+//! The track's amplitude, brought to where it is wanted.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `scale` | what an amplitude means for the parts, for the hard limits, for the output |
+//! | `reference` | the amplitude that the loop follows, from cycle to cycle |
+//! | `amplitude` | the loop: feedforward and PI |
+//! | `resonance` | the drive's frequency: a sweep that finds the resonance, a loop that follows it |
+
+mod amplitude;
+mod reference;
+mod resonance;
+mod scale;
+
+pub use amplitude::AmplitudeLoop;
+pub use reference::{Move, Reference};
+pub use resonance::Resonance;
+pub use scale::Scale;

@@ -1,0 +1,25 @@
+//! What the accelerometer says of the track and of the parts.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `signal` | the path of one sample: drive phase, demodulation, onset detection, drive output |
+//! | `onset` | impacts, detected in what the drive does not explain |
+//! | `fold` | that residual, summed over many cycles |
+//! | `phases` | circular statistics of the impacts' phases |
+//! | `lock` | the phases at which a wanted lock strikes |
+//! | `listener` | whether the parts are locked, and their regime |
+
+mod fold;
+mod listener;
+mod lock;
+mod onset;
+mod phases;
+mod signal;
+
+pub use fold::{Fold, Folded, HANDED, Layout, PLACES};
+pub use listener::Listening;
+pub use lock::LockAt;
+
+pub use onset::{CORNER, Ear, HEARD_PER_CYCLE, Heard};
+pub use phases::Hearing;
+pub use signal::{AdcCode, Command, Cycle, Sampled, Signal};
