@@ -1,6 +1,7 @@
 //! Steps on nodes from the fall of the parabola.
 
-use super::{Flight, Launch, PER_RADIAN, SPACING, Shape, abs, nearest, sine_cosine_at};
+use super::flight::{Flight, Launch, PER_RADIAN, SPACING, abs, nearest, sine_cosine_at};
+use super::shape::Shape;
 use crate::arithmetic::square_root_single;
 
 /// The impact of a high flight, nearly: node and offset; `None` where the flight is not high or the

@@ -1,8 +1,9 @@
 //! Where the first impact of a low flight may be, without a search.
 
-use super::approach::approach;
+use super::approach::{Approach, approach};
+use super::flight::{Flight, Launch, STEP, TURN, root};
+use super::shape::Shape;
 use super::short::{hop, near_top};
-use super::{Approach, Flight, Launch, STEP, Shape, TURN, root};
 use crate::arithmetic::square_root_single;
 
 /// No start near launch is farther, in rad: there the cubic does not tell.

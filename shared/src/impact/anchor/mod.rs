@@ -1,4 +1,5 @@
-//! The search for the first impact that the kernels with an FPU share, anchored on table nodes.
+//! The kernels for a CPU with a single-precision FPU, and the search for the first impact that they share,
+//! anchored on table nodes.
 //!
 //! The flight time at which the height `u` is evaluated is free, so it is chosen such that the phase
 //! falls on a node of the sine table: sine and cosine there are table constants, the reduction modulo
@@ -10,141 +11,16 @@
 //! concave elsewhere, and at both ends of a hump `sin = k` exactly. So the segment that holds the root
 //! follows from `y` alone, unless an earlier hump pokes through the parabola, which a closed test on
 //! its ends and middle decides in nearly every case, a one-dimensional minimum in the rest.
-
 mod approach;
 mod candidate;
+mod flight;
+mod hybrid;
 mod search;
 mod settle;
 mod shape;
 mod short;
+mod single;
 mod solve;
 
-pub(crate) use approach::{Approach, fall};
-pub(crate) use candidate::{Candidate, candidate};
-pub(crate) use search::search;
-pub(crate) use settle::{Settled, settle, settle_carefully};
-pub(crate) use shape::Shape;
-pub(crate) use solve::Found;
-
-use core::f64::consts::TAU;
-
-use crate::arithmetic::{node, square_root_single};
-
-/// Node spacing in rad, and nodes in a rad.
-pub(crate) const SPACING: f32 = node::SPACING as f32;
-const PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
-/// Radians in a step of a phase, and steps in a radian.
-pub(crate) const STEP: f32 = (TAU / 4_294_967_296.0) as f32;
-pub(crate) const PER_STEP: f32 = (4_294_967_296.0 / TAU) as f32;
-const TURN: f32 = TAU as f32;
-/// A turn in steps of a phase.
-const WHOLE: i64 = 1 << 32;
-/// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer, which then stands in the low bits.
-const ROUND: f32 = 12_582_912.0;
-
-/// A launch in f32.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Launch {
-    /// Phase, steps.
-    pub phase: u32,
-    /// Velocity relative to the track (psi).
-    pub velocity: f32,
-    /// Sine and cosine of the phase.
-    pub sine: f32,
-    pub cosine: f32,
-    /// `k - sin` of the phase, to the precision of the kernel.
-    pub pull: f32,
-}
-
-/// Height and slope of the flight above the track at a node, with sine and cosine there.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Local {
-    pub height: f32,
-    pub slope: f32,
-    pub sine: f32,
-    pub cosine: f32,
-}
-
-/// A flight as its kernel knows it.
-pub(crate) trait Flight {
-    /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
-    /// precision of the kernel.
-    fn local(&self, node: i32) -> Local;
-    /// Ballistic height over k at `steps` after launch, where f32 makes it `nearly` 0; k < 1.
-    fn above_k(&self, steps: i64, nearly: f32) -> f32;
-    /// Flights below this many rad keep more digits in the deflated form than on a node.
-    const SHORT: f32;
-    /// A gap over a hump below this, and what is added to it for each rad of flight, is within rounding.
-    const ROUNDING: f32;
-    const DRIFT: f32;
-    /// Rounding of the pull.
-    const PULL: f32;
-    /// Where an approach begins.
-    #[inline(always)]
-    fn node_of(phase: u32, x: f32) -> (i32, f32) {
-        node_of(phase, x)
-    }
-    /// The step at which an approach ends, in rad.
-    const LEAP: f32;
-    /// An arrival at less than this speed may be a graze within rounding.
-    const SLOW: f32;
-    /// Whether the end of an approach is the impact, as near as the kernel can tell.
-    const FINAL: bool;
-    /// The last correction of a settled impact that leaves an error within rounding, in rad at an arrival
-    /// speed of 1.
-    const NEAR: f32;
-}
-
-#[inline(always)]
-fn abs(x: f32) -> f32 {
-    f32::from_bits(x.to_bits() & 0x7fff_ffff)
-}
-
-#[inline(always)]
-pub(crate) fn smaller(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-pub(crate) fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
-/// Square root of what is positive of `x`.
-#[inline(always)]
-fn root(x: f32) -> f32 {
-    if x > 0.0 { square_root_single(x) } else { 0.0 }
-}
-
-/// Nearest integer to `x`, |x| < 2^22, as integer and as f32.
-#[inline(always)]
-fn nearest(x: f32) -> (i32, f32) {
-    let shifted = x + ROUND;
-    (
-        (shifted.to_bits() as i32).wrapping_sub(ROUND.to_bits() as i32),
-        shifted - ROUND,
-    )
-}
-
-/// The node nearest to flight time `x` (rad) and the distance of `x` from it.
-#[inline(always)]
-fn node_of(phase: u32, x: f32) -> (i32, f32) {
-    let angle = phase as f32 * STEP + x;
-    let (node, count) = nearest(angle * PER_RADIAN);
-    (node, angle - count * SPACING)
-}
-
-/// As [`node_of`], from the node nearest to the phase: the angle from there keeps its digits.
-#[inline(always)]
-pub(crate) fn node_from_near(phase: u32, x: f32) -> (i32, f32) {
-    let first = ((phase >> 23) + 1) >> 1;
-    let angle = phase.wrapping_sub(first << 24) as i32 as f32 * STEP + x;
-    let (jump, count) = nearest(angle * PER_RADIAN);
-    (first as i32 + jump, angle - count * SPACING)
-}
-
-#[inline(always)]
-fn sine_cosine_at(node: i32) -> (f32, f32) {
-    let [sine, cosine] = node::SINGLE[(node & 255) as usize];
-    (sine, cosine)
-}
+pub use hybrid::Hybrid;
+pub use single::{Single, SingleState};

@@ -2,12 +2,13 @@
 
 use core::f64::consts::PI;
 
+use super::flight::{
+    Flight, Launch, PER_STEP, STEP, TURN, WHOLE, abs, larger, node_of, root, smaller,
+};
 use super::settle::expand;
+use super::shape::Shape;
 use super::short::{Start, hop, start};
 use super::solve::{Bracket, Found, solve};
-use super::{
-    Flight, Launch, PER_STEP, STEP, Shape, TURN, WHOLE, abs, larger, node_of, root, smaller,
-};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.

@@ -1,6 +1,7 @@
 //! An impact near a node to the precision of the kernel.
 
-use super::{Flight, Local, Shape, abs, larger, root, smaller};
+use super::flight::{Flight, Local, abs, larger, root, smaller};
+use super::shape::Shape;
 
 /// A settled impact: offset from its node in rad, and the arrival speed less minus the node's slope.
 #[derive(Clone, Copy, Debug)]

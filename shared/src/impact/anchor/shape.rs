@@ -2,7 +2,7 @@
 
 use core::f64::consts::TAU;
 
-use super::{Flight, Launch, PER_STEP, STEP, WHOLE, abs, larger};
+use super::flight::{Flight, Launch, PER_STEP, STEP, WHOLE, abs, larger};
 use crate::impact::set_up::SetUp;
 
 /// What the search needs to know of the track, in f32.

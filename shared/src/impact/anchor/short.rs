@@ -1,7 +1,7 @@
 //! Short hops, on the height over the flight time: it keeps every digit.
 
+use super::flight::{Flight, Launch, abs, larger, root, smaller};
 use super::settle::down_crossing;
-use super::{Flight, Launch, abs, larger, root, smaller};
 
 /// `w = u / d` of a short flight and its derivative, in forms that keep every digit.
 #[inline(always)]

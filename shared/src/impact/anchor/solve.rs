@@ -1,10 +1,11 @@
 //! The root in a bracket that holds one.
 
 use super::approach::householder;
-use super::settle::down_crossing;
-use super::{
-    Flight, Launch, Local, PER_RADIAN, SPACING, Shape, abs, nearest, node_of, sine_cosine_at,
+use super::flight::{
+    Flight, Launch, Local, PER_RADIAN, SPACING, abs, nearest, node_of, sine_cosine_at,
 };
+use super::settle::down_crossing;
+use super::shape::Shape;
 
 /// Where the first impact is, nearly.
 #[derive(Clone, Copy, Debug)]

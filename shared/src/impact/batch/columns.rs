@@ -1,8 +1,8 @@
 //! The orbits of a block, quantity by quantity.
 
-use super::LANES;
+use super::lanes::LANES;
 use crate::arithmetic::lane::{Column, Lane, WIDEST};
-use crate::impact::flight::{Launch, Track};
+use crate::impact::double::launch::{Launch, Track};
 
 const _: () = assert!(LANES == size_of::<Column>() / size_of::<f64>());
 

@@ -5,7 +5,10 @@ use super::lanes::Set;
 use super::plan::{Kind, Plan};
 use super::stages::{ROOM, Stages};
 use crate::arithmetic::lane::{Lane, WIDEST};
-use crate::impact::flight::{Launch, Near, hard, low, short, tall};
+use crate::impact::double::first::hard;
+use crate::impact::double::launch::Launch;
+use crate::impact::double::step::Near;
+use crate::impact::double::{low, short, tall};
 
 /// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
 /// are short, one kind alone would wait for itself.

@@ -1,12 +1,13 @@
 //! Tall flights where their lanes stand.
 
-use super::LANES;
 use super::columns::Columns;
-use super::lanes::Queue;
+use super::lanes::{LANES, Queue};
 use super::plan::{Kind, Plan};
 use super::stages::Stages;
 use crate::arithmetic::lane::Lane;
-use crate::impact::flight::{Launch, Near, tall};
+use crate::impact::double::launch::Launch;
+use crate::impact::double::step::Near;
+use crate::impact::double::tall;
 
 /// Registers that go through a stage together.
 const GROUP: usize = 8;

@@ -1,7 +1,9 @@
 //! Which lanes: as a set, and in a queue.
 
-use super::LANES;
 use crate::arithmetic::lane::{Lane, WIDEST};
+
+/// Lanes of a block: what is known of them stays in the first level of the cache.
+pub const LANES: usize = 256;
 
 /// A yes or no for each lane.
 #[derive(Clone, Copy, Debug, PartialEq)]

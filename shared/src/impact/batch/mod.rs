@@ -2,7 +2,7 @@
 //!
 //! Every lane gives the bits that [`Map`] gives, whatever its neighbours do and whatever the CPU offers:
 //! the kernels are the same source over one, four or eight f64. Lanes stand where they are as long as most
-//! of a register fly [tall](super::flight::tall); the others are gathered by the kind of their flight,
+//! of a register fly [tall](super::double::tall); the others are gathered by the kind of their flight,
 //! so that all lanes of a register take the same path. A group of registers goes through each stage of a
 //! kernel together, which hides the latency of one behind the others.
 
@@ -13,18 +13,17 @@ mod lanes;
 mod plan;
 mod stages;
 
-use super::{Impact, Map, State};
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
+use crate::impact::double::Map;
+use crate::impact::kernel::{Impact, State};
 use columns::Columns;
 use lanes::{Queue, Set};
 use plan::Plan;
 use stages::Stages;
 
 pub use crate::arithmetic::lane::simd::Simd;
-
-/// Lanes of a block: what is known of them stays in the first level of the cache.
-pub const LANES: usize = 256;
+pub use lanes::LANES;
 
 /// A block of orbits that advance together.
 ///
@@ -301,8 +300,8 @@ mod x86 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Kernel;
     use super::*;
+    use crate::impact::kernel::Kernel;
 
     /// Orbits over the whole range of k and restitution, from every kind of launch.
     fn starts() -> impl Iterator<Item = (Map, State)> {

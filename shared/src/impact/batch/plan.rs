@@ -2,7 +2,7 @@
 
 use super::lanes::{Flags, Queue, Set};
 use crate::arithmetic::lane::{Lane, WIDEST};
-use crate::impact::flight::{Launch, Track};
+use crate::impact::double::launch::{Launch, Track};
 
 /// Kinds of flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

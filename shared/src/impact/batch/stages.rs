@@ -2,7 +2,9 @@
 
 use super::columns::Aligned;
 use crate::arithmetic::lane::{Lane, Node};
-use crate::impact::flight::{Close, Landing, Launch, Near, Track, low, tall};
+use crate::impact::double::launch::{Launch, Track};
+use crate::impact::double::step::{Close, Landing, Near};
+use crate::impact::double::{low, tall};
 
 /// Lanes that go through the stages together.
 pub(super) const ROOM: usize = 64;

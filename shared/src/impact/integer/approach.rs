@@ -1,7 +1,7 @@
 //! Steps on nodes from the fall of the parabola or from the cubic near launch, in 15 bits.
 
-use super::HALF;
 use super::ballistic::Ballistic;
+use super::constants::HALF;
 use crate::arithmetic::fixed::{Reciprocal, high, square_root_scaled, wide};
 use crate::arithmetic::node;
 
@@ -18,7 +18,7 @@ impl Ballistic<'_> {
     /// The impact of a high flight, nearly; see the search of the kernels with an FPU.
     #[inline(always)]
     pub(super) fn fall(&self) -> Option<(i32, i32)> {
-        let crossing = self.crossing(self.kernel.high)?;
+        let crossing = self.crossing(self.constants.high)?;
         self.approach(crossing)
     }
 
@@ -26,7 +26,7 @@ impl Ballistic<'_> {
     /// `high`, steps of 2^-27.
     #[inline(always)]
     pub(super) fn crossing(&self, high_square: i32) -> Option<Approach> {
-        let kernel = self.kernel;
+        let constants = self.constants;
         let rise = self.velocity as i32 + (self.cosine >> 4);
         if rise <= 0 {
             return None;
@@ -39,7 +39,7 @@ impl Ballistic<'_> {
         let v = (rise >> (26 - scale)) as u32;
         let shift = 28 - 2 * scale;
         // 2 k sin, steps of 2^-27, and so the square of the speed at the top of the track and at height 0.
-        let lift = high(kernel.k, self.sine) << 2;
+        let lift = high(constants.k, self.sine) << 2;
         let needed = high_square.wrapping_sub(lift) as u32;
         if lift < high_square && (v * v) >> 1 < needed >> shift {
             return None;
@@ -47,14 +47,14 @@ impl Ballistic<'_> {
         let square = (v * v).wrapping_add(((lift >> shift) << 1) as u32);
         // Steps of 2^-26.
         let mut speed = square_root_scaled(square) >> (scale - 10);
-        let mut turns = (wide(rise as u32 + speed, kernel.inverse) >> 32) as u32;
+        let mut turns = (wide(rise as u32 + speed, constants.inverse) >> 32) as u32;
         if turns > 3 << 18 {
             // So long a flight shows the error of the root: one step of Heron's.
             let square = wide(rise as u32, rise as u32) as i64 + (i64::from(lift) << 25);
             let rest = (square - wide(speed, speed) as i64) >> 22;
             let gain = Reciprocal::coarse(speed).times(rest as i32, 21);
             speed = speed.saturating_add_signed(gain);
-            turns = (wide(rise as u32 + speed, kernel.inverse) >> 32) as u32;
+            turns = (wide(rise as u32 + speed, constants.inverse) >> 32) as u32;
         }
         // Times in steps of 2^-18 turns; a node every 2^10.
         let time = (self.phase >> 14).wrapping_add(turns) as i32;
@@ -78,7 +78,7 @@ impl Ballistic<'_> {
             speed,
             base,
         } = from;
-        let k = self.kernel.k >> 16;
+        let k = self.constants.k >> 16;
         for _ in 0..8 {
             let [sine, cosine] = node::FIXED[(node & 255) as usize];
             // Speed in steps of 2^-13, k of 2^-12, heights of 2^-16.
@@ -94,7 +94,7 @@ impl Ballistic<'_> {
             let reciprocal = Reciprocal::coarse(u1 as u32);
             let newton = reciprocal.times(u0, 13).clamp(-(1 << 16), 1 << 16);
             let ratio = reciprocal.times(newton, 13).clamp(-(1 << 17), 1 << 17);
-            let twice = (((self.kernel.k >> 15) - (sine >> 17)) * (ratio >> 2)) >> 12;
+            let twice = (((self.constants.k >> 15) - (sine >> 17)) * (ratio >> 2)) >> 12;
             let bend = (twice >> 1).clamp(-(1 << 14), 1 << 14);
             let step = -(newton + ((newton * bend) >> 15));
             // Nodes are 1608.5 steps apart; 2608 / 2^22 is the inverse.
@@ -112,7 +112,7 @@ impl Ballistic<'_> {
     #[inline(always)]
     pub(super) fn candidate(&self) -> Option<(i32, i32)> {
         // Steps of 2^-15: half the pull, a sixth of the cosine, the velocity.
-        let a1 = (self.kernel.k - (self.sine >> 2)) >> 14;
+        let a1 = (self.constants.k - (self.sine >> 2)) >> 14;
         let a2 = ((self.cosine >> 15) * 10_923) >> 16;
         if a1.unsigned_abs() < 1 << 15 && self.velocity < 3 << 25 {
             let psi = (self.velocity >> 11) as i32;
@@ -154,7 +154,7 @@ impl Ballistic<'_> {
         // A tenth, steps of 2^-27.
         let crossing = self.crossing(13_421_773)?;
         // A root more than half a rad before the crossing is none of a fall.
-        let limit = self.kernel.limit(self.phase) + HALF;
+        let limit = self.constants.limit(self.phase) + HALF;
         (self.steps_to(crossing.node) < limit)
             .then(|| self.approach(crossing))
             .flatten()

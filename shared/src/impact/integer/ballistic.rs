@@ -1,6 +1,6 @@
 //! Heights and slopes of a flight at exact times.
 
-use super::{Integer, TURN};
+use super::constants::{Constants, TURN};
 use crate::arithmetic::fixed::{high, wide};
 use crate::arithmetic::node;
 
@@ -19,7 +19,7 @@ pub(super) struct Local {
 
 /// A flight.
 pub(super) struct Ballistic<'a> {
-    pub(super) kernel: &'a Integer,
+    pub(super) constants: &'a Constants,
     pub(super) phase: u32,
     pub(super) sine: i32,
     pub(super) cosine: i32,
@@ -33,7 +33,7 @@ impl Ballistic<'_> {
     /// velocity; steps of 2^-48.
     #[inline(always)]
     pub(super) fn mean(&self, steps: i64) -> (i64, i64) {
-        let fall = product_32(steps, self.kernel.half_turn_fall as i64);
+        let fall = product_32(steps, self.constants.half_turn_fall as i64);
         (self.rise - fall, fall)
     }
 
@@ -84,7 +84,7 @@ impl Ballistic<'_> {
             slope: velocity - (cosine >> 4),
             sine,
             cosine,
-            curvature: (sine >> 2) - self.kernel.k,
+            curvature: (sine >> 2) - self.constants.k,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The segment of convex or concave height that holds the first impact.
 
 use super::ballistic::Ballistic;
-use super::{ONE, TURN, TURNS, WHOLE};
+use super::constants::{ONE, TURN, TURNS, WHOLE};
 use crate::arithmetic::fixed::{Reciprocal, high, square_root_scaled, wide, wide_signed};
 use crate::arithmetic::trigonometry::Powers;
 
@@ -20,22 +20,22 @@ impl Ballistic<'_> {
     /// The bracket of the first impact, and whether the flight grazes.
     #[inline(never)]
     pub(super) fn segment(&self, throws: bool, clears: bool) -> (Bracket, bool) {
-        let kernel = self.kernel;
-        if kernel.hump == 0 {
+        let constants = self.constants;
+        if constants.hump == 0 {
             return (self.concave(), false);
         }
-        let to_entry = match kernel.entry.wrapping_sub(self.phase) {
+        let to_entry = match constants.entry.wrapping_sub(self.phase) {
             0 => WHOLE,
             steps => i64::from(steps),
         };
-        let (over, velocity) = self.over(to_entry, kernel.threshold);
+        let (over, velocity) = self.over(to_entry, constants.threshold);
         if over <= 0 && !clears {
             let low = if throws {
-                (to_entry - (WHOLE - i64::from(kernel.hump))).max(0)
+                (to_entry - (WHOLE - i64::from(constants.hump))).max(0)
             } else {
                 0
             };
-            let start = from_entry(to_entry, over, velocity - kernel.flank, low);
+            let start = from_entry(to_entry, over, velocity - constants.flank, low);
             let bracket = Bracket {
                 low,
                 high: to_entry,
@@ -44,7 +44,7 @@ impl Ballistic<'_> {
             return (bracket, false);
         }
         let mut begin = to_entry;
-        let mut slope = velocity - kernel.flank;
+        let mut slope = velocity - constants.flank;
         let mut height = over;
         if clears {
             begin += WHOLE;
@@ -53,7 +53,7 @@ impl Ballistic<'_> {
         let mut grazes = false;
         for _ in 0..16 {
             if height <= 0 {
-                let low = begin - (WHOLE - i64::from(kernel.hump));
+                let low = begin - (WHOLE - i64::from(constants.hump));
                 let start = from_entry(begin, height, slope, low);
                 let bracket = Bracket {
                     low,
@@ -62,17 +62,17 @@ impl Ballistic<'_> {
                 };
                 return (bracket, grazes);
             }
-            let end = begin + i64::from(kernel.hump);
-            let (over_end, end_velocity) = self.over(end, kernel.threshold);
+            let end = begin + i64::from(constants.hump);
+            let (over_end, end_velocity) = self.over(end, constants.threshold);
             let high_end = if over_end <= 0 {
                 Some((end, end))
             } else {
-                let middle = begin + i64::from(kernel.hump >> 1);
+                let middle = begin + i64::from(constants.hump >> 1);
                 let (over_top, top_velocity) = self.over(middle, ONE);
                 if over_top <= -BARELY {
                     Some((middle, middle))
                 } else if slope < 0
-                    && end_velocity + kernel.flank > 0
+                    && end_velocity + constants.flank > 0
                     && !self.is_safe(over_top, top_velocity)
                 {
                     let (poke, touches) = self.lowest(begin, end);
@@ -105,8 +105,8 @@ impl Ballistic<'_> {
     /// Height over k and slope over the track at the entry of a hump.
     #[inline(always)]
     pub(super) fn entry(&self, begin: i64) -> (i32, i32) {
-        let (height, velocity) = self.over(begin, self.kernel.threshold);
-        (height, velocity - self.kernel.flank)
+        let (height, velocity) = self.over(begin, self.constants.threshold);
+        (height, velocity - self.constants.flank)
     }
 
     /// The bracket where the track is concave throughout: up to where the parabola leaves height -1.
@@ -115,10 +115,10 @@ impl Ballistic<'_> {
         // v^2 + 2 k (1 + sin), steps of 2^-26; below 37 where the flight is not high.
         let rise = (self.rise >> 22) as i32;
         let v = rise >> 13;
-        let drop = high(self.kernel.k, (self.sine >> 1) + (ONE >> 1)) << 2;
+        let drop = high(self.constants.k, (self.sine >> 1) + (ONE >> 1)) << 2;
         let square = ((v * v) as u32).wrapping_add(drop as u32);
         let speed = square_root_scaled(square) >> 3;
-        let turns = wide(speed.saturating_add_signed(rise), self.kernel.inverse) >> 32;
+        let turns = wide(speed.saturating_add_signed(rise), self.constants.inverse) >> 32;
         let high = ((turns as i64) << 14) + (1 << 18);
         Bracket {
             low: 0,
@@ -134,7 +134,7 @@ impl Ballistic<'_> {
         // 16 / pi^2, steps of 2^-28; below it k is below 1.
         const BOUND: i32 =
             (16.0 / (core::f64::consts::PI * core::f64::consts::PI) * 268_435_456.0) as i32;
-        let spare = BOUND - 2 * self.kernel.k;
+        let spare = BOUND - 2 * self.constants.k;
         // Both products in steps of 2^-26, rounded to the careful side.
         spare > 0
             && i64::from(high(spare, over_top)) - 1 > (wide_signed(velocity, velocity) >> 26) + 1
@@ -148,7 +148,7 @@ impl Ballistic<'_> {
             return begin;
         }
         // Rising above height 2: 2 velocity / k until it is there again.
-        let rounds = (wide(velocity as u32, self.kernel.inverse) >> 49) as i64;
+        let rounds = (wide(velocity as u32, self.constants.inverse) >> 49) as i64;
         begin + (rounds - 2).max(0) * WHOLE
     }
 

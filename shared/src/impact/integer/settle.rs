@@ -1,12 +1,14 @@
-//! The root in a bracket that holds one, and an impact near a node to the precision of the kernel.
+//! The root in a bracket that holds one, and an impact near a node to the precision of the constants.
 
 use super::ballistic::{Ballistic, Local};
+use super::constants::{REACH, SLOW, SPACING, TURN, TURNS};
 use super::search::Bracket;
-use super::{HybridState, Landing, REACH, SLOW, SPACING, TURN, TURNS};
 use crate::arithmetic::fixed::{
-    Reciprocal, high, high as product_high, square_root_scaled, wide_signed,
+    Reciprocal, high, high as product_high, square_root_scaled, wide, wide_signed,
 };
 use crate::arithmetic::trigonometry::Powers;
+use crate::arithmetic::{Phase, Velocity};
+use crate::impact::kernel::{HybridState, Landing};
 
 /// An impact: steps of a phase after launch, arrival speed in steps of 2^-26, and whether it is a simple root.
 pub(super) struct Settled {
@@ -16,6 +18,21 @@ pub(super) struct Settled {
 }
 
 impl Ballistic<'_> {
+    /// The state after an impact at `speed`, steps of 2^-26.
+    #[inline(always)]
+    pub(super) fn landing(&self, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
+        let product = wide(speed, self.constants.restitution) + (1 << 31);
+        let velocity = (product >> 32) as u32;
+        Landing {
+            steps,
+            next: HybridState {
+                phase: Phase::from_bits(self.phase.wrapping_add(steps as u32)),
+                velocity: Velocity::from_bits(velocity),
+            },
+            grazes,
+        }
+    }
+
     /// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
     #[inline(never)]
     pub(super) fn solve(&self, bracket: Bracket) -> (i32, Local, i32) {
@@ -136,8 +153,8 @@ impl Ballistic<'_> {
     #[inline(always)]
     pub(super) fn height(&self, local: &Local, d: i32, powers: &Powers) -> i32 {
         // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d), with |d| < 2^29.
-        let bent =
-            (high(local.curvature, powers.versine) >> 2) - (high(self.kernel.k, powers.flat) >> 2);
+        let bent = (high(local.curvature, powers.versine) >> 2)
+            - (high(self.constants.k, powers.flat) >> 2);
         local
             .height
             .saturating_add(high(local.slope, d << 2))

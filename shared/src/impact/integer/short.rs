@@ -1,7 +1,7 @@
 //! Short hops, below 1/16 rad, in a form that keeps every digit.
 
-use super::ONE;
 use super::ballistic::Ballistic;
+use super::constants::ONE;
 use crate::arithmetic::fixed::{Reciprocal, high, wide, wide_signed};
 
 /// The flight near launch: its height is `d (2 psi - d G) / 2` with
@@ -167,11 +167,11 @@ impl Ballistic<'_> {
     /// The flight near launch: short hops, below 1/16 rad, in a form that keeps every digit.
     #[inline(always)]
     pub(super) fn start(&self, throws: bool) -> Start {
-        let kernel = self.kernel;
+        let constants = self.constants;
         // Steps of 2^-28, or of 2^-30 where they have room.
-        let wide_pull = kernel.k - (self.sine >> 2);
+        let wide_pull = constants.k - (self.sine >> 2);
         let near = if wide_pull < 1 << 28 {
-            let pull = kernel.threshold.wrapping_sub(self.sine);
+            let pull = constants.threshold.wrapping_sub(self.sine);
             // At lift-off itself the pull must not be rounded against the phase, nor to 0.
             let pull = if throws { pull.min(-1) } else { pull.max(1) };
             Near::new(pull, self.sine, self.cosine, self.velocity, 0)

@@ -1,6 +1,6 @@
 //! What is wanted of an orbit: observers, composed at compile time.
 
-use super::{Impact, State};
+use crate::impact::kernel::{Impact, State};
 
 /// Something that watches an orbit.
 ///
@@ -109,8 +109,8 @@ impl Observer for Count {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Kernel, Map, Orbit, Skips};
     use super::*;
+    use crate::impact::{Kernel, Map, Orbit, Skips};
 
     /// Impact phases and flights, folded into 64 bits in order (FNV-1a over the bits).
     struct Hash(u64);

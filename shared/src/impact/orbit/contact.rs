@@ -2,10 +2,11 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::flight::{Launch, REMAINDER, Track};
-use super::{Kernel, Map, State};
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
+use crate::impact::double::Map;
+use crate::impact::double::launch::{Launch, REMAINDER, Track};
+use crate::impact::kernel::{Kernel, State};
 
 /// When contact of a part with the track begins and ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,7 +59,7 @@ impl Contact {
     /// `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`; the closure is taken where that is below 2e-16 rad and the
     /// pull A changes by less than 1e-3 of itself, so that the part is still pulled down when it
     /// comes to rest. A velocity of 0 rests at once where the track does not throw it. A lane of
-    /// [`Block`](super::batch::Block) waits on the same decision.
+    /// [`Block`](crate::impact::batch::Block) waits on the same decision.
     #[must_use]
     pub fn time_to_rest(&self, state: State) -> Option<f64> {
         let State { phase, velocity } = state;
@@ -131,8 +132,8 @@ pub(super) fn turned(angle: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Event, Orbit};
     use super::*;
+    use crate::impact::orbit::{Event, Orbit};
 
     /// Physics, section 11: (k, R, phase, velocity), time of rest, time of lift-off.
     #[expect(

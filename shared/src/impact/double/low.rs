@@ -8,7 +8,8 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::{Close, Landing, Launch, Local, Near, Track, householder, in_turn};
+use super::launch::{Launch, Track};
+use super::step::{Close, Landing, Local, Near, householder, in_turn};
 use crate::arithmetic::lane::{Lane, ROUNDER, floor};
 use crate::arithmetic::node;
 
@@ -29,6 +30,27 @@ const SLOWEST: f64 = 0.03;
 
 /// Largest `f u''/u'^2` of a step that ends near the impact.
 const FAIR: f64 = 0.24;
+
+/// More than the rounding of a height or of the square of a speed, where the flight is not tall.
+const SPARE: f64 = 1e-9;
+
+impl<L: Lane> Launch<L> {
+    /// Whether the ball leaves height 1 faster than the track ever moves: it meets the track once.
+    #[inline(always)]
+    fn is_certified(&self, track: &Track<L>) -> L::Mask {
+        L::splat(1.0 + SPARE).below(self.leaving(track)) & L::splat(0.0).below(self.rise())
+    }
+
+    /// Whether the flight, if it is neither tall nor short, meets the track once: it
+    /// [is certified](Self::is_certified), or over before the edge that comes, as the ball is below the
+    /// track there. Up to there the gap is concave, or convex (and grows) and then concave; so it has one
+    /// root.
+    #[inline(always)]
+    pub fn is_home(&self, track: &Track<L>) -> L::Mask {
+        let height = self.height(track, self.wait(track));
+        self.is_certified(track) | (height + L::splat(SPARE)).below(track.edge_sine())
+    }
+}
 
 /// Signs of the gap at a hump's begin, middle and end, from one turn's edge at `begin`.
 struct Hump<L: Lane> {

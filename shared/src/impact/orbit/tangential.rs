@@ -1,7 +1,7 @@
 //! Motion along the track: what a flight and an impact do to it (equations 10 and 11).
 
-use super::{Impact, State};
 use crate::feeder::{OutOfRange, Track, accept};
+use crate::impact::kernel::{Impact, State};
 
 /// What the motion along the track depends on besides k.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,8 +135,8 @@ fn sagitta(d: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Event, Kernel, Map, Orbit};
     use super::*;
+    use crate::impact::{Event, Kernel, Map, Orbit};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,

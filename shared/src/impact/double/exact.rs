@@ -2,12 +2,14 @@
 
 use core::f64::consts::TAU;
 
-use super::flight::{Launch, first_impact};
-use super::{Impact, Kernel, Map, State};
+use super::first::first_impact;
+use super::launch::Launch;
+use super::map::Map;
 use crate::arithmetic::lane::Node;
 use crate::arithmetic::node;
 use crate::arithmetic::twofold::Twofold;
 use crate::feeder::OutOfRange;
+use crate::impact::kernel::{Impact, Kernel, State};
 
 /// The impact map of [`Map`], its root polished once by the gap in twofold arithmetic.
 ///

@@ -1,7 +1,9 @@
 //! The stream of events of one part on one track.
 
-use super::contact::turned;
-use super::{Contact, Impact, Kernel, Map, Observer, State};
+use super::contact::{Contact, turned};
+use super::observe::Observer;
+use crate::impact::double::Map;
+use crate::impact::kernel::{Impact, Kernel, State};
 
 /// What happens to a part next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -262,7 +264,7 @@ impl<K: Kernel<State = State>> Iterator for Orbit<'_, K> {
 mod tests {
     use std::vec::Vec;
 
-    use super::super::Count;
+    use super::super::observe::Count;
     use super::*;
 
     fn events(map: &Map, start: State, skips: Skips, count: usize) -> Vec<Event> {

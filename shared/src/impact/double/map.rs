@@ -2,11 +2,13 @@
 
 use core::f64::consts::TAU;
 
-use super::flight::search::{self, Envelope};
-use super::flight::{self, Landing, Launch, Track};
-use super::{Impact, Kernel, State};
+use super::first::first_impact;
+use super::launch::{Launch, Track};
+use super::search::{self, Envelope};
+use super::step::Landing;
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
+use crate::impact::kernel::{Impact, Kernel, State};
 
 /// The impact map in f64 for one k and one restitution.
 ///
@@ -59,7 +61,7 @@ impl Map {
         }
     }
 
-    pub(super) fn track(&self) -> &Track<f64> {
+    pub(in crate::impact) fn track(&self) -> &Track<f64> {
         &self.track
     }
 
@@ -118,7 +120,7 @@ impl Kernel for Map {
     #[inline]
     fn impact(&self, state: State) -> Impact<State> {
         let launch = Launch::new(state.phase, state.velocity);
-        self.impact_of(state, flight::first_impact(&self.track, &launch))
+        self.impact_of(state, first_impact(&self.track, &launch))
     }
 }
 

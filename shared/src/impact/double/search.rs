@@ -6,8 +6,9 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use super::launch::{Launch, Track};
 use super::short::{LONGEST, deflated};
-use super::{Landing, Launch, Local, Track};
+use super::step::{Landing, Local};
 use crate::arithmetic::lane::{Arc, floor};
 use crate::arithmetic::square_root;
 

@@ -1,6 +1,8 @@
 //! The tangent map of an impact.
 
-use super::{Impact, Map, Observer, State};
+use super::observe::Observer;
+use crate::impact::double::Map;
+use crate::impact::kernel::{Impact, State};
 
 /// Partial derivatives of one impact; `det J = R^2 psi / psi'` (physics, section 2).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,8 +123,8 @@ impl Observer for Growth<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Event, Kernel, Orbit, Skips};
     use super::*;
+    use crate::impact::{Event, Kernel, Orbit, Skips};
 
     #[test]
     fn the_determinant_is_r_squared_psi_over_psi_next() {

@@ -6,11 +6,34 @@
 
 use core::f64::consts::TAU;
 
-use super::{Landing, Launch, Track, householder};
+use super::launch::{Launch, Track};
+use super::step::{Landing, householder};
 use crate::arithmetic::lane::Lane;
 
 /// Longest short hop in rad, about.
 pub(crate) const LONGEST: f64 = 0.5;
+
+impl<L: Lane> Launch<L> {
+    /// Whether the flight, if it is not tall, is short.
+    #[inline(always)]
+    pub fn is_short(&self, track: &Track<L>) -> L::Mask {
+        self.is_over_within(track, LONGEST)
+    }
+
+    /// Whether the flight, if it is not tall, is over within about `longest`, by the quadratic of `u/d`:
+    /// either it crosses zero before half of that and its two roots are well apart, or it bends down and
+    /// is below zero then.
+    #[inline(always)]
+    pub(super) fn is_over_within(&self, track: &Track<L>, longest: f64) -> L::Mask {
+        let (psi, c) = (self.velocity, self.cosine);
+        let pull = track.k - self.sine;
+        let caught = (psi * L::splat(2.75 / longest)).below(pull)
+            & (c * psi).below(L::splat(0.3) * (pull * pull));
+        let falling = c.below(L::splat(0.0))
+            & (psi + c * L::splat(longest * longest / 6.0)).below(pull * L::splat(longest / 2.0));
+        caught | falling
+    }
+}
 
 /// `u/d` and `u'` at some flight time.
 pub(super) struct Deflated<L> {

@@ -1,35 +1,18 @@
 //! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
 
-use super::anchor::{
-    Candidate, Flight, Found, Launch, Local, PER_STEP, Settled, Shape, candidate, fall, search,
-    settle, settle_carefully,
-};
-use super::set_up::SetUp;
-use super::{Impact, Kernel, Landing, State};
+use super::approach::fall;
+use super::candidate::{Candidate, candidate};
+use super::flight::{Flight, Launch, Local, PER_STEP};
+use super::search::search;
+use super::settle::{Settled, settle, settle_carefully};
+use super::shape::Shape;
+use super::solve::Found;
 use crate::arithmetic::node::{self, Fine};
 use crate::arithmetic::trigonometry::sine_cosine_fine;
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
-
-/// A state of [`Hybrid`] and of the integer kernel: 8 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct HybridState {
-    /// Phase of the drive (symbol t), steps of 2^-32 turns.
-    pub phase: Phase,
-    /// Velocity relative to the track (symbol psi), steps of 2^-26 `b w`.
-    pub velocity: Velocity,
-}
-
-impl HybridState {
-    /// The state with at most this velocity.
-    #[inline(always)]
-    pub(super) fn held_below(self, top: u32) -> Self {
-        Self {
-            velocity: Velocity::from_bits(self.velocity.bits().min(top)),
-            ..self
-        }
-    }
-}
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State};
+use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
 ///

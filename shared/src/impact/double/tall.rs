@@ -5,9 +5,10 @@
 //! equation with eccentricity 1/V < 1 bent by the parabola. From the crossing of height 0 two steps
 //! of fourth order, each on a node of the table, reach rounding.
 
-use super::{Close, Landing, Launch, Near, Track, householder};
 use core::f64::consts::TAU;
 
+use super::launch::{Launch, Track};
+use super::step::{Close, Landing, Near, householder};
 use crate::arithmetic::lane::{Lane, ROUNDER};
 use crate::arithmetic::node;
 
@@ -16,6 +17,15 @@ use crate::arithmetic::node;
 /// measured over 300 000 states or more in each of five ranges of it, k in 0.02..0.98. What the second then leaves is in
 /// the residual that the golden data are held against.
 pub(crate) const LEAVING: f64 = 3.0;
+
+impl<L: Lane> Launch<L> {
+    /// Whether the flight is tall.
+    #[inline(always)]
+    pub fn is_tall(&self, track: &Track<L>) -> L::Mask {
+        let least = L::splat(LEAVING) + (track.k + track.k);
+        least.below(self.level(track)) & L::splat(0.0).below(self.rise())
+    }
+}
 
 /// Where the ball falls through height 0, and how fast.
 #[derive(Clone, Copy)]

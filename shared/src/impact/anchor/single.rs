@@ -1,13 +1,16 @@
 //! The impact map in f32.
 
-use super::anchor::{
-    Approach, Candidate, Flight, Found, Launch, Local, PER_STEP, STEP, Settled, Shape, candidate,
-    fall, larger, node_from_near, search, settle, settle_carefully, smaller,
-};
-use super::set_up::SetUp;
-use super::{Impact, Kernel, Landing, State};
+use super::approach::{Approach, fall};
+use super::candidate::{Candidate, candidate};
+use super::flight::{Flight, Launch, Local, PER_STEP, STEP, larger, node_from_near, smaller};
+use super::search::search;
+use super::settle::{Settled, settle, settle_carefully};
+use super::shape::Shape;
+use super::solve::Found;
 use crate::arithmetic::{Phase, node, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
+use crate::impact::kernel::{Impact, Kernel, Landing, State};
+use crate::impact::set_up::SetUp;
 
 /// A state of [`Single`]: 8 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

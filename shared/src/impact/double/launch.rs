@@ -1,0 +1,179 @@
+//! A launch on a track: what every kind of flight needs of it.
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use crate::arithmetic::lane::{Lane, Node, sine_cosine};
+
+/// The set-up constants of one track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Track<L> {
+    /// k.
+    pub k: L,
+    /// `1/k`.
+    pub per_k: L,
+    /// `arcsin k`, where the track's acceleration passes the ball's going up; pi/2 where k >= 1.
+    pub edge: L,
+    /// Cosine of `edge`.
+    pub edge_cosine: L,
+}
+
+impl Track<f64> {
+    /// The track of `k`.
+    pub fn new(k: f64) -> Self {
+        Self {
+            k,
+            per_k: 1.0 / k,
+            edge: if k < 1.0 { libm::asin(k) } else { FRAC_PI_2 },
+            edge_cosine: Self::edge_cosine(k),
+        }
+    }
+}
+
+impl<L: Lane> Track<L> {
+    /// Cosine of the edge of `k`.
+    #[inline(always)]
+    pub fn edge_cosine(k: L) -> L {
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        ((one - k) * (one + k)).max(zero).sqrt()
+    }
+
+    /// `k/2`.
+    #[inline(always)]
+    pub(super) fn half(&self) -> L {
+        self.k * L::splat(0.5)
+    }
+
+    /// `sin(edge)`: k, at most 1.
+    #[inline(always)]
+    pub(super) fn edge_sine(&self) -> L {
+        self.k.min(L::splat(1.0))
+    }
+
+    /// Phase where the track stops pushing, `pi - edge`: between it and the next edge `u` is concave,
+    /// from `edge` to it `u` is convex (a hump of the track).
+    #[inline(always)]
+    pub(super) fn hump_end(&self) -> L {
+        L::splat(PI) - self.edge
+    }
+}
+
+/// A launch: the state just after an impact, with what every kind of flight needs of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Launch<L> {
+    /// Phase t in rad, 0..2 pi.
+    pub phase: L,
+    /// Velocity psi relative to the track.
+    pub velocity: L,
+    /// `sin t`.
+    pub sine: L,
+    /// `cos t`.
+    pub cosine: L,
+}
+
+impl<L: Lane> Launch<L> {
+    /// The launch of a state.
+    #[inline(always)]
+    pub fn new(phase: L, velocity: L) -> Self {
+        Self::with(phase, velocity, sine_cosine(phase))
+    }
+
+    /// The launch of a state that an impact near `node` leads to.
+    #[inline(always)]
+    pub fn near(phase: L, velocity: L, node: &Node<L>) -> Self {
+        Self::with(phase, velocity, node.sine_cosine(phase))
+    }
+
+    #[inline(always)]
+    pub(super) fn with(phase: L, velocity: L, (sine, cosine): (L, L)) -> Self {
+        Self {
+            phase,
+            velocity,
+            sine,
+            cosine,
+        }
+    }
+
+    /// The ball's velocity at launch, `psi + cos t`.
+    #[inline(always)]
+    pub(super) fn rise(&self) -> L {
+        self.velocity + self.cosine
+    }
+
+    /// Height of the ball over the middle of the stroke, `d` after launch.
+    #[inline(always)]
+    pub(super) fn height(&self, track: &Track<L>, d: L) -> L {
+        self.sine + d * (self.rise() - track.half() * d)
+    }
+
+    /// How fast the ball leaves height 1, squared; negative where it does not reach it.
+    #[inline(always)]
+    pub fn leaving(&self, track: &Track<L>) -> L {
+        let v = self.rise();
+        v * v - (track.k + track.k) * (L::splat(1.0) - self.sine)
+    }
+
+    /// Square of the ball's speed at height 0; negative where it does not reach it.
+    #[inline(always)]
+    pub(super) fn level(&self, track: &Track<L>) -> L {
+        let v = self.rise();
+        v * v + (track.k + track.k) * self.sine
+    }
+
+    /// How long until the track next pushes harder than k: the edge that comes.
+    #[inline(always)]
+    pub(super) fn wait(&self, track: &Track<L>) -> L {
+        let wait = track.edge - self.phase;
+        wait + L::splat(TAU).only(!L::splat(0.0).below(wait))
+    }
+
+    /// Bound of the rounding of a height: 30 times that at the apex.
+    #[inline(always)]
+    pub(super) fn margin(&self, track: &Track<L>) -> L {
+        let v = self.rise();
+        L::splat(6e-14) * (L::splat(1.0) + v * v * track.per_k)
+    }
+
+    /// Whether the part rests: it has no velocity and the track does not push it off.
+    ///
+    /// Within rounding of lift-off (`sin t = k` going up) it is thrown off.
+    #[inline(always)]
+    pub fn rests(&self, track: &Track<L>) -> L::Mask {
+        let zero = L::splat(0.0);
+        let pull = track.k - self.sine;
+        let held = L::select(
+            zero.below(self.cosine),
+            pull - L::splat(4.0 * f64::EPSILON),
+            pull,
+        );
+        !zero.below(self.velocity) & !held.below(zero)
+    }
+
+    /// Whether the part rests, or hops so little that the closed form of its chatter to rest is exact
+    /// to f64.
+    ///
+    /// With `A = k - sin t` and `z = psi / (A (1 - R))`: the third order of the chatter's duration, at
+    /// most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`, is below [`REMAINDER`], and A changes by less than
+    /// [`CHANGE`] of itself meanwhile. Written without divisions.
+    #[inline(always)]
+    pub fn chatters_out(&self, track: &Track<L>, restitution: L) -> L::Mask {
+        let zero = L::splat(0.0);
+        let (s, c, hop) = (self.sine.abs(), self.cosine.abs(), self.velocity);
+        let pull = track.k - self.sine;
+        let lost = L::splat(1.0) - restitution;
+        let reach = pull * lost;
+        let squared = pull * pull;
+        let third = (hop * hop * hop) * (L::splat(2.1) * (c * c) + L::splat(0.9) * (s * pull));
+        let exact = !(L::splat(REMAINDER) * (reach * reach * reach) * squared).below(third);
+        let turning = !(L::splat(CHANGE) * (reach * pull)).below((hop + hop) * c);
+        let bending = !(L::splat(CHANGE) * (reach * reach) * pull).below((hop + hop) * hop * s);
+        let closing = zero.below(pull) & zero.below(lost) & exact & turning & bending;
+        closing | self.rests(track)
+    }
+}
+
+/// Largest third order of a chatter's duration that its closed form leaves out, in rad: half an ulp of
+/// a phase.
+pub(crate) const REMAINDER: f64 = 2e-16;
+/// Largest relative change of the pull during a chatter that is closed. It keeps the rest inside
+/// `sin < k` and the fourth order below the third.
+pub(crate) const CHANGE: f64 = 1e-3;

@@ -1,0 +1,188 @@
+//! Steps to an impact: the gap around a node of the table, and Householder's step to its root.
+
+use core::f64::consts::TAU;
+
+use super::launch::{Launch, Track};
+use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDER};
+use crate::arithmetic::node;
+
+/// The end of a flight.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Landing<L> {
+    /// Duration of the flight.
+    pub flight: L,
+    /// Phase of the impact, in 0..2 pi.
+    pub phase: L,
+    /// Speed of arrival relative to the track, at least 0.
+    pub arrival: L,
+}
+
+impl<L: Lane> Landing<L> {
+    /// `self` where the mask holds, else `other`.
+    #[inline(always)]
+    pub(super) fn or(self, mask: L::Mask, other: Self) -> Self {
+        Self {
+            flight: L::select(mask, self.flight, other.flight),
+            phase: L::select(mask, self.phase, other.phase),
+            arrival: L::select(mask, self.arrival, other.arrival),
+        }
+    }
+}
+
+/// The gap `u0 + u1 x + b2 x^2 + ...` around a node of the table.
+#[derive(Clone, Copy)]
+pub(super) struct Local<L> {
+    pub node: Node<L>,
+    /// `u` at the node.
+    pub value: L,
+    /// `u'` at the node.
+    pub slope: L,
+}
+
+impl<L: Lane> Local<L> {
+    /// Around the node nearest to `d` after the launch.
+    #[inline(always)]
+    pub(super) fn near(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
+        let node = Node::near(launch.phase, d);
+        let v = launch.rise();
+        Self {
+            node,
+            value: node.distance * (v - track.half() * node.distance) + (launch.sine - node.sine),
+            slope: (v - track.k * node.distance) - node.cosine,
+        }
+    }
+
+    /// `u''` at the node.
+    #[inline(always)]
+    pub(super) fn curvature(&self, track: &Track<L>) -> L {
+        self.node.sine - track.k
+    }
+}
+
+/// Householder's fourth-order step to the root of a function, from its value `f` and its derivatives
+/// `g`, `g2`, `g3` and `g4`: how far the root lies behind; one division. The sign of the whole function
+/// does not matter.
+#[inline(always)]
+pub(super) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
+    let (gg, ff, bent) = ((g * g).lone(), (f * f).lone(), (g2 * f).lone());
+    let turned = ((g3 * L::splat(1.0 / 6.0)) * ff).lone();
+    let top = g * (gg - bent) + turned;
+    let rest = (bent * bent) * L::splat(0.25) - ((g4 * L::splat(1.0 / 24.0)) * f) * ff;
+    let bottom = gg * (gg - L::splat(1.5) * bent) + (rest + (turned + turned) * g);
+    (f * top / bottom).lone()
+}
+
+/// About where a flight ends: so far before a node of the table.
+#[derive(Clone, Copy)]
+pub(crate) struct Close<L> {
+    /// The [`ROUNDER`] sum that names the node.
+    pub rounded: L,
+    /// How far before it, in rad.
+    pub back: L,
+}
+
+impl<L: Lane> Close<L> {
+    /// `d` after the launch.
+    #[inline(always)]
+    pub(super) fn after(launch: &Launch<L>, d: L) -> Self {
+        let node = Node::near(launch.phase, d);
+        Self {
+            rounded: node.rounded,
+            back: node.distance - d,
+        }
+    }
+}
+
+/// The gap near an impact, to rounding: the ball from the node that the approach began at, the track from
+/// the node next to the impact.
+///
+/// What comes late is used late: every sum is in the order in which its terms are ready.
+#[derive(Clone, Copy)]
+pub(crate) struct Near<L> {
+    /// The node next to the impact, and how far the other lies ahead of the launch.
+    pub node: Node<L>,
+    /// Time from that other node back.
+    pub back: L,
+    /// Time from the node next to it.
+    pub x: L,
+    /// `u`.
+    pub value: L,
+    /// `u'`.
+    pub slope: L,
+    /// The track's sine.
+    pub sine: L,
+    /// Its cosine.
+    pub cosine: L,
+}
+
+impl<L: Lane> Near<L> {
+    /// At `close`.
+    #[inline(always)]
+    pub fn at(track: &Track<L>, launch: &Launch<L>, close: &Close<L>) -> Self {
+        let (half, back) = (track.half(), close.back);
+        let rounded = close.rounded - back * L::splat(node::COUNT as f64 / TAU);
+        let (node_sine, node_cosine) = L::node(rounded);
+        let x = (close.rounded - rounded) * L::splat(node::SPACING) - back;
+        let count = close.rounded - L::splat(ROUNDER);
+        let distance = (count * L::splat(node::SPACING_HIGH) - launch.phase)
+            + count * L::splat(node::SPACING_LOW);
+        let v = launch.rise();
+        let height = launch.sine + distance * (v - half * distance);
+        let speed = v - track.k * distance;
+        let arc = Arc::of(x);
+        let rise = (node_cosine * arc.sine - node_sine * arc.versine).lone();
+        let fall = (node_sine * arc.sine + node_cosine * arc.versine).lone();
+        let cosine = node_cosine - fall;
+        Self {
+            node: Node {
+                sine: node_sine,
+                cosine: node_cosine,
+                distance,
+                rounded,
+            },
+            back,
+            x,
+            value: ((height - back * (speed + half * back)) - node_sine) - rise,
+            slope: (speed + track.k * back) - cosine,
+            sine: node_sine + rise,
+            cosine,
+        }
+    }
+
+    /// The landing `back` before; its phase may be a hair below zero.
+    #[inline(always)]
+    pub(super) fn landing(&self, back: L, arrival: L) -> Landing<L> {
+        let (high, low) = L::within_turn(self.node.rounded);
+        Landing {
+            flight: (self.node.distance - (self.back + back)).lone(),
+            phase: (high + ((low + self.x) - back)).lone(),
+            arrival: arrival.lone(),
+        }
+    }
+
+    /// The last step, to the root, of fourth order.
+    #[inline(always)]
+    pub fn finish(&self, track: &Track<L>) -> Landing<L> {
+        let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
+        let g2 = sine - track.k;
+        let back = householder(f, g, g2, g3, -sine);
+        let half_third = g3 * L::splat(0.5);
+        let bend = half_third
+            + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
+        let mut landing = self.landing(back, back * (g2 - back * bend) - g);
+        landing.phase = in_turn(landing.phase);
+        landing
+    }
+}
+
+/// A phase in 0..2 pi from one that may be a hair below zero.
+#[inline(always)]
+pub(super) fn in_turn<L: Lane>(phase: L) -> L {
+    let below = phase.below(L::splat(0.0));
+    if L::any(below) {
+        // A hair below zero rounds up to the whole turn.
+        (phase + L::splat(TAU).only(below)).min(L::splat(TAU.next_down()))
+    } else {
+        phase
+    }
+}

@@ -1,0 +1,13 @@
+//! The orbit of a part: impacts, rests and lift-offs in turn, and what is watched of them.
+
+mod contact;
+mod events;
+mod observe;
+mod tangent;
+mod tangential;
+
+pub use contact::Contact;
+pub use events::{Ended, Event, Orbit, Skips};
+pub use observe::{Count, Observer};
+pub use tangent::{Growth, Tangent};
+pub use tangential::{Tangential, TangentialSettings};
