@@ -1,4 +1,6 @@
-//! Files that are written whole or not at all.
+//! Files that are written whole or not at all, and never over what the same run reads or writes.
+
+mod used;
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -6,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use crate::refusal::Refusal;
+use used::Written;
 
 /// Temporary files of this run, removed when it is stopped hard.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -14,10 +17,12 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 #[derive(Clone, Debug)]
 pub struct Target {
     path: PathBuf,
+    _written: Written,
 }
 
 impl Target {
-    /// The target `path`, refused where its folder is missing or it is itself a folder.
+    /// The target `path`, refused where its folder is missing, it is itself a folder, or it is a file that
+    /// this run reads or writes elsewhere, by whatever name.
     pub fn check(path: &Path) -> Result<Self, Refusal> {
         if path.is_dir() {
             return Err(Refusal::new(
@@ -51,7 +56,18 @@ impl Target {
                 "give a path in a folder of yours",
             ));
         }
-        Ok(Self { path: path.into() })
+        if path.is_symlink() && !path.exists() {
+            return Err(Refusal::new(
+                format!("{} is a symbolic link to nothing", path.display()),
+                "remove the link, or give another path",
+            ));
+        }
+        let written = used::writes(path)?;
+        tell_left_over(path);
+        Ok(Self {
+            path: path.into(),
+            _written: written,
+        })
     }
 
     /// Ending of the file name in small letters, without the dot; empty where there is none.
@@ -78,15 +94,27 @@ impl Target {
     }
 
     /// Writes the file by work that may itself refuse, and gives back what came of the work.
+    ///
+    /// A link is followed, and what is no file (a pipe, a device) is written into as it stands: neither is
+    /// replaced.
     pub fn write_by<T>(
         &self,
         work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
     ) -> Result<T, Refusal> {
-        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
-        let temporary =
-            folder(&self.path).join(format!(".{name}.{}.unfinished", std::process::id()));
-        unfinished().push(temporary.clone());
         let refuse = |error: std::io::Error| self.unwritten(&error);
+        if fs::metadata(&self.path).is_ok_and(|data| !data.is_file()) {
+            let opened = File::options().write(true).open(&self.path);
+            let mut file = BufWriter::new(opened.map_err(refuse)?);
+            let result = work(&mut file)?;
+            file.flush().map_err(refuse)?;
+            return Ok(result);
+        }
+        // Where there is a file already, the one that a link leads to.
+        let place = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
+        let name = name_of(&place);
+        let temporary =
+            folder(&place).join(format!(".{name}.{}{UNFINISHED_ENDING}", std::process::id()));
+        unfinished().push(temporary.clone());
         let written = (|| {
             let mut file = BufWriter::new(File::create(&temporary).map_err(refuse)?);
             let result = work(&mut file)?;
@@ -94,7 +122,7 @@ impl Target {
                 .into_inner()
                 .map_err(|error| refuse(error.into_error()))?;
             file.sync_data().map_err(refuse)?;
-            fs::rename(&temporary, &self.path).map_err(refuse)?;
+            fs::rename(&temporary, &place).map_err(refuse)?;
             Ok(result)
         })();
         if written.is_err() {
@@ -118,10 +146,63 @@ impl Target {
     }
 }
 
+/// Ending of the temporary file in which a result grows; before it stands the number of the process.
+const UNFINISHED_ENDING: &str = ".unfinished";
+
+/// Opens a file to read from; `next` says what to give where that fails.
+pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
+    let file = File::open(path).map_err(|error| Refusal::file(path, &error, next))?;
+    used::reads(path)?;
+    Ok(file)
+}
+
+/// Reads a file whole; `next` says what to give where that fails.
+pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
+    let bytes = fs::read(path).map_err(|error| Refusal::file(path, &error, next))?;
+    used::reads(path)?;
+    Ok(bytes)
+}
+
 /// Reads a text file whole.
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
-    fs::read_to_string(path)
-        .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))
+    let text = fs::read_to_string(path)
+        .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))?;
+    used::reads(path)?;
+    Ok(text)
+}
+
+/// Tells of what runs that were killed have left beside `path`. It is not removed: where processes are not
+/// to be seen (another machine writes into the same folder) nobody knows that it is dead.
+fn tell_left_over(path: &Path) {
+    for left in left_over(path) {
+        eprintln!(
+            "note: {} is left of a run that was killed; remove it",
+            left.display()
+        );
+    }
+}
+
+/// Temporary files for `path` whose process is gone.
+fn left_over(path: &Path) -> Vec<PathBuf> {
+    let processes = Path::new("/proc/self");
+    let (Ok(entries), true) = (fs::read_dir(folder(path)), processes.exists()) else {
+        return Vec::new();
+    };
+    let begin = format!(".{}.", name_of(path));
+    let dead = |name: &str| {
+        let process = name.strip_prefix(&begin)?.strip_suffix(UNFINISHED_ENDING)?;
+        let process = process.parse::<u32>().ok()?;
+        (!processes.with_file_name(process.to_string()).exists()).then_some(())
+    };
+    entries
+        .flatten()
+        .filter(|entry| dead(&entry.file_name().to_string_lossy()).is_some())
+        .map(|entry| entry.path())
+        .collect()
+}
+
+fn name_of(path: &Path) -> std::borrow::Cow<'_, str> {
+    path.file_name().unwrap_or_default().to_string_lossy()
 }
 
 /// Removes the temporary files of this run; the last act before a hard stop.
@@ -164,6 +245,58 @@ mod tests {
         assert!(refused.unwrap_err().to_string().contains("disk full"));
         assert_eq!(fs::read(target.path()).unwrap(), b"old");
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_is_written_through_and_one_to_nothing_is_refused() {
+        let folder = folder_of("link");
+        let (file, link) = (folder.join("a.csv"), folder.join("link.csv"));
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        let refused = Target::check(&link).unwrap_err().to_string();
+        assert!(refused.contains("a symbolic link to nothing"), "{refused}");
+        fs::write(&file, "old").unwrap();
+        Target::check(&link).unwrap().write_bytes(b"new").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn what_is_no_file_is_written_into_and_stays_what_it_is() {
+        use std::os::unix::fs::FileTypeExt;
+        let folder = folder_of("pipe");
+        let pipe = folder.join("pipe.csv");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).unwrap()
+        });
+        let target = Target::check(&pipe).unwrap();
+        target.write_bytes(b"rows").unwrap();
+        assert_eq!(reader.join().unwrap(), b"rows");
+        assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn what_a_killed_run_left_is_found_and_what_a_live_one_writes_is_not() {
+        let folder = folder_of("killed");
+        // The largest number that Linux gives to a process is 2^22.
+        let left = folder.join(".a.csv.4194999.unfinished");
+        for name in [
+            left.clone(),
+            folder.join(format!(".a.csv.{}.unfinished", std::process::id())),
+            folder.join(".b.csv.4194999.unfinished"),
+            folder.join(".a.csv.notes.unfinished"),
+        ] {
+            fs::write(name, "").unwrap();
+        }
+        assert_eq!(left_over(&folder.join("a.csv")), [left]);
         fs::remove_dir_all(folder).unwrap();
     }
 

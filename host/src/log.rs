@@ -16,7 +16,7 @@ impl Words {
     pub fn read(image: &Path) -> Result<Self, Refusal> {
         let next =
             "give the image that runs on the board, such as the one that cargo feeder builds";
-        let bytes = std::fs::read(image).map_err(|error| Refusal::file(image, &error, next))?;
+        let bytes = crate::file::read(image, next)?;
         match Table::parse(&bytes) {
             Ok(Some(table)) => Ok(Self(table)),
             Ok(None) => Err(Refusal::new(
@@ -55,13 +55,8 @@ impl<'a> Log<'a> {
 
     /// The log in a file that may still grow, from its beginning.
     pub fn open(file: &Path, words: &'a Words) -> Result<Self, Refusal> {
-        let mut opened = File::open(file).map_err(|error| {
-            Refusal::file(
-                file,
-                &error,
-                "give the path of a recorded log, its bytes as the board wrote them",
-            )
-        })?;
+        let next = "give the path of a recorded log, its bytes as the board wrote them";
+        let mut opened = crate::file::open(file, next)?;
         let more = move || {
             let mut bytes = Vec::new();
             let read = opened.read_to_end(&mut bytes);

@@ -1,5 +1,6 @@
 //! The one message of a run that was refused or failed, and the exit status of every run.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::path::Path;
 
@@ -97,12 +98,28 @@ impl Refusal {
 
 impl fmt::Display for Refusal {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "error: {}", self.cause)?;
+        write!(formatter, "error: {}", readable(&self.cause))?;
         if let Some(accepted) = &self.accepted {
-            write!(formatter, "\n  accepted: {accepted}")?;
+            write!(formatter, "\n  accepted: {}", readable(accepted))?;
         }
-        write!(formatter, "\n  next: {}", self.next)
+        write!(formatter, "\n  next: {}", readable(&self.next))
     }
+}
+
+/// Characters of a message's part that a person may still read.
+const READABLE: usize = 2000;
+
+/// The text with its middle left out where nobody would read it: what is refused may be a file of 3 MB.
+fn readable(text: &str) -> Cow<'_, str> {
+    let count = text.chars().count();
+    if count <= READABLE {
+        return text.into();
+    }
+    let half = READABLE / 2;
+    let begin: String = text.chars().take(half).collect();
+    let end: String = text.chars().skip(count - half).collect();
+    let left_out = count - 2 * half;
+    format!("{begin} ... ({left_out} characters left out) ... {end}").into()
 }
 
 impl std::error::Error for Refusal {}
@@ -121,6 +138,15 @@ impl From<OutOfRange> for Refusal {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_message_is_short_enough_to_be_read() {
+        let long = "\u{e9}".repeat(3_000_000);
+        let message = Refusal::value("key", &long, &long, "the end").to_string();
+        assert!(message.chars().count() < 3 * READABLE, "{}", message.len());
+        assert!(message.starts_with("error: key = "), "{message}");
+        assert!(message.contains("characters left out") && message.ends_with("next: the end"));
+    }
 
     #[test]
     fn a_value_out_of_range_names_key_value_range_and_next_step() {

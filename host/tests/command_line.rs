@@ -298,3 +298,54 @@ fn help_and_version_end_well() {
         );
     }
 }
+
+#[test]
+fn an_input_is_never_written_over_by_whatever_name() {
+    let folder = Folder::new("inputs");
+    let rows = "k,restitution,phase,velocity\n0.43,0.2,0.1,0.4\n";
+    std::fs::write(folder.0.join("s.csv"), rows).unwrap();
+    std::fs::hard_link(folder.0.join("s.csv"), folder.0.join("t.csv")).unwrap();
+    let scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
+    std::fs::write(folder.0.join("my.toml"), &scene).unwrap();
+    let before = folder.names();
+    for (line, cause) in [
+        ("impacts --from s.csv --out s.csv", "an input of this run"),
+        ("impacts --from s.csv --out ./s.csv", "an input of this run"),
+        ("impacts --from s.csv --out t.csv", "an input of this run"),
+        ("simulate my.toml --trace my.toml", "an input of this run"),
+        ("simulate my.toml --out ./my.toml", "an input of this run"),
+        (
+            "simulate my.toml --trace x.csv --scope ./x.csv",
+            "two outputs",
+        ),
+    ] {
+        let ended = kband(&folder.0, &words(line));
+        let told = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(2), "{line}: {told}");
+        assert!(told.contains(cause), "{line}: {told}");
+        assert_eq!(told.matches("error:").count(), 1, "{line}: {told}");
+    }
+    assert_eq!(folder.names(), before);
+    assert_eq!(
+        std::fs::read(folder.0.join("s.csv")).unwrap(),
+        rows.as_bytes()
+    );
+    assert_eq!(std::fs::read(folder.0.join("my.toml")).unwrap(), scene);
+}
+
+#[test]
+fn a_scene_of_megabytes_is_refused_in_a_message_that_can_be_read() {
+    let folder = Folder::new("long");
+    let mut scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
+    for _ in 0..20_000 {
+        scene.extend(b"\n[[disturbance]]\nat = 1.0\nchange = \"nonsense\"\n");
+    }
+    std::fs::write(folder.0.join("long.toml"), scene).unwrap();
+    let ended = kband(&folder.0, &["simulate", "long.toml"]);
+    assert_eq!(ended.status.code(), Some(2));
+    assert!(
+        (50..6500).contains(&ended.stderr.len()),
+        "{} bytes",
+        ended.stderr.len()
+    );
+}

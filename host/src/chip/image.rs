@@ -32,7 +32,7 @@ pub struct Image {
 impl Image {
     /// Reads and checks an image; the refusal says what does not fit.
     pub fn read(path: &Path, chip: &Chip) -> Result<Self, Refusal> {
-        let bytes = std::fs::read(path).map_err(|error| Refusal::file(path, &error, BUILD))?;
+        let bytes = crate::file::read(path, BUILD)?;
         Self::parse(&bytes, chip).map_err(|refusal| refusal.at(path.display()))
     }
 

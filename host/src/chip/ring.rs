@@ -146,7 +146,7 @@ fn unread(head: &[u8; HEAD], memory: &Range<u32>) -> Option<([Range<u32>; 2], u3
 /// Where an image has its ring.
 fn place(elf: &Path) -> Result<u32, Refusal> {
     let next = "build the board's image with: cargo feeder";
-    let bytes = std::fs::read(elf).map_err(|error| Refusal::file(elf, &error, next))?;
+    let bytes = crate::file::read(elf, next)?;
     let find = || -> object::read::Result<Option<u32>> {
         let header = FileHeader32::<LittleEndian>::parse(&bytes[..])?;
         let endian = header.endian()?;

@@ -14,7 +14,7 @@ use kband::wire::{Request, Response};
 use crate::arguments;
 use crate::board::{Address, Emulated, Line, Said, Unasked, replay};
 use crate::desk::Desk;
-use crate::file::Target;
+use crate::file::{self, Target};
 use crate::refusal::{Exit, Refusal};
 use crate::report::Format;
 use rows::Rows;
@@ -98,14 +98,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 /// Prints a record.
 fn again(path: &Path, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
-    let open = |error: std::io::Error| {
-        Refusal::file(
-            path,
-            &error,
-            "give the path of a file that kband monitor --record wrote",
-        )
-    };
-    let record = BufReader::new(File::open(path).map_err(open)?);
+    let next = "give the path of a file that kband monitor --record wrote";
+    let record = BufReader::new(file::open(path, next)?);
     let remains = replay(record, |said| Ok(rows.take(said)? && desk.go_on().is_ok()))
         .map_err(|refusal| refusal.at(path.display()))?;
     rows.close();

@@ -211,16 +211,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             rows_file::check(option, target)?;
         }
     }
-    if let (Some(trace), Some(scope)) = (&trace, &scope)
-        && trace.path() == scope.path()
-    {
-        return Err(Refusal::value(
-            "--scope",
-            scope.path().display(),
-            "another file than that of the trace",
-            "give --trace and --scope a name each",
-        ));
-    }
     let trace = trace.as_ref();
     if !arguments.sweep.is_empty() {
         return sweep(arguments, &table, &file, &picture, trace, desk);
