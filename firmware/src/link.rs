@@ -232,7 +232,7 @@ async fn answer<'a>(
         }
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
-        Request::Identification => Response::Identification(station.identification()),
+        Request::Identification => Response::Identification(station.identification().into()),
         Request::Held => Response::Held(station.target().into()),
     }
 }
@@ -302,7 +302,7 @@ async fn samples(
     }
     Response::Cycle {
         outputs: core::mem::take(outputs),
-        report,
+        report: (&report).into(),
     }
 }
 

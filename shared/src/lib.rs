@@ -22,10 +22,13 @@
 extern crate std;
 
 pub mod arithmetic;
+#[cfg(feature = "control")]
 pub mod control;
 pub mod feeder;
 pub mod impact;
+#[cfg(feature = "plant")]
 pub mod plant;
 pub mod regime;
 pub mod transport;
+#[cfg(feature = "wire")]
 pub mod wire;

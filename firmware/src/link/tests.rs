@@ -442,7 +442,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         let report = board.ask(&samples(&bytes[..used], end), |response| match response {
             Response::Cycle { outputs, report } => {
                 assert_eq!(outputs, check, "cycle {n}");
-                report
+                kband::control::Report::try_from(report).unwrap()
             }
             other => panic!("{other:?}"),
         });

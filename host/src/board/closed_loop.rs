@@ -124,7 +124,14 @@ impl BoardLoop {
         };
         let time = self.bench.time();
         self.line.ask(&request, |response| match response {
-            Response::Cycle { outputs, report } if outputs == check => Ok(report),
+            Response::Cycle { outputs, report } if outputs == check => {
+                report.try_into().map_err(|_| {
+                    Refusal::new(
+                        format!("at {time} s the board's report names what kband does not know"),
+                        "use the kband of the same version as the board's image",
+                    )
+                })
+            }
             Response::Cycle { .. } => Err(Refusal::new(
                 format!("at {time} s the board's outputs are not the desk's"),
                 "this is a fault of kband: report it with the scene",

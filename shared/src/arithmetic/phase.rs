@@ -14,9 +14,7 @@ use core::ops::{Add, AddAssign, Sub};
 /// assert_eq!(quarter.radians(), core::f64::consts::FRAC_PI_2);
 /// assert_eq!(quarter + quarter + quarter + quarter, Phase::ZERO);
 /// ```
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Phase(u32);
 
 impl Phase {

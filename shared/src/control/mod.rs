@@ -45,6 +45,7 @@ pub use aim::{Chaos, NoSetpoint, Planned, Target};
 pub use angle::{SAMPLE_RATE, phase_of, phase_step, radians_of};
 pub use controller::{Controller, PLAN_SLICES};
 pub use drive::AmplitudeLoop;
+#[cfg(feature = "plant")]
 pub(crate) use hear::Fold;
 pub use hear::{
     AdcCode, Command, Cycle, Ear, Folded, HEARD_PER_CYCLE, Heard, Hearing, Sampled, Signal,

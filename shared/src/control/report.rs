@@ -31,7 +31,7 @@ pub struct Inputs {
 }
 
 /// What the controller saw and did in one cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Report {
     /// Cycles since the controller was built.
     pub cycle: u32,

@@ -10,7 +10,7 @@ use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 
 /// What a part does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regime {
     /// It lies on the track, or none is there: nothing strikes.
     Rest,
@@ -45,7 +45,7 @@ pub enum Regime {
 }
 
 /// A regime and how sure it is.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
     /// The regime.
     pub regime: Regime,

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::report::{Identification, Report};
 use crate::control;
 
 /// What the desk asks of the board.
@@ -159,10 +160,10 @@ pub enum Response<'a> {
         /// All outputs of the cycle, folded ([`fold_output`]).
         outputs: u32,
         /// What the controller saw and did.
-        report: control::Report,
+        report: Report,
     },
     /// How far the identification has come; a result is offered here and applied nowhere.
-    Identification(control::Identification),
+    Identification(Identification),
     /// The target that the board holds.
     Held(Target),
 }

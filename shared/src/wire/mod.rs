@@ -22,6 +22,7 @@
 mod frame;
 mod message;
 mod receiver;
+mod report;
 
 pub use frame::{
     Identity, Incoming, Outgoing, Unsendable, read_answer, read_request, write_identity,
@@ -32,6 +33,7 @@ pub use message::{
     Target, Telemetry, fold_output, read_reading, write_reading,
 };
 pub use receiver::{FRAME_MOST, Receiver, Unreadable};
+pub use report::{Command, Identification, Identified, Regime, Report, Unidentified, Verdict};
 
 /// Version of everything but the question who is there.
 pub const VERSION: u8 = 1;

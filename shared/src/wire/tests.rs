@@ -7,7 +7,6 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
-use crate::control::{Identification, Identified, Unidentified};
 
 fn requests() -> Vec<Request<'static>> {
     std::vec![
@@ -113,7 +112,7 @@ fn responses() -> Vec<Response<'static>> {
         }),
         Response::Cycle {
             outputs: 0x0102_0304,
-            report: crate::control::Report::default(),
+            report: Report::default(),
         },
         Response::Identification(Identification::Idle),
         Response::Identification(Identification::Listening { hops: 16 }),

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use kband::control::{Identification, Identified, State, Unidentified};
-use kband::wire::{Request, Response, Target, Telemetry};
+use kband::control::State;
+use kband::wire::{Identification, Identified, Request, Response, Target, Telemetry, Unidentified};
 
 use super::kept;
 use crate::board::{Address, BoardSettings, Emulated, Line, Unasked};

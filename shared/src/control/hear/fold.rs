@@ -87,6 +87,7 @@ impl Fold {
     };
 
     /// Whether nothing is summed, waits to be handed over, or is wanted.
+    #[cfg(feature = "plant")]
     #[must_use]
     pub fn rests(&self) -> bool {
         !self.open && !self.under_way && self.count == 0

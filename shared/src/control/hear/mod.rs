@@ -16,7 +16,9 @@ mod onset;
 mod phases;
 mod signal;
 
-pub use fold::{Fold, Folded, HANDED, Layout, PLACES};
+#[cfg(feature = "plant")]
+pub use fold::Fold;
+pub use fold::{Folded, HANDED, Layout, PLACES};
 pub use listener::Listening;
 pub use lock::LockAt;
 

@@ -118,7 +118,7 @@ impl Ear {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "plant"))]
 mod tests {
     use super::*;
     use crate::plant::Noise;

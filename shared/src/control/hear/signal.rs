@@ -17,7 +17,7 @@ const TURN: f32 = 4_294_967_296.0;
 pub struct AdcCode(pub u16);
 
 /// What the drive is to do from the next cycle on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
@@ -29,9 +29,7 @@ pub struct Command {
     /// cycle on; `None` ends that and has the sums handed over.
     pub fold: Option<Phase>,
     /// Whether the demodulator takes every sample from the next cycle on, also while an impact rings: an
-    /// identification takes off by itself what ringings add. Not part of what is sent to a desk, which has no
-    /// signal path to obey it.
-    #[serde(skip)]
+    /// identification takes off by itself what ringings add.
     pub whole: bool,
 }
 

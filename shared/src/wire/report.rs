@@ -1,0 +1,443 @@
+//! What a controller saw and did, and how far an identification has come, on the line.
+//!
+//! The items of the controller's numbered lists are sent by their places in these lists, its sets as bits. What the
+//! controller's own types hold beyond that never reaches the line, and a change of theirs changes no frame.
+
+use serde::{Deserialize, Serialize};
+
+use super::Unreadable;
+use crate::arithmetic::Phase;
+use crate::control;
+use crate::regime::classify;
+
+/// What the controller saw and did in one cycle; [`control::Report`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Cycles since the controller was built.
+    pub cycle: u32,
+    /// Measured k; infinite at rest.
+    pub k: f32,
+    /// Measured normal amplitude of the track (symbol b) in m.
+    pub amplitude: f32,
+    /// Measured phase lead of the track before the output, in rad, -pi..pi.
+    pub lead: f32,
+    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    pub reference: f32,
+    /// Amplitude chosen for the target, in m; 0 where there is none.
+    pub setpoint: f32,
+    /// Impacts heard per cycle, over the last 16.
+    pub rate: f32,
+    /// Mean phase of the track (symbol t) at the impacts heard, in rad, -pi..pi.
+    pub phase: f32,
+    /// Concentration of these phases, 0..1.
+    pub concentration: f32,
+    /// What the parts are heard to do, and how sure that is.
+    pub regime: Option<Verdict>,
+    /// Drive frequency in Hz.
+    pub frequency: f32,
+    /// Confidence that the parts are in the wanted lock, 0..1.
+    pub confidence: f32,
+    /// Kicks begun for the present target.
+    pub attempts: u8,
+    /// How far the identification of the parts' restitution has come.
+    pub identification: Identification,
+    /// Place of the state in [`control::State::ALL`].
+    pub state: u8,
+    /// Place of the fault in [`control::Fault::ALL`].
+    pub fault: Option<u8>,
+    /// Bits of the limits ([`control::Limits`]).
+    pub limits: u16,
+    /// Places of the events in [`control::Event::ALL`], in the order in which they happened.
+    pub events: [Option<u8>; control::Events::MOST],
+    /// What the drive is to do.
+    pub command: Command,
+}
+
+impl From<&control::Report> for Report {
+    fn from(report: &control::Report) -> Self {
+        let mut events = [None; control::Events::MOST];
+        for (slot, event) in events.iter_mut().zip(report.events.iter()) {
+            *slot = place(control::Event::ALL, event);
+        }
+        Self {
+            cycle: report.cycle,
+            k: report.k,
+            amplitude: report.amplitude,
+            lead: report.lead,
+            reference: report.reference,
+            setpoint: report.setpoint,
+            rate: report.rate,
+            phase: report.phase,
+            concentration: report.concentration,
+            regime: report.regime.map(Into::into),
+            frequency: report.frequency,
+            confidence: report.confidence,
+            attempts: report.attempts,
+            identification: report.identification.into(),
+            state: report.state.number(),
+            fault: report
+                .fault
+                .and_then(|fault| place(control::Fault::ALL, fault)),
+            limits: report.limits.bits(),
+            events,
+            command: report.command.into(),
+        }
+    }
+}
+
+impl TryFrom<Report> for control::Report {
+    type Error = Unreadable;
+
+    /// Refused where a place is past the end of its list, or a bit is no limit's.
+    fn try_from(report: Report) -> Result<Self, Unreadable> {
+        let mut events = control::Events::default();
+        for at in report.events.into_iter().flatten() {
+            events.push(item(control::Event::ALL, at)?);
+        }
+        Ok(Self {
+            cycle: report.cycle,
+            k: report.k,
+            amplitude: report.amplitude,
+            lead: report.lead,
+            reference: report.reference,
+            setpoint: report.setpoint,
+            rate: report.rate,
+            phase: report.phase,
+            concentration: report.concentration,
+            regime: report.regime.map(Into::into),
+            frequency: report.frequency,
+            confidence: report.confidence,
+            attempts: report.attempts,
+            identification: report.identification.into(),
+            state: item(control::State::ALL, report.state)?,
+            fault: report
+                .fault
+                .map(|at| item(control::Fault::ALL, at))
+                .transpose()?,
+            limits: control::Limits::from_bits(report.limits).ok_or(Unreadable::Unknown)?,
+            events,
+            command: report.command.into(),
+        })
+    }
+}
+
+fn place<T: Copy + PartialEq>(list: &[T], item: T) -> Option<u8> {
+    let at = list.iter().position(|known| *known == item)?;
+    u8::try_from(at).ok()
+}
+
+fn item<T: Copy>(list: &[T], at: u8) -> Result<T, Unreadable> {
+    list.get(usize::from(at))
+        .copied()
+        .ok_or(Unreadable::Unknown)
+}
+
+/// What the drive is to do from the next cycle on; [`control::Command`] on the line, without what only a signal path
+/// obeys.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Command {
+    /// Amplitude of the output as a share of full output, 0..1.
+    pub amplitude: f32,
+    /// Advance of the phase per sample ([`control::phase_step`]).
+    pub step: u32,
+    /// Whether the output changes at once instead of at the next cycle.
+    pub immediate: bool,
+    /// Phase of the output from which on the residual is summed over cycles, in 2^-32 turns.
+    pub fold: Option<u32>,
+}
+
+impl From<control::Command> for Command {
+    fn from(command: control::Command) -> Self {
+        Self {
+            amplitude: command.amplitude,
+            step: command.step,
+            immediate: command.immediate,
+            fold: command.fold.map(Phase::bits),
+        }
+    }
+}
+
+impl From<Command> for control::Command {
+    fn from(command: Command) -> Self {
+        Self {
+            amplitude: command.amplitude,
+            step: command.step,
+            immediate: command.immediate,
+            fold: command.fold.map(Phase::from_bits),
+            whole: false,
+        }
+    }
+}
+
+/// A regime and how sure it is; [`classify::Verdict`] on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// The regime.
+    pub regime: Regime,
+    /// 0 (a guess) to 1.
+    pub confidence: f32,
+}
+
+impl From<classify::Verdict> for Verdict {
+    fn from(verdict: classify::Verdict) -> Self {
+        Self {
+            regime: verdict.regime.into(),
+            confidence: verdict.confidence,
+        }
+    }
+}
+
+impl From<Verdict> for classify::Verdict {
+    fn from(verdict: Verdict) -> Self {
+        Self {
+            regime: verdict.regime.into(),
+            confidence: verdict.confidence,
+        }
+    }
+}
+
+/// What a part does; [`classify::Regime`] on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Regime {
+    /// Nothing strikes.
+    Rest,
+    /// It hops, chatters to rest and is thrown off again.
+    HopAndRest {
+        /// Drive cycles from rest to rest.
+        cycles: u32,
+    },
+    /// It strikes once every `order` cycles, at one phase.
+    Locked {
+        /// Drive cycles per impact (symbol r).
+        order: u32,
+    },
+    /// It repeats after `2^doublings` impacts of `order` cycles on average.
+    Doubled {
+        /// Drive cycles per impact (symbol r).
+        order: u32,
+        /// How often the period has doubled.
+        doublings: u32,
+    },
+    /// It repeats after `impacts` impacts in `cycles` cycles, which is no doubling of a lock.
+    Periodic {
+        /// Impacts in a period (symbol p).
+        impacts: u32,
+        /// Drive cycles in a period.
+        cycles: u32,
+    },
+    /// It does not repeat.
+    Chaotic,
+    /// Too little or too contradictory was heard.
+    Undecided,
+}
+
+/// How far an identification has come; [`control::Identification`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Identification {
+    /// None was asked for.
+    #[default]
+    Idle,
+    /// Under way.
+    Listening {
+        /// Hops heard so far.
+        hops: u16,
+    },
+    /// Done.
+    Found(Identified),
+    /// Done, without a result.
+    NotFound(Unidentified),
+}
+
+/// A restitution found by listening; [`control::Identified`] on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identified {
+    /// Restitution normal to the track (symbol R).
+    pub restitution: f32,
+    /// Its standard error.
+    pub deviation: f32,
+    /// k at which the parts hopped.
+    pub k: f32,
+    /// Hops that it stands on.
+    pub hops: u16,
+}
+
+/// Why a restitution was not found; [`control::Unidentified`] on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Unidentified {
+    /// Nothing repeats every cycle.
+    Quiet,
+    /// What repeats is not the chatter of parts of one restitution.
+    Unlike,
+    /// The second impact of the parts drowns in the ringing of the first.
+    Dead,
+}
+
+/// The same variants in a module of the controller and on the line, each made of the other.
+macro_rules! mirrored {
+    ($kind:ident of $home:ident: $($item:ident $(($inner:ident))? $({ $($field:ident),+ })?),+) => {
+        impl From<$home::$kind> for $kind {
+            fn from(own: $home::$kind) -> Self {
+                match own { $(
+                    $home::$kind::$item $(($inner))? $({ $($field),+ })? =>
+                        Self::$item $(($inner.into()))? $({ $($field),+ })?
+                ),+ }
+            }
+        }
+        impl From<$kind> for $home::$kind {
+            fn from(sent: $kind) -> Self {
+                match sent { $(
+                    $kind::$item $(($inner))? $({ $($field),+ })? =>
+                        Self::$item $(($inner.into()))? $({ $($field),+ })?
+                ),+ }
+            }
+        }
+    };
+}
+
+mirrored!(Regime of classify: Rest, HopAndRest { cycles }, Locked { order }, Doubled { order, doublings },
+    Periodic { impacts, cycles }, Chaotic, Undecided);
+mirrored!(Identification of control: Idle, Listening { hops }, Found(found), NotFound(why));
+mirrored!(Unidentified of control: Quiet, Unlike, Dead);
+
+impl From<control::Identified> for Identified {
+    fn from(found: control::Identified) -> Self {
+        let control::Identified {
+            restitution,
+            deviation,
+            k,
+            hops,
+        } = found;
+        Self {
+            restitution,
+            deviation,
+            k,
+            hops,
+        }
+    }
+}
+
+impl From<Identified> for control::Identified {
+    fn from(found: Identified) -> Self {
+        let Identified {
+            restitution,
+            deviation,
+            k,
+            hops,
+        } = found;
+        Self {
+            restitution,
+            deviation,
+            k,
+            hops,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::{Event, Events, Fault, Limits, State};
+
+    /// A report with nothing in it that is left at its default.
+    fn report() -> control::Report {
+        let mut events = Events::default();
+        for event in [
+            Event::Started,
+            Event::NotIdentified,
+            Event::Faulted,
+            Event::Locked,
+        ] {
+            events.push(event);
+        }
+        control::Report {
+            cycle: 70_000,
+            k: 0.41,
+            amplitude: 1.5e-3,
+            lead: -1.5,
+            reference: 1.4e-3,
+            setpoint: 1.6e-3,
+            rate: 1.25,
+            phase: 0.7,
+            concentration: 0.9,
+            regime: Some(classify::Verdict {
+                regime: classify::Regime::Doubled {
+                    order: 2,
+                    doublings: 1,
+                },
+                confidence: 0.75,
+            }),
+            frequency: 50.0,
+            confidence: 0.95,
+            attempts: 2,
+            identification: control::Identification::NotFound(control::Unidentified::Dead),
+            state: State::Fault,
+            fault: Some(Fault::StackLow),
+            limits: Limits::from_bits(Limits::OUTPUT.bits() | Limits::LINK_LOST.bits()).unwrap(),
+            events,
+            command: control::Command {
+                amplitude: 0.3,
+                step: 10_737_418,
+                immediate: true,
+                fold: Some(Phase::from_bits(1 << 30)),
+                whole: false,
+            },
+        }
+    }
+
+    /// Postcard of [`report`] as derived from the controller's own types, by another program.
+    const SENT: &[u8] = &[
+        0xf0, 0xa2, 0x04, 0x85, 0xeb, 0xd1, 0x3e, 0xa6, 0x9b, 0xc4, 0x3a, 0x00, 0x00, 0xc0, 0xbf,
+        0x34, 0x80, 0xb7, 0x3a, 0x17, 0xb7, 0xd1, 0x3a, 0x00, 0x00, 0xa0, 0x3f, 0x33, 0x33, 0x33,
+        0x3f, 0x66, 0x66, 0x66, 0x3f, 0x01, 0x03, 0x02, 0x01, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00,
+        0x48, 0x42, 0x33, 0x33, 0x73, 0x3f, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01,
+        0x00, 0x01, 0x14, 0x01, 0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x8a, 0xae,
+        0x8f, 0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
+    ];
+
+    #[test]
+    fn a_report_has_the_bytes_that_it_always_had() {
+        let mut buffer = [0; 256];
+        let bytes = postcard::to_slice(&Report::from(&report()), &mut buffer).unwrap();
+        assert_eq!(bytes, SENT);
+    }
+
+    #[test]
+    fn every_report_comes_back_as_it_was() {
+        for &state in State::ALL {
+            for fault in core::iter::once(None).chain(Fault::ALL.iter().copied().map(Some)) {
+                let one = control::Report {
+                    state,
+                    fault,
+                    ..report()
+                };
+                assert_eq!(control::Report::try_from(Report::from(&one)), Ok(one));
+            }
+        }
+        for &event in Event::ALL {
+            let mut events = Events::default();
+            events.push(event);
+            let one = control::Report { events, ..report() };
+            assert_eq!(control::Report::try_from(Report::from(&one)), Ok(one));
+        }
+    }
+
+    #[test]
+    fn what_no_list_holds_is_refused() {
+        let sound = Report::from(&report());
+        for wrong in [
+            Report { state: 9, ..sound },
+            Report {
+                fault: Some(9),
+                ..sound
+            },
+            Report { limits: 1, ..sound },
+            Report {
+                events: [Some(21); 6],
+                ..sound
+            },
+        ] {
+            let read = control::Report::try_from(wrong);
+            assert_eq!(read, Err(Unreadable::Unknown), "{wrong:?}");
+        }
+    }
+}
