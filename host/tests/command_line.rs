@@ -349,3 +349,35 @@ fn a_scene_of_megabytes_is_refused_in_a_message_that_can_be_read() {
         ended.stderr.len()
     );
 }
+
+#[test]
+fn a_seed_on_the_command_line_is_the_scenes() {
+    let folder = Folder::new("seed");
+    let scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
+    let scene = String::from_utf8(scene).unwrap();
+    assert!(scene.contains("seed = 1 "));
+    for seed in [1, 7] {
+        let with = scene.replace("seed = 1 ", &format!("seed = {seed} "));
+        std::fs::write(folder.0.join(format!("{seed}.toml")), with).unwrap();
+    }
+    let told = |line: &str| {
+        let ended = kband(&folder.0, &words(line));
+        assert_eq!(ended.status.code(), Some(0), "{line}");
+        // All but how fast it went.
+        let told = String::from_utf8(ended.stdout).unwrap();
+        let lines = told.lines().filter(|l| !l.contains("times_real_time"));
+        lines.collect::<String>()
+    };
+    for rest in ["--duration 3", "--duration 3 --runs 3"] {
+        let rest = format!("{rest} --format json");
+        let in_scene = told(&format!("simulate 7.toml {rest}"));
+        let on_line = told(&format!("simulate 1.toml --seed 7 {rest}"));
+        assert!(in_scene == on_line, "{rest}");
+        assert!(
+            in_scene != told(&format!("simulate 1.toml {rest}")),
+            "{rest}"
+        );
+    }
+    let both = kband(&folder.0, &words("simulate --seed 2 --sweep seed=1..3:3"));
+    assert_eq!(both.status.code(), Some(2));
+}

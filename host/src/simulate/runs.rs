@@ -78,16 +78,15 @@ pub struct Runs {
 }
 
 impl Runs {
-    /// `count` runs of `file`, drawn by `seed` and the number of the run alone.
+    /// `count` runs of `file`, drawn by the scene's seed and the number of the run alone.
     pub fn run(
         name: &'static str,
         file: &SceneFile,
         count: usize,
-        seed: u64,
         fidelity: Fidelity,
         desk: &Desk,
     ) -> Result<Self, Refusal> {
-        let runs = desk.try_map(name, count, |n| one(&drawn(file, seed, n as u64), fidelity))?;
+        let runs = desk.try_map(name, count, |n| one(&drawn(file, n as u64), fidelity))?;
         Ok(Self { name, runs })
     }
 
@@ -127,12 +126,12 @@ impl Runs {
 }
 
 /// The scene of run `n`: parts, amplitude error and noise drawn.
-pub(super) fn drawn(file: &SceneFile, seed: u64, n: u64) -> SceneFile {
+pub(super) fn drawn(file: &SceneFile, n: u64) -> SceneFile {
     let mut drawn = file.clone();
     let scene = &mut drawn.scene;
     let settings = &scene.settings;
     // Neighbouring numbers give unrelated streams; 2^32 runs of a seed have their own.
-    let mut noise = Noise::new((seed << 32) + n);
+    let mut noise = Noise::new(scene.seed.rotate_left(32).wrapping_add(n));
     let lot = Distribution::Uniform {
         low: settings.restitution_low,
         high: settings.restitution_high,
@@ -272,9 +271,10 @@ mod tests {
     fn a_run_depends_on_its_number_and_the_seed_alone() {
         let mut file = SceneFile::parse(super::super::DEFAULT).unwrap();
         file.duration = 4.0;
-        let runs = |count, seed, fidelity, threads| {
+        let mut runs = |count, seed, fidelity, threads| {
             let desk = Desk::new(Some(threads)).unwrap();
-            Runs::run("", &file, count, seed, fidelity, &desk).unwrap()
+            file.scene.seed = seed;
+            Runs::run("", &file, count, fidelity, &desk).unwrap()
         };
         for fidelity in Fidelity::ALL {
             assert_eq!(runs(6, 3, fidelity, 1), runs(6, 3, fidelity, 3));
@@ -282,6 +282,9 @@ mod tests {
         let one = runs(1, 3, Fidelity::Envelope, 1);
         let other = runs(1, 4, Fidelity::Envelope, 1);
         assert_ne!(one.runs[0], other.runs[0]);
+        // Of seeds from 2^32 on no digit is lost.
+        let large = runs(1, 3 + (1 << 40), Fidelity::Envelope, 1);
+        assert_ne!(one.runs[0], large.runs[0]);
     }
 
     #[test]

@@ -33,13 +33,14 @@ pub struct Sweep {
 
 impl Sweep {
     /// Runs the scene of `table` `count` times at each point, changed by `prepare` before it is checked.
-    /// A run depends on its point, its number and the seed alone.
+    /// Where it is `drawn`, parts and noise of each run are drawn anew; a run depends on its point, its
+    /// number and the scene's seed alone.
     pub fn run(
         table: &Table,
         axes: &[Axes],
         prepare: &(dyn Fn(&mut SceneFile) + Sync),
         count: usize,
-        seed: Option<u64>,
+        drawn: bool,
         fidelity: Option<Fidelity>,
         desk: &Desk,
     ) -> Result<Self, Refusal> {
@@ -76,9 +77,10 @@ impl Sweep {
         let runs = desk.try_map("sweeping", points * count, |n| {
             let (_, file) = &scenes[n / count];
             let fidelity = fidelity.or(file.fidelity).unwrap_or_default();
-            match seed {
-                Some(seed) => runs::one(&runs::drawn(file, seed, n as u64), fidelity),
-                None => runs::one(file, fidelity),
+            if drawn {
+                runs::one(&runs::drawn(file, n as u64), fidelity)
+            } else {
+                runs::one(file, fidelity)
             }
         })?;
         let mut runs = runs.into_iter();
@@ -285,15 +287,7 @@ mod tests {
         let axes: Vec<Axes> = axes.iter().map(|text| Axes::parse(text).unwrap()).collect();
         let prepare = |file: &mut SceneFile| file.duration = 5.0;
         let desk = Desk::new(Some(threads)).unwrap();
-        Sweep::run(
-            &table(DEFAULT)?,
-            &axes,
-            &prepare,
-            count,
-            Some(7),
-            None,
-            &desk,
-        )
+        Sweep::run(&table(DEFAULT)?, &axes, &prepare, count, true, None, &desk)
     }
 
     #[test]

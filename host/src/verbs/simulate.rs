@@ -66,9 +66,9 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
     runs: Option<usize>,
 
-    /// Seed of what is drawn.
-    #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295), default_value = "1")]
-    seed: usize,
+    /// Seed of all that is drawn (noise, parts, runs) instead of the scene's.
+    #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295))]
+    seed: Option<usize>,
 
     /// Run it at N values of a numeric key of the scene; several make every combination.
     #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
@@ -116,7 +116,7 @@ impl Default for Arguments {
             restitution: None,
             duration: None,
             runs: None,
-            seed: 1,
+            seed: None,
             sweep: Vec::new(),
             on: None,
             image: None,
@@ -174,7 +174,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         report::print(&format!("{:#}\n", schema::schema()))?;
         return Ok(Exit::Done);
     }
-    let (table, name) = match &arguments.scene {
+    let (mut table, name) = match &arguments.scene {
         Some(path) => {
             let name = path.display().to_string();
             let table = scene_table(&file::read_text(path)?);
@@ -186,6 +186,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Some(name) => refusal.at(name),
         None => refusal,
     };
+    if let Some(seed) = arguments.seed {
+        if arguments.sweep.iter().any(|axis| axis.key == "seed") {
+            return Err(Refusal::new(
+                "--seed says what --sweep seed=... goes through",
+                "leave one of the two out",
+            ));
+        }
+        table.insert("seed".into(), toml::Value::Integer(seed as i64));
+    }
     let mut file = SceneFile::from_table(table.clone()).map_err(named)?;
     arguments.adapt(&mut file);
     file.check()?;
@@ -217,7 +226,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let fidelity = arguments.fidelity(&file)?;
     if let Some(count) = arguments.runs {
-        let all = many_runs(&file, count, arguments.seed as u64, fidelity, desk)?;
+        let all = many_runs(&file, count, fidelity, desk)?;
         write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
         let report = Report::new(runs::summary(&all));
         return tell_many(
@@ -287,7 +296,7 @@ fn sweep(
         &|file| arguments.adapt(file),
         arguments.runs.unwrap_or(1),
         // A single run a point is the scene itself; of many each draws its own parts and noise.
-        arguments.runs.map(|_| arguments.seed as u64),
+        arguments.runs.is_some(),
         arguments.fidelity,
         desk,
     )?;
@@ -334,14 +343,13 @@ fn write_picture(target: &Target, picture: &Picture, theme: Theme) -> Result<(),
 fn many_runs(
     file: &SceneFile,
     count: usize,
-    seed: u64,
     fidelity: Fidelity,
     desk: &Desk,
 ) -> Result<[Runs; 2], Refusal> {
     let mut alone = file.clone();
     alone.scene.settings.capture_attempts = 0.0;
     Ok([
-        Runs::run("planned kicks", file, count, seed, fidelity, desk)?,
-        Runs::run("band alone", &alone, count, seed, fidelity, desk)?,
+        Runs::run("planned kicks", file, count, fidelity, desk)?,
+        Runs::run("band alone", &alone, count, fidelity, desk)?,
     ])
 }
