@@ -1,4 +1,4 @@
-//! Where the linker finds the board's memory, which scripts an image is linked with, and the size an
+//! Which board an image is for, where the linker finds its memory, which scripts an image is linked with, and the size an
 //! image must not exceed.
 
 use std::path::{Path, PathBuf};
@@ -29,18 +29,20 @@ fn main() {
         return;
     }
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let memory = match env::var_os("CARGO_FEATURE_STM32G474RE") {
-        Some(_) => root.join("firmware/stm32g474re.x"),
-        None => root.join("firmware/stm32f405rg.x"),
-    };
-    println!("cargo:rerun-if-changed={}", memory.display());
-    // No file of this name may lie at the workspace's root: the linker runs there, and looks there first.
-    fs::copy(&memory, out.join("memory.x")).expect("the board's memory is described");
+    let board = board();
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for (file, name) in [
+        (here.join("../memory.x"), "memory.x"),
+        (here.join(format!("{board}.x")), "board.x"),
+    ] {
+        println!("cargo:rerun-if-changed={}", file.display());
+        fs::copy(&file, out.join(name)).expect("the board's memory is described");
+    }
     for (name, script) in [
         ("layout.x", LAYOUT),
         ("budget.x", BUDGET),
         ("emulated.x", EMULATED),
+        ("chip.x", &chip(&board)),
     ] {
         fs::write(out.join(name), script).expect("OUT_DIR is writable");
     }
@@ -49,7 +51,37 @@ fn main() {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
     println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
+    println!("cargo:rustc-link-arg-bin=feeder=-Tchip.x");
     println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");
+}
+
+/// The board that is chosen: the cargo feature that has the name of a memory's description.
+fn board() -> String {
+    let here = fs::read_dir(env!("CARGO_MANIFEST_DIR")).expect("this crate has a folder");
+    let mut boards: Vec<String> = here
+        .flatten()
+        .filter_map(|file| Some(file.file_name().to_str()?.strip_suffix(".x")?.to_owned()))
+        .collect();
+    boards.sort();
+    let feature = |board: &&String| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase()));
+    let chosen: Vec<&String> = boards
+        .iter()
+        .filter(|board| feature(board).is_some())
+        .collect();
+    match chosen[..] {
+        [board] => board.clone(),
+        _ => panic!(
+            "{} boards are chosen; choose one: --no-default-features --features {}",
+            chosen.len(),
+            boards.join("|")
+        ),
+    }
+}
+
+/// Marks the image with the name of its chip, for who writes it into one.
+fn chip(board: &str) -> String {
+    let name: String = board.bytes().map(|byte| format!("BYTE({byte}) ")).collect();
+    format!("SECTIONS {{ .chip 0 (INFO) : {{ {name}}} }}\n")
 }
 
 /// The commit an image is built from, or "unknown" outside a repository.

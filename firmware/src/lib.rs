@@ -16,6 +16,8 @@ extern crate std;
 pub mod application;
 pub mod board;
 #[cfg(target_os = "none")]
+pub mod chip;
+#[cfg(target_os = "none")]
 pub mod cortex;
 pub mod exchange;
 pub mod last_words;

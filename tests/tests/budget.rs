@@ -56,7 +56,7 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
     let memory = format!(
         "MEMORY {{ FLASH : ORIGIN = 0x08000000, LENGTH = {flash}K\n RAM : ORIGIN = 0x20000000, LENGTH = {ram}K }}"
     );
-    std::fs::write(folder.path().join("memory.x"), memory).unwrap();
+    std::fs::write(folder.path().join("board.x"), memory).unwrap();
     std::fs::write(folder.path().join("device.x"), "").unwrap();
     let machine = Machine::CortexM4F;
     let folders = [

@@ -12,6 +12,7 @@ use embassy_time::{Instant, Timer};
 use kband::control::{Start, Target};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
+use kband_firmware::chip::Chip;
 use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_words};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
@@ -27,10 +28,10 @@ use kband_firmware::watch::{Roll, Watched};
 use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
 
-use crate::chip;
+use crate::chip::Board;
 
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
-    SystickDriver::new(chip::CORE_CLOCK as u64, chip::CORE_CLOCK / 1_000 - 1));
+    SystickDriver::new(Board::CORE_CLOCK as u64, Board::CORE_CLOCK / 1_000 - 1));
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
@@ -84,7 +85,11 @@ async fn drive_cycle(station: &'static Station, terminals: Terminals, lamps: Lam
 }
 
 #[embassy_executor::task]
-async fn desk_link(service: Service<chip::Memory>, serial: Serial, station: &'static Station) {
+async fn desk_link(
+    service: Service<<Board as Chip>::Memory>,
+    serial: Serial,
+    station: &'static Station,
+) {
     link(service, serial, station, &ROLL).await;
 }
 
@@ -118,8 +123,8 @@ fn place(
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let cause = Cause::of(chip::signs());
-    let peripherals = embassy_stm32::init(chip::config());
+    let cause = Cause::of(Board::signs());
+    let peripherals = embassy_stm32::init(Board::clocks());
     let last_words = take_last_words();
     log::start(cause, &last_words);
     let p = peripherals;
@@ -130,12 +135,12 @@ async fn main(spawner: Spawner) {
         p.DAC1,
         p.PA4,
         p.PB12,
-        chip::CORE_CLOCK,
+        Board::CORE_CLOCK,
     );
-    chip::watch_clock();
-    let (adc, sample_time) = chip::converter(p.ADC1);
+    Board::watch_clock();
+    let (adc, sample_time) = Board::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, sample_time);
-    let Ok(mut memory) = chip::memory(p.FLASH) else {
+    let Ok(mut memory) = Board::memory(p.FLASH) else {
         defmt::panic!("the memory of the settings does not fit its pages");
     };
     let found = memory.load().await;
@@ -155,8 +160,8 @@ async fn main(spawner: Spawner) {
     unsafe {
         core.SCB.set_priority(SystemHandler::SysTick, LATER);
         core.NVIC.set_priority(pac::Interrupt::USART2, LATER);
-        core.NVIC.set_priority(chip::CONVERTED, 0);
-        NVIC::unmask(chip::CONVERTED);
+        core.NVIC.set_priority(Board::CONVERTED, 0);
+        NVIC::unmask(Board::CONVERTED);
     }
     let image = Image {
         identity: IDENTITY,

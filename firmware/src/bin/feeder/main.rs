@@ -3,11 +3,10 @@
 
 #[cfg(target_os = "none")]
 mod board;
-#[cfg(all(target_os = "none", feature = "stm32f405rg"))]
-#[path = "stm32f405rg.rs"]
-mod chip;
-#[cfg(all(target_os = "none", feature = "stm32g474re"))]
-#[path = "stm32g474re.rs"]
+// One line a board; exactly one feature is on.
+#[cfg(target_os = "none")]
+#[cfg_attr(feature = "stm32f405rg", path = "stm32f405rg.rs")]
+#[cfg_attr(feature = "stm32g474re", path = "stm32g474re.rs")]
 mod chip;
 
 #[cfg(not(target_os = "none"))]

@@ -7,73 +7,74 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
+use kband_firmware::chip::Chip;
 use kband_firmware::cortex::remembers_running;
 use kband_firmware::start::Signs;
 use kband_firmware::stm32::Pages;
 use kband_firmware::store::{Records, StoreFailed};
 
-/// Clock of core and TIM1 in Hz.
-pub const CORE_CLOCK: u32 = 168_000_000;
+/// The board's chip.
+pub struct Board;
 
-/// The interrupt that ends a conversion.
-pub const CONVERTED: pac::Interrupt = pac::Interrupt::ADC;
+impl Chip for Board {
+    type Memory = Records<Pages<Bank1Region3<'static, Blocking>>>;
 
-/// The clocks.
-pub fn config() -> embassy_stm32::Config {
-    use embassy_stm32::rcc::*;
-    let mut config = embassy_stm32::Config::default();
-    config.rcc.hse = Some(Hse {
-        freq: Hertz(8_000_000),
-        mode: HseMode::Oscillator,
-    });
-    config.rcc.pll_src = PllSource::HSE;
-    config.rcc.pll = Some(Pll {
-        prediv: PllPreDiv::DIV4,
-        mul: PllMul::MUL168,
-        divp: Some(PllPDiv::DIV2),
-        divq: Some(PllQDiv::DIV7),
-        divr: None,
-    });
-    config.rcc.ahb_pre = AHBPrescaler::DIV1;
-    config.rcc.apb1_pre = APBPrescaler::DIV4;
-    config.rcc.apb2_pre = APBPrescaler::DIV2;
-    config.rcc.sys = Sysclk::PLL1_P;
-    config
-}
+    const CORE_CLOCK: u32 = 168_000_000;
 
-/// Has the chip watch its crystal: where that stops, the bridge opens by the break of TIM1, which needs no
-/// clock, and an interrupt without a handler resets the board.
-pub fn watch_clock() {
-    pac::RCC.cr().modify(|control| control.set_csson(true));
-}
+    const CONVERTED: pac::Interrupt = pac::Interrupt::ADC;
 
-/// The converter and the time it takes to sample: 56 cycles at 21 MHz, 2.7 us.
-pub fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
-    (Adc::new(converter), SampleTime::CYCLES56)
-}
+    fn clocks() -> embassy_stm32::Config {
+        use embassy_stm32::rcc::*;
+        let mut config = embassy_stm32::Config::default();
+        config.rcc.hse = Some(Hse {
+            freq: Hertz(8_000_000),
+            mode: HseMode::Oscillator,
+        });
+        config.rcc.pll_src = PllSource::HSE;
+        config.rcc.pll = Some(Pll {
+            prediv: PllPreDiv::DIV4,
+            mul: PllMul::MUL168,
+            divp: Some(PllPDiv::DIV2),
+            divq: Some(PllQDiv::DIV7),
+            divr: None,
+        });
+        config.rcc.ahb_pre = AHBPrescaler::DIV1;
+        config.rcc.apb1_pre = APBPrescaler::DIV4;
+        config.rcc.apb2_pre = APBPrescaler::DIV2;
+        config.rcc.sys = Sysclk::PLL1_P;
+        config
+    }
 
-/// The settings lie in the last two sectors of 128 KiB.
-pub type Memory = Records<Pages<Bank1Region3<'static, Blocking>>>;
+    /// Has the chip watch its crystal: where that stops, the bridge opens by the break of TIM1, which needs no
+    /// clock, and an interrupt without a handler resets the board.
+    fn watch_clock() {
+        pac::RCC.cr().modify(|control| control.set_csson(true));
+    }
 
-/// The memory of the settings.
-pub fn memory(flash: Peri<'static, FLASH>) -> Result<Memory, StoreFailed> {
-    let region = Flash::new_blocking(flash)
-        .into_blocking_regions()
-        .bank1_region3;
-    let (end, page) = (region.0.size, region.0.erase_size);
-    Records::new(Pages(region), end - 2 * page..end)
-}
+    /// The converter and the time it takes to sample: 56 cycles at 21 MHz, 2.7 us.
+    fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
+        (Adc::new(converter), SampleTime::CYCLES56)
+    }
 
-/// What the chip shows of its last reset; the flags are cleared for the next time.
-pub fn signs() -> Signs {
-    let flags = pac::RCC.csr().read();
-    pac::RCC.csr().modify(|status| status.set_rmvf(true));
-    Signs {
-        watchdog: flags.wdgrstf() || flags.wwdgrstf(),
-        software: flags.sftrstf(),
-        // Power-on sets both.
-        sag: flags.borrstf() && !flags.porrstf(),
-        remembered: remembers_running(),
+    /// The settings lie in the last two sectors of 128 KiB.
+    fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
+        let region = Flash::new_blocking(flash)
+            .into_blocking_regions()
+            .bank1_region3;
+        let (end, page) = (region.0.size, region.0.erase_size);
+        Records::new(Pages(region), end - 2 * page..end)
+    }
+
+    fn signs() -> Signs {
+        let flags = pac::RCC.csr().read();
+        pac::RCC.csr().modify(|status| status.set_rmvf(true));
+        Signs {
+            watchdog: flags.wdgrstf() || flags.wwdgrstf(),
+            software: flags.sftrstf(),
+            // Power-on sets both.
+            sag: flags.borrstf() && !flags.porrstf(),
+            remembered: remembers_running(),
+        }
     }
 }
 

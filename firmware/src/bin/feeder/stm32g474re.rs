@@ -6,68 +6,69 @@ use embassy_stm32::flash::{Bank2Region, Blocking, Flash};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{ADC1, FLASH};
+use kband_firmware::chip::Chip;
 use kband_firmware::cortex::remembers_running;
 use kband_firmware::start::Signs;
 use kband_firmware::stm32::Pages;
 use kband_firmware::store::{Records, StoreFailed};
 
-/// Clock of core and TIM1 in Hz.
-pub const CORE_CLOCK: u32 = 170_000_000;
+/// The board's chip.
+pub struct Board;
 
-/// The interrupt that ends a conversion.
-pub const CONVERTED: pac::Interrupt = pac::Interrupt::ADC1_2;
+impl Chip for Board {
+    type Memory = Records<Pages<Bank2Region<'static, Blocking>>>;
 
-/// The clocks.
-pub fn config() -> embassy_stm32::Config {
-    use embassy_stm32::rcc::*;
-    let mut config = embassy_stm32::Config::default();
-    config.rcc.pll = Some(Pll {
-        source: PllSource::HSI,
-        prediv: PllPreDiv::DIV4,
-        mul: PllMul::MUL85,
-        divp: None,
-        divq: None,
-        divr: Some(PllRDiv::DIV2),
-    });
-    config.rcc.boost = true;
-    config.rcc.sys = Sysclk::PLL1_R;
-    config.rcc.mux.adc12sel = mux::Adcsel::SYS;
-    config
-}
+    const CORE_CLOCK: u32 = 170_000_000;
 
-/// Nothing to watch: the chip's own oscillator starts and stops with it.
-pub fn watch_clock() {}
+    const CONVERTED: pac::Interrupt = pac::Interrupt::ADC1_2;
 
-/// The converter and the time it takes to sample: 92.5 cycles at 42.5 MHz, 2.2 us.
-pub fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
-    (
-        Adc::new(converter, AdcConfig::default()),
-        SampleTime::CYCLES92_5,
-    )
-}
+    fn clocks() -> embassy_stm32::Config {
+        use embassy_stm32::rcc::*;
+        let mut config = embassy_stm32::Config::default();
+        config.rcc.pll = Some(Pll {
+            source: PllSource::HSI,
+            prediv: PllPreDiv::DIV4,
+            mul: PllMul::MUL85,
+            divp: None,
+            divq: None,
+            divr: Some(PllRDiv::DIV2),
+        });
+        config.rcc.boost = true;
+        config.rcc.sys = Sysclk::PLL1_R;
+        config.rcc.mux.adc12sel = mux::Adcsel::SYS;
+        config
+    }
 
-/// The settings lie in the last two pages of 2 KiB of the second bank.
-pub type Memory = Records<Pages<Bank2Region<'static, Blocking>>>;
+    /// Nothing to watch: the chip's own oscillator starts and stops with it.
+    fn watch_clock() {}
 
-/// The memory of the settings.
-pub fn memory(flash: Peri<'static, FLASH>) -> Result<Memory, StoreFailed> {
-    let region = Flash::new_blocking(flash)
-        .into_blocking_regions()
-        .bank2_region;
-    let (end, page) = (region.0.size, region.0.erase_size);
-    Records::new(Pages(region), end - 2 * page..end)
-}
+    /// The converter and the time it takes to sample: 92.5 cycles at 42.5 MHz, 2.2 us.
+    fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
+        (
+            Adc::new(converter, AdcConfig::default()),
+            SampleTime::CYCLES92_5,
+        )
+    }
 
-/// What the chip shows of its last reset; the flags are cleared for the next time.
-pub fn signs() -> Signs {
-    let flags = pac::RCC.csr().read();
-    pac::RCC.csr().modify(|status| status.set_rmvf(true));
-    Signs {
-        watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
-        software: flags.sftrstf(),
-        // This chip has one flag for power-on and brown-out: the drive waits for a new enable.
-        sag: true,
-        remembered: remembers_running(),
+    /// The settings lie in the last two pages of 2 KiB of the second bank.
+    fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
+        let region = Flash::new_blocking(flash)
+            .into_blocking_regions()
+            .bank2_region;
+        let (end, page) = (region.0.size, region.0.erase_size);
+        Records::new(Pages(region), end - 2 * page..end)
+    }
+
+    fn signs() -> Signs {
+        let flags = pac::RCC.csr().read();
+        pac::RCC.csr().modify(|status| status.set_rmvf(true));
+        Signs {
+            watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
+            software: flags.sftrstf(),
+            // This chip has one flag for power-on and brown-out: the drive waits for a new enable.
+            sag: true,
+            remembered: remembers_running(),
+        }
     }
 }
 
