@@ -216,7 +216,7 @@ mod tests {
                 outputs[0] += report.command.amplitude;
                 outputs[1] += envelope.cycle().report.command.amplitude;
             }
-            // What the ear hears late, and what it has forgotten too soon.
+            // What is detected late, and what the detector has forgotten too soon.
             let bias = measured / moved - 1.0;
             assert!(bias.abs() < 4e-3, "{count} parts, {frequency} Hz: {bias}");
             let apart = outputs[1] / outputs[0] - 1.0;

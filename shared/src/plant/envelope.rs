@@ -1,21 +1,23 @@
 //! The plant from cycle to cycle: amplitude and phase of the track in closed form, the parts on the map,
-//! and what demodulator and ear make of both.
+//! and what demodulator and onset detector make of both.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
-use super::ear::{Background, HeardAt, ImpactEar, Struck};
 use super::feeder::{STRIKES, tangential};
 use super::noise::Noise;
+use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
 use super::sense::Sense;
 use crate::arithmetic::Phase;
-use crate::control::{Command, Cycle, HEARD_PER_CYCLE, Heard, SAMPLE_RATE, phase_step};
+use crate::control::{
+    Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, Standard, phase_step,
+};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::TangentialSettings;
 
@@ -29,7 +31,7 @@ const WAITING: usize = 2 * HEARD_PER_CYCLE;
 ///
 /// [`EnvelopePlant::cycle`] gives what the signal path would have given for that cycle. Drive and
 /// demodulator are exact ([`Recurrence`]); a part meets the track where drive and map say, and is heard
-/// as the ear's closed form says. Noise is drawn once for each quantity that it reaches. Only a reading
+/// as the onset detector's closed form says. Noise is drawn once for each quantity that it reaches. Only a reading
 /// that leaves the converter's range is computed sample by sample, because clipping is not linear.
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
@@ -38,7 +40,7 @@ pub struct EnvelopePlant {
     sensor: SensorModel,
     sense: Sense,
     readings: Readings,
-    ear: ImpactEar,
+    onset: OnsetModel,
     parts: [Part; PARTS],
     part_count: usize,
     pull: f64,
@@ -60,7 +62,7 @@ pub struct EnvelopePlant {
     /// Impacts heard whose cycle has not ended, in the order of time.
     waiting: [HeardAt; WAITING],
     waiting_count: usize,
-    /// The ear's median, which follows the noise over some cycles.
+    /// The detector's median, which follows the noise over some cycles.
     median: f64,
 }
 
@@ -89,7 +91,7 @@ impl EnvelopePlant {
             sensor: scene.sensor,
             readings: Readings::new(&scene.sensor, &sense),
             sense,
-            ear: ImpactEar::new(&scene.sensor),
+            onset: OnsetModel::new(&scene.sensor),
             parts,
             part_count: usize::from(scene.part_count),
             pull: f64::from(settings.gravity)
@@ -128,7 +130,7 @@ impl EnvelopePlant {
             factor,
             noise,
             white,
-            residual: self.ear.residual(white) * factor,
+            residual: self.onset.residual(white) * factor,
             headroom: zero.min(full - zero) * step / factor.max(1e-9),
             ..self.sense
         };
@@ -154,7 +156,7 @@ impl EnvelopePlant {
         let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
         let found = self.drive.end();
-        let heeded = 1.0 - self.ear.left_out(samples);
+        let heeded = 1.0 - self.onset.left_out(samples);
         let found = readings.unwrap_or(Demodulated {
             in_phase: found.in_phase + struck.re / heeded,
             quadrature: found.quadrature + struck.im / heeded,
@@ -162,9 +164,9 @@ impl EnvelopePlant {
         self.read(&mut cycle, found, loudest, middle);
         self.tell(&mut cycle, samples);
         self.readings.finish(next.fold, step, &mut cycle);
-        self.ear.keep_whole(next.whole);
+        self.onset.keep_whole(next.whole);
         self.sample += u64::from(samples);
-        self.ear.pass(samples);
+        self.onset.pass(samples);
         cycle
     }
 
@@ -286,19 +288,19 @@ impl EnvelopePlant {
 
     /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
     fn listen(&mut self, loudest: f64) -> Complex {
-        self.ear.tune(f64::from(self.drive.step()) * (TAU / TURN));
+        self.onset.tune(f64::from(self.drive.step()) * (TAU / TURN));
         let Sense {
             factor,
             residual: rms,
             floor,
             ..
         } = self.sense;
-        let leak = self.ear.leak() * loudest * factor;
+        let leak = self.onset.leak() * loudest * factor;
         let level = libm::sqrt(rms * rms + 0.5 * leak * leak);
-        // A running median moves by 1/1024 of itself a sample at most.
-        let most = 1.0 + f64::from(self.drive.samples()) / 1024.0;
+        // So much a running median moves at most.
+        let most = 1.0 + f64::from(self.drive.samples()) * Standard::LEARNING;
         self.median = self
-            .ear
+            .onset
             .median(level)
             .clamp(self.median / most, self.median * most)
             .max(floor);
@@ -306,7 +308,7 @@ impl EnvelopePlant {
             median: self.median,
             rms,
         };
-        self.ear.begin(self.sample, self.drive.samples());
+        self.onset.begin(self.sample, self.drive.samples());
         let mut sum = Complex::new(0.0, 0.0);
         for index in 0..self.strike_count {
             let strike = self.strikes[index];
@@ -318,7 +320,7 @@ impl EnvelopePlant {
                 share: f64::from(whole) - samples,
                 height: f64::from(self.sensor.ringing) * strike.speed * factor,
             };
-            let (heard, ringing) = self.ear.impact(struck, background, &mut self.noise);
+            let (heard, ringing) = self.onset.impact(struck, background, &mut self.noise);
             sum += ringing * self.drive.at(whole);
             if let Some(heard) = heard {
                 self.wait(heard);
@@ -332,7 +334,7 @@ impl EnvelopePlant {
 
     /// Puts what was demodulated into the readings of the board.
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
-        cycle.noise = (self.median / 0.6745) as f32;
+        cycle.noise = (self.median / QUARTILE) as f32;
         if self.lost {
             let code = (self.sense.zero + 0.5) as u16;
             (cycle.low, cycle.high) = (code, code);
@@ -350,7 +352,7 @@ impl EnvelopePlant {
         let turned = if self.inverted { -factor } else { factor };
         let samples = f64::from(cycle.samples);
         // Mean of 2 n(t) e^(i phase) over the N samples that are not left out.
-        let heeded = 1.0 - self.ear.left_out(u32::from(cycle.samples));
+        let heeded = 1.0 - self.onset.left_out(u32::from(cycle.samples));
         let scatter = white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
         let hum = self.hum(samples, middle);
         let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
@@ -429,7 +431,7 @@ impl EnvelopePlant {
             let n = (heard.sample.max(last) - self.sample) as u32;
             last = heard.sample.max(last);
             if let Some(slot) = cycle.heard.get_mut(usize::from(cycle.heard_count)) {
-                // The ear stamps the sample before the one at which it hears.
+                // The signal path stamps the sample before the one at which the detector finds it.
                 let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
                 *slot = Heard {
                     phase: Phase::from_bits(phase),

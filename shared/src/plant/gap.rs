@@ -1,7 +1,6 @@
 //! What the demodulator leaves out of a cycle because an impact rings in it.
 
-/// Share of a cycle that it leaves out at most (see [`Signal`](crate::control::Signal)).
-const MOST: f64 = 1.0 / 3.0;
+use crate::control::MOST_LEFT_OUT;
 
 /// The samples left out of the cycle under way.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,7 +21,7 @@ impl Gap {
         let most = if self.whole {
             0
         } else {
-            (MOST * f64::from(samples)) as u64
+            (MOST_LEFT_OUT * f64::from(samples)) as u64
         };
         self.end = sample + u64::from(samples);
         self.samples = self.until.saturating_sub(sample).min(most);

@@ -13,12 +13,12 @@
 mod bench;
 mod closed_loop;
 mod drive;
-mod ear;
 mod envelope;
 mod envelope_loop;
 mod feeder;
 mod gap;
 mod noise;
+mod onset;
 mod part;
 mod powers;
 mod readings;

@@ -10,13 +10,13 @@ use super::recurrence::{Demodulated, Recurrence};
 use super::scene::SensorModel;
 use super::sense::Sense;
 use crate::arithmetic::Phase;
-use crate::control::{Cycle, Ear, Fold};
+use crate::control::{Cycle, Fold, OnsetDetector};
 
 /// The readings of a cycle, sample by sample: clipping is not linear, and a fold keeps their place.
 #[derive(Clone, Debug)]
 pub(super) struct Readings {
     ringing: Ringing,
-    ear: Ear,
+    detector: OnsetDetector,
     fold: Fold,
     /// Whether something is folded or still handed over.
     folds: bool,
@@ -41,7 +41,7 @@ impl Readings {
     pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
         Self {
             ringing: Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3),
-            ear: Ear::new(sense.floor as f32),
+            detector: OnsetDetector::new(sense.floor as f32),
             fold: Fold::EMPTY,
             folds: false,
             at: 0,
@@ -96,7 +96,7 @@ impl Readings {
             (low, high) = (low.min(kept), high.max(kept));
             let read = (kept - sense.zero) * sense.floor;
             if self.folds {
-                let residual = self.ear.residual(read as f32);
+                let residual = self.detector.residual(read as f32);
                 self.fold.add(drive.phase_at(n), residual);
             }
             sum += drive.at(n) * read;

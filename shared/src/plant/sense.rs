@@ -9,7 +9,7 @@ pub(super) struct Sense {
     pub noise: f64,
     /// RMS of white noise in the reading in m/s^2, the converter's rounding included.
     pub white: f64,
-    /// RMS of what the ear keeps of that, as the board reads it.
+    /// RMS of what the onset detector keeps of that, as the board reads it.
     pub residual: f64,
     /// Acceleration in m/s^2 that the converter has room for on its nearer side.
     pub headroom: f64,

@@ -73,7 +73,7 @@ pub struct Chaos {
 }
 
 /// The search for the widest stretch of k where the deadest, the middle and the liveliest part of a
-/// lot hop chaotically without coming to rest, as far as the board's own ear can tell.
+/// lot hop chaotically without coming to rest, as far as the board's own classifier can tell.
 #[derive(Clone, Copy, Debug)]
 pub struct ChaosSearch {
     parts: [f64; 3],

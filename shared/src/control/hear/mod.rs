@@ -22,6 +22,10 @@ pub use fold::{Folded, HANDED, Layout, PLACES};
 pub use listener::Listening;
 pub use lock::LockAt;
 
-pub use onset::{CORNER, Ear, HEARD_PER_CYCLE, Heard};
+pub use onset::{HEARD_PER_CYCLE, Heard, HighPass, Onset, Standard};
+#[cfg(any(test, feature = "plant"))]
+pub use onset::{OnsetDetector, QUARTILE};
 pub use phases::Hearing;
+#[cfg(feature = "plant")]
+pub use signal::MOST_LEFT_OUT;
 pub use signal::{AdcCode, Command, Cycle, Sampled, Signal};

@@ -1,14 +1,14 @@
 //! The signal path of one sample: drive phase, demodulation, listening, drive output.
 
 use super::fold::{Fold, Folded, HANDED};
-use super::onset::{Ear, HEARD_PER_CYCLE, Heard};
+use super::onset::{HEARD_PER_CYCLE, Heard, OnsetDetector};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::angle::phase_step;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
 /// Share of a cycle that the demodulator leaves out at most: what is left still tells cosine, sine and mean apart.
-const MOST_LEFT_OUT: f32 = 1.0 / 3.0;
+pub const MOST_LEFT_OUT: f64 = 1.0 / 3.0;
 /// A turn in steps of the phase.
 const TURN: f32 = 4_294_967_296.0;
 
@@ -77,11 +77,11 @@ pub struct Sampled {
     pub wrapped: bool,
 }
 
-/// The signal path: configuration, oscillator, demodulator and ear.
+/// The signal path: configuration, oscillator, demodulator and onset detector.
 ///
 /// The ringing of an impact begins at once and dies slowly, which would add to what the demodulator finds: 4.7 % of the
-/// amplitude for 24 parts that strike together and ring at 800 Hz. So the samples in which the ear still has one in
-/// mind are left out, up to a third of a cycle: the last cycle's swing stands for them, with no say in the new one.
+/// amplitude for 24 parts that strike together and ring at 800 Hz. So the samples in which an impact still rings
+/// ([`OnsetDetector::rings`]) are left out, up to a third of a cycle: the last cycle's swing stands for them, with no say in the new one.
 /// That leaves 0.3 % at most of 24 parts, at 800 Hz and at 2.4 kHz, where the amplitude is steady; where it changes
 /// quickly, what is left out weighs on the measured change.
 ///
@@ -108,7 +108,7 @@ pub struct Signal {
     most_left_out: f32,
     running: Cycle,
     finished: Cycle,
-    ear: Ear,
+    detector: OnsetDetector,
     fold: Fold,
 }
 
@@ -144,7 +144,7 @@ impl Signal {
             most_left_out: 0.0,
             running: Self::EMPTY,
             finished: Self::EMPTY,
-            ear: Ear::new(scale),
+            detector: OnsetDetector::new(scale),
             fold: Fold::EMPTY,
         })
     }
@@ -177,11 +177,11 @@ impl Signal {
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
-        let residual = self.ear.residual(acceleration);
+        let residual = self.detector.residual(acceleration);
         self.fold.add(self.phase, residual);
-        let heard = self.ear.hears(residual);
+        let heard = self.detector.detect(residual);
         let mut swing = acceleration - self.mean;
-        let left_out = self.ear.rings() && self.left_out < self.most_left_out;
+        let left_out = self.detector.rings() && self.left_out < self.most_left_out;
         if left_out {
             // What was found before stands for it, and has no say in what is found.
             swing = self.finished.in_phase * cosine + self.finished.quadrature * sine;
@@ -249,7 +249,7 @@ impl Signal {
             in_phase: (2.0 * self.cosines - self.left_out * in_phase) * inverse,
             quadrature: (2.0 * self.sines - self.left_out * quadrature) * inverse,
             mean: self.mean + self.accelerations * inverse,
-            noise: self.ear.noise(),
+            noise: self.detector.noise(),
             folded: self.fold.finish(self.pending.fold, self.pending.step),
             ..self.running
         };
@@ -268,7 +268,7 @@ impl Signal {
         self.most_left_out = if self.pending.whole {
             0.0
         } else {
-            MOST_LEFT_OUT * TURN * self.inverse_step
+            MOST_LEFT_OUT as f32 * TURN * self.inverse_step
         };
     }
 

@@ -435,13 +435,13 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::control::Ear;
+    use crate::control::OnsetDetector;
     use crate::control::angle::phase_step;
     use crate::plant::Noise;
 
     /// The chatter of some parts at k, heard in noise over one cycle, with a ringing that lasts for some samples.
     fn fold(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
-        let (mut ear, mut source) = (Ear::new(0.01), Noise::new(seed));
+        let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(seed));
         let per_radian = 20_000.0 / (TAU * 50.0);
         let chatters: Vec<_> = restitutions
             .iter()
@@ -456,7 +456,7 @@ mod tests {
                     sum += 4.0 * speed * libm::expf(-since / lasting) * libm::sinf(0.754 * since);
                 }
             }
-            ear.residual(sum)
+            detector.residual(sum)
         };
         for n in -400..0 {
             heard(n);

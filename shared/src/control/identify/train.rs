@@ -1,9 +1,11 @@
-//! A train of impacts as the ear hears it, each with the same damped ringing, and how much of a fold it
+//! A train of impacts as the fold has it, each with the same damped ringing, and how much of a fold it
 //! explains.
 
 use crate::arithmetic::sine_cosine_single;
 use crate::control::angle::phase_of;
-use crate::control::hear::CORNER;
+use crate::control::hear::{HighPass, Onset, Standard};
+use num_complex::Complex32 as Complex;
+
 use crate::control::saturate::saturate;
 
 /// Columns of the fit: the ringing in and out of phase, how both change with its turn, and what the high-passes
@@ -11,43 +13,12 @@ use crate::control::saturate::saturate;
 const COLUMNS: usize = 8;
 /// The first of the cubic's columns.
 const SLOW: usize = 4;
+/// Corner of the high-passes that the fold has gone through.
+const CORNER: f32 = Standard::CORNER as f32;
 /// Scale of the change's columns: over the samples that a ringing lasts, they are then of its own size.
 const CHANGE: f32 = 0.01;
 /// Diagonal of a column that says nothing new.
 const NOTHING: f32 = 1e-9;
-
-/// A complex number, for no more than is needed here.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Complex {
-    re: f32,
-    im: f32,
-}
-
-impl Complex {
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        Self {
-            re: self.re + other.re,
-            im: self.im + other.im,
-        }
-    }
-
-    #[inline(always)]
-    fn times(self, other: Self) -> Self {
-        Self {
-            re: self.re * other.re - self.im * other.im,
-            im: self.re * other.im + self.im * other.re,
-        }
-    }
-
-    #[inline(always)]
-    fn scaled(self, by: f32) -> Self {
-        Self {
-            re: self.re * by,
-            im: self.im * by,
-        }
-    }
-}
 
 /// How a ringing decays and turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,11 +34,7 @@ impl Ringing {
     fn after(self, samples: f32) -> Complex {
         let (sine, cosine) = sine_cosine_single(phase_of(self.angle * samples));
         let left = libm::expf(-self.decay * samples);
-        Complex {
-            re: cosine,
-            im: sine,
-        }
-        .scaled(left)
+        Complex::new(cosine, sine) * left
     }
 
     /// This ringing, within what a first-order change of another one may be believed.
@@ -81,19 +48,6 @@ impl Ringing {
                 3.1,
             ),
         }
-    }
-}
-
-/// A high-pass of the ear ([`Ear`](crate::control::Ear)).
-#[derive(Clone, Copy, Default)]
-struct HighPass(Complex);
-
-impl HighPass {
-    #[inline(always)]
-    fn pass(&mut self, input: Complex) -> Complex {
-        let above = input.plus(self.0.scaled(-1.0));
-        self.0 = self.0.plus(above.scaled(CORNER));
-        input.plus(self.0.scaled(-1.0))
     }
 }
 
@@ -137,8 +91,8 @@ impl<'a> Rung<'a> {
 
     #[inline(always)]
     fn next(&mut self) -> (Complex, Complex) {
-        self.change = self.change.plus(self.now).times(self.turn);
-        self.now = self.now.times(self.turn);
+        self.change = (self.change + self.now) * self.turn;
+        self.now *= self.turn;
         let sample = self.sample;
         while let Some(&(time, strength)) = self.impacts.as_slice().first() {
             if time > sample {
@@ -146,9 +100,9 @@ impl<'a> Rung<'a> {
             }
             self.impacts.next();
             let since = sample - time;
-            let new = self.ringing.after(since).scaled(strength);
-            self.now = self.now.plus(new);
-            self.change = self.change.plus(new.scaled(since));
+            let new = self.ringing.after(since) * strength;
+            self.now += new;
+            self.change += new * since;
         }
         self.sample = sample + 1.0;
         (self.now, self.change)
@@ -166,7 +120,7 @@ pub fn explain(
     train: &[Impact],
 ) -> Explained {
     let mut rung = Rung::new(ringing, train);
-    let mut ears = [HighPass::default(); 4];
+    let mut passes = [HighPass::<Complex>::default(); 4];
     let mut matrix = [[0.0_f32; COLUMNS]; COLUMNS];
     let mut sums = [0.0_f32; COLUMNS];
     let mut squares = 0.0_f32;
@@ -177,10 +131,10 @@ pub fn explain(
         let (mut heard, mut changed) = (Complex::default(), Complex::default());
         for _ in 0..skipped {
             let (now, change) = rung.next();
-            heard = ears[0].pass(now);
-            heard = ears[1].pass(heard);
-            changed = ears[2].pass(change);
-            changed = ears[3].pass(changed);
+            heard = passes[0].pass(CORNER, now);
+            heard = passes[1].pass(CORNER, heard);
+            changed = passes[2].pass(CORNER, change);
+            changed = passes[3].pass(CORNER, changed);
         }
         let u = place as f32 * share - 1.0;
         let columns = [
@@ -214,7 +168,7 @@ pub fn explain(
         left: left.max(1e-6 * squares),
         without,
         better: better.near(ringing),
-        height: Complex { re, im },
+        height: Complex::new(re, im),
     }
 }
 
@@ -273,7 +227,7 @@ pub fn leaked(
     let (mut phase, step) = (phase_of(begin), phase_of(step));
     let mut sum = 0.0;
     for _ in 0..samples {
-        let ring = rung.next().0.times(explained.height).re;
+        let ring = (rung.next().0 * explained.height).re;
         sum += ring * sine_cosine_single(phase).0;
         phase += step;
     }
@@ -285,7 +239,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::control::Ear;
+    use crate::control::OnsetDetector;
     use crate::plant::Noise;
 
     const RINGING: Ringing = Ringing {
@@ -294,9 +248,9 @@ mod tests {
     };
     const TRAIN: [(f32, f32); 3] = [(20.3, 1.0), (61.8, 0.3), (75.1, 0.1)];
 
-    /// What the ear makes of a train of ringings in noise on a slow swing.
+    /// What the high-passes make of a train of ringings in noise on a slow swing.
     fn folded(noise: f32) -> Vec<f32> {
-        let (mut ear, mut source) = (Ear::new(0.01), Noise::new(1));
+        let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(1));
         let sample = |n: i32, source: &mut Noise| {
             let time = n as f32;
             let ringing = TRAIN.iter().map(|(at, strength)| {
@@ -311,7 +265,7 @@ mod tests {
             let swing = 20.0 * libm::sinf(0.0157 * time);
             swing + ringing.sum::<f32>() + noise * source.gauss()
         };
-        let mut heard = |n| ear.residual(sample(n, &mut source));
+        let mut heard = |n| detector.residual(sample(n, &mut source));
         for n in -400..0 {
             heard(n);
         }

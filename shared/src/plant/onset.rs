@@ -1,6 +1,7 @@
-//! What the board's ear makes of an impact, without its samples.
+//! What the board's onset detector makes of an impact, without its samples.
 
 use core::f64::consts::TAU;
+use core::marker::PhantomData;
 
 use num_complex::Complex64 as Complex;
 
@@ -9,30 +10,22 @@ use super::noise::Noise;
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use super::scene::SensorModel;
-use crate::control::SAMPLE_RATE;
-
-/// `ln MEMORY`.
-const FORGETTING: f64 = -0.035_627_177_643_155_54;
+use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Standard};
 
 /// Samples after an impact in which its ringing is looked at: the first quarter turn of the slowest that
 /// a scene may have (500 Hz), and the first full turn of the default one.
 const LOOKED: usize = 10;
 /// Places within a sample at which a ringing's begin is tabulated.
 const SHARES: usize = 8;
-/// The ear's own constants (see [`Ear`](crate::control::Ear)): corner, memory, blind time, threshold.
-const CORNER: f64 = 0.27;
-const MEMORY: f64 = 0.965;
-const BLIND: u64 = 13;
-const THRESHOLD: f64 = 6.0 / 0.6745;
-/// Memory over that threshold for which the demodulator leaves a sample out.
-const LEFT_OUT: f64 = 2.0;
+/// Share of the detector's memory that is none: less than the noise of any ringing that a board can read.
+const FORGOTTEN: f64 = 1.354e-4;
 /// Weight of a sample in the memory of hidden time: 2000 samples.
 const WEIGHT: f64 = 5e-4;
 
-/// The ear's response to impacts in closed form: both its high-passes are linear, so that what a ringing
+/// The onset detector's response to impacts in closed form: both its high-passes are linear, so that what a ringing
 /// leaves of itself n samples after its first is one complex number for each n.
 #[derive(Clone, Copy, Debug)]
-pub struct ImpactEar {
+pub struct OnsetModel<O = Standard> {
     ringing: Complex,
     /// Residual of a ringing of unit height that begins at a sample, n samples later: its imaginary part.
     response: [Complex; LOOKED],
@@ -53,15 +46,18 @@ pub struct ImpactEar {
     oblivion: Powers,
     /// What the demodulator leaves out.
     gap: Gap,
-    /// Logarithm of what a sample leaves of the ear's memory of a loud ringing.
+    /// Logarithm of what a sample leaves of the detector's memory of a loud ringing.
     forgetting: f64,
+    /// Samples after which it is taken for none.
+    forgotten: u64,
     /// The last ringing that was loud.
     last: Ring,
-    /// First sample at which another impact may be heard.
+    /// First sample at which another impact may be detected.
     open: u64,
+    constants: PhantomData<O>,
 }
 
-/// What the ear makes of a drive that turns by `theta` rad a sample.
+/// What the detector makes of a drive that turns by `theta` rad a sample.
 #[derive(Clone, Copy, Debug)]
 struct Tuning {
     theta: f64,
@@ -73,7 +69,7 @@ struct Tuning {
     leak: f64,
 }
 
-/// A ringing that was loud, as far as the ear's memory of it is known.
+/// A ringing that was loud, as far as the detector's memory of it is known.
 #[derive(Clone, Copy, Debug)]
 struct Ring {
     /// `e^(i angle)` and height at its first sample, and that sample.
@@ -104,12 +100,12 @@ impl Ring {
     };
 
     /// Residual so many samples after its first, without noise.
-    fn residual(&self, ear: &ImpactEar, sample: usize) -> f64 {
-        let own = self.began * ear.response[sample];
+    fn residual<O>(&self, model: &OnsetModel<O>, sample: usize) -> f64 {
+        let own = self.began * model.response[sample];
         if self.is_alone() {
             return own.im;
         }
-        (own + self.under * ear.steady[sample]).im
+        (own + self.under * model.steady[sample]).im
     }
 
     /// Whether nothing of earlier ones is left.
@@ -117,9 +113,9 @@ impl Ring {
         self.under == Complex::new(0.0, 0.0)
     }
 
-    /// Lets the ear's memory have the height of the residual at the next sample.
-    fn remember(&mut self, residual: f64) {
-        self.memory *= MEMORY;
+    /// Lets the detector's memory have the height of the residual at the next sample.
+    fn remember<O: Onset>(&mut self, residual: f64) {
+        self.memory *= O::MEMORY;
         if residual > self.loud {
             self.memory = self.memory.max(residual);
         }
@@ -129,28 +125,27 @@ impl Ring {
         self.known += 1;
     }
 
-    /// Lets the ear's memory have what it has not. The noise is that of the onset: what follows only says
+    /// Lets the detector's memory have what it has not. The noise is that of the onset: what follows only says
     /// how long an impact soon after is taken for the same ringing.
-    fn complete(&mut self, ear: &ImpactEar) {
+    fn complete<O: Onset>(&mut self, model: &OnsetModel<O>) {
         while self.known < LOOKED {
-            self.remember(self.residual(ear, self.known).abs());
+            self.remember::<O>(self.residual(model, self.known).abs());
         }
     }
 
-    /// What is left at a sample of its ringing and of the ear's memory of it.
-    fn left(&self, ear: &ImpactEar, sample: u64) -> (Complex, f64) {
+    /// What is left at a sample of its ringing and of the detector's memory of it.
+    fn left<O: Onset>(&self, model: &OnsetModel<O>, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
-        // After 250 samples 1.4e-4 of it is left: less than the noise of any ringing that a board can read.
-        if since >= 250 {
+        if since >= model.forgotten {
             return (Complex::new(0.0, 0.0), 0.0);
         }
         let mut whole = *self;
-        whole.complete(ear);
+        whole.complete(model);
         let rings = self.began + self.under;
         let forgotten = since.saturating_sub(LOOKED as u64);
         (
-            rings * ear.decay.at(since),
-            whole.memory * ear.oblivion.at(forgotten).re,
+            rings * model.decay.at(since),
+            whole.memory * model.oblivion.at(forgotten).re,
         )
     }
 }
@@ -166,10 +161,10 @@ pub struct Struck {
     pub height: f64,
 }
 
-/// What the ear holds against impacts.
+/// What the detector holds against impacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Background {
-    /// The ear's running median of the residual in m/s^2.
+    /// The detector's running median of the residual in m/s^2.
     pub median: f64,
     /// RMS of the residual's noise in m/s^2.
     pub rms: f64,
@@ -184,33 +179,41 @@ pub struct HeardAt {
     pub strength: f64,
 }
 
-impl ImpactEar {
-    /// The ear for a sensor.
+impl OnsetModel {
+    /// The detector's response to the ringing of a sensor.
     #[must_use]
     pub fn new(sensor: &SensorModel) -> Self {
+        Self::with(sensor)
+    }
+}
+
+impl<O: Onset> OnsetModel<O> {
+    /// Threshold over the running median.
+    const THRESHOLD: f64 = O::THRESHOLD / QUARTILE;
+
+    /// As [`OnsetModel::new`], with other constants.
+    #[must_use]
+    pub fn with(sensor: &SensorModel) -> Self {
         let h = 1.0 / f64::from(SAMPLE_RATE);
         let ringing = Complex::new(
             -h / (f64::from(sensor.ringing_decay) * 1e-3),
             TAU * f64::from(sensor.ringing_frequency) * h,
         );
-        let mut low = [Complex::new(0.0, 0.0); 2];
-        let mut response = [Complex::new(0.0, 0.0); LOOKED];
-        for (n, slot) in response.iter_mut().enumerate() {
-            let input = exp(ringing * n as f64);
-            low[0] += (input - low[0]) * CORNER;
-            let once = input - low[0];
-            low[1] += (once - low[1]) * CORNER;
-            *slot = once - low[1];
+        let high_passed = |passes: &mut [HighPass<Complex>; 2], sample| {
+            let once = passes[0].pass(O::CORNER, sample);
+            passes[1].pass(O::CORNER, once)
+        };
+        let mut passes = [HighPass::default(); 2];
+        let response: [Complex; LOOKED] =
+            core::array::from_fn(|n| high_passed(&mut passes, exp(ringing * n as f64)));
+        // What is left of one sample of noise, until the filters have forgotten it.
+        let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
+        for _ in 0..O::SETTLING {
+            let left = high_passed(&mut passes, sample).re;
+            power += left * left;
+            sample = 0.0.into();
         }
-        let (mut low, mut power, mut input) = ([0.0; 2], 0.0, 1.0);
-        // 200 samples are 60 time constants of either high-pass.
-        for _ in 0..200 {
-            low[0] += CORNER * (input - low[0]);
-            let once: f64 = input - low[0];
-            low[1] += CORNER * (once - low[1]);
-            power += (once - low[1]) * (once - low[1]);
-            input = 0.0;
-        }
+        let forgetting = libm::log(O::MEMORY);
         Self {
             ringing,
             response,
@@ -220,22 +223,24 @@ impl ImpactEar {
             }),
             noise_gain: libm::sqrt(power),
             filling: -WEIGHT / ringing.re,
-            tuning: Tuning::new(ringing, 0.0),
+            tuning: Tuning::new(ringing, 0.0, O::CORNER),
             hidden: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / SHARES as f64))),
             decay: Powers::new(ringing),
-            oblivion: Powers::new(FORGETTING.into()),
+            oblivion: Powers::new(forgetting.into()),
             gap: Gap::default(),
-            forgetting: FORGETTING.max(ringing.re),
+            forgetting: forgetting.max(ringing.re),
+            forgotten: (libm::log(FORGOTTEN) / forgetting) as u64,
             last: Ring::NONE,
-            open: 200,
+            open: u64::from(O::SETTLING),
+            constants: PhantomData,
         }
     }
 
     /// Takes over the speed of the drive: `theta` rad a sample.
     pub fn tune(&mut self, theta: f64) {
         if theta != self.tuning.theta {
-            self.tuning = Tuning::new(self.ringing, theta);
+            self.tuning = Tuning::new(self.ringing, theta, O::CORNER);
         }
     }
 
@@ -251,11 +256,11 @@ impl ImpactEar {
         self.noise_gain * noise
     }
 
-    /// The ear's median of a residual of a RMS: the share of time that ringing fills lies above it.
+    /// The detector's median of a residual of a RMS: the share of time that ringing fills lies above it.
     #[must_use]
     pub fn median(&self, rms: f64) -> f64 {
         // P(|n| > m) = (1/2 - q)/(1 - q) around m = 0.6745: slope of the normal distribution there 0.636.
-        rms * (0.6745 + 0.787 * self.hidden.min(0.4))
+        rms * (QUARTILE + 0.787 * self.hidden.min(0.4))
     }
 
     /// Begins the cycle of so many samples from a sample on.
@@ -290,7 +295,7 @@ impl ImpactEar {
         let Background { median, rms } = background;
         let began = self.began(share) * height;
         let (under, memory) = self.last.left(self, sample);
-        let loud = THRESHOLD * median;
+        let loud = Self::THRESHOLD * median;
         let mut ring = Ring {
             began,
             sample,
@@ -298,7 +303,7 @@ impl ImpactEar {
             known: 0,
             memory,
             loud,
-            least: LEFT_OUT * loud,
+            least: O::LOUD * loud,
             out: None,
         };
         // Nothing that a ringing leaves is higher than itself.
@@ -308,14 +313,15 @@ impl ImpactEar {
             let left = ring.residual(self, ring.known) + rms * f64::from(noise.gauss());
             let residual = left.abs();
             let at = sample + ring.known as u64;
-            let above = residual > 1.5 * ring.memory;
-            ring.remember(residual);
+            let above = residual > O::OVER_MEMORY * ring.memory;
+            ring.remember::<O>(residual);
             if residual > loud && above && at >= self.open {
                 heard = Some(HeardAt {
                     sample: at,
                     strength: residual,
                 });
-                self.open = at + BLIND;
+                // Blind while a ringing may still rise.
+                self.open = at + u64::from(O::RISE) + 1;
                 ring.out = ring.out.or(Some(ring.known - 1));
                 break;
             }
@@ -329,7 +335,7 @@ impl ImpactEar {
     }
 
     /// Sum of a ringing as far as it is not left out; it and those before are, where it is high, from then until
-    /// the ear has forgotten it.
+    /// the detector has forgotten it.
     fn heeded(&mut self, ring: &mut Ring, heard: bool) -> Complex {
         let sample = ring.sample;
         let since = |at: u64| at.saturating_sub(sample);
@@ -401,12 +407,12 @@ fn logarithm(x: f32) -> f64 {
 }
 
 impl Tuning {
-    fn new(ringing: Complex, theta: f64) -> Self {
+    fn new(ringing: Complex, theta: f64, corner: f64) -> Self {
         let one = Complex::new(1.0, 0.0);
         let turning = Complex::new(0.0, theta);
         // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
         let back = turn(-theta);
-        let once = (one - back) * (1.0 - CORNER) / (one - back * (1.0 - CORNER));
+        let once = (one - back) * (1.0 - corner) / (one - back * (1.0 - corner));
         let logs = [ringing + turning, ringing.conj() + turning];
         Self {
             theta,
@@ -423,13 +429,14 @@ mod tests {
 
     use super::super::drive::Ringing;
     use super::*;
-    use crate::control::Ear;
+    use crate::control::OnsetDetector;
 
-    /// Impacts through the ear itself, sample by sample, and through its closed form.
-    fn both(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
+    /// Impacts through the detector itself, sample by sample, and through its closed form.
+    fn both<O: Onset>(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
         let sensor = SensorModel::default();
-        let (mut ear, mut ringing) = (Ear::new(0.01), Ringing::new(2400.0, 1e-3));
-        let mut fast = ImpactEar::new(&sensor);
+        let mut detector = OnsetDetector::<O>::with(0.01);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let mut fast = OnsetModel::<O>::with(&sensor);
         let mut noise = [Noise::new(3), Noise::new(4)];
         let mut heard = [Vec::new(), Vec::new()];
         let mut next = 9000.25;
@@ -450,8 +457,8 @@ mod tests {
                 next += spacing;
             }
             let reading = ringing.acceleration() + sigma * noise[0].gauss();
-            // The ear first learns its noise.
-            if ear.sample(reading).is_some() && sample > 8000 {
+            // The detector first learns its noise.
+            if detector.sample(reading).is_some() && sample > 8000 {
                 heard[0].push(sample);
             }
             ringing.step();
@@ -463,10 +470,10 @@ mod tests {
     }
 
     #[test]
-    fn it_hears_what_the_ear_hears_when_the_ear_hears_it() {
+    fn it_finds_what_the_detector_finds_when_the_detector_finds_it() {
         for (height, spacing, sigma) in [(6.0, 400.3, 0.15), (6.0, 133.7, 0.15), (2.0, 811.1, 0.1)]
         {
-            let [slow, fast] = both(height, spacing, sigma);
+            let [slow, fast] = both::<Standard>(height, spacing, sigma);
             assert!(slow.len() > 50);
             assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
             for (slow, fast) in slow.iter().zip(&fast) {
@@ -474,13 +481,90 @@ mod tests {
                 assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
             }
         }
-        let [slow, fast] = both(0.4, 400.3, 0.15);
+        let [slow, fast] = both::<Standard>(0.4, 400.3, 0.15);
         assert!(slow.is_empty() && fast.is_empty());
+    }
+
+    /// The standard constants but for one.
+    macro_rules! but {
+        ($($name:ident: $constant:ident: $kind:ty = $value:expr;)+) => { $(
+            #[derive(Clone, Copy)]
+            struct $name;
+            impl Onset for $name {
+                const $constant: $kind = $value;
+            }
+        )+ };
+    }
+
+    but! {
+        Corner: CORNER: f64 = 0.8;
+        Memory: MEMORY: f64 = 0.998;
+        Rise: RISE: u32 = 200;
+        Threshold: THRESHOLD: f64 = 20.0;
+        OverMemory: OVER_MEMORY: f64 = 150.0;
+        Loud: LOUD: f64 = 0.5;
+        Settling: SETTLING: u32 = 30_000;
+    }
+
+    #[test]
+    fn a_changed_constant_of_the_detector_changes_the_closed_form_with_it() {
+        fn changed<O: Onset>(height: f32, spacing: f64, sigma: f32) {
+            let [standard, _] = both::<Standard>(height, spacing, sigma);
+            let [slow, fast] = both::<O>(height, spacing, sigma);
+            assert!(slow.len() < 3 * standard.len() / 4, "{}", slow.len());
+            assert!(slow.len().abs_diff(fast.len()) <= 1, "{slow:?} {fast:?}");
+        }
+        changed::<Corner>(1.5, 811.1, 0.1);
+        changed::<Memory>(6.0, 133.7, 0.15);
+        changed::<Rise>(6.0, 133.7, 0.15);
+        changed::<Threshold>(1.5, 811.1, 0.1);
+        changed::<OverMemory>(6.0, 133.7, 0.15);
+        changed::<Settling>(6.0, 133.7, 0.15);
+    }
+
+    /// Samples of an impact's ringing that the demodulator leaves out, by the detector and by its closed form.
+    fn left_out<O: Onset>() -> [f64; 2] {
+        let mut detector = OnsetDetector::<O>::with(0.1);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let rings = (0..4000).filter(|&sample| {
+            if sample == 400 {
+                ringing.strike(6.0, 0.25);
+            }
+            detector.sample(ringing.acceleration());
+            ringing.step();
+            detector.rings()
+        });
+        let rings = rings.count() as f64;
+        let mut fast = OnsetModel::<O>::with(&SensorModel::default());
+        fast.begin(400, 4000);
+        let struck = Struck {
+            sample: 400,
+            share: 0.25,
+            height: 6.0,
+        };
+        // As the detector has it, which begins with its floor for a median.
+        let background = Background {
+            median: 0.1,
+            rms: 0.0,
+        };
+        fast.impact(struck, background, &mut Noise::new(1));
+        [rings, fast.left_out(4000) * 4000.0]
+    }
+
+    #[test]
+    fn a_changed_loudness_changes_what_is_left_out_in_both() {
+        let ([slow, fast], [standard, _]) = (left_out::<Loud>(), left_out::<Standard>());
+        // A quarter of the height takes ln 4 / 0.0356 = 39 samples longer; the detector's median falls meanwhile.
+        assert!(
+            (30.0..50.0).contains(&(slow - standard)),
+            "{slow} {standard}"
+        );
+        assert!((slow - fast).abs() < 6.0, "{slow} {fast}");
     }
 
     #[test]
     fn the_demodulator_s_share_of_a_ringing_is_its_sum() {
-        let mut fast = ImpactEar::new(&SensorModel::default());
+        let mut fast = OnsetModel::new(&SensorModel::default());
         fast.tune(0.0157);
         let mut ringing = Ringing::new(2400.0, 1e-3);
         ringing.strike(1.0, 0.3);
