@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn shares_of_the_reference_case() {
-        // Physics, section 7: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another placing of the
+        // docs/theory-capture.md#t7.1: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another placing of the
         // 40 x 40 starts moves the shares by the cells on the basin's edge, about 2 %.
         let shares = shares(0.43, 0.2);
         assert!((shares[&Tone::Locked] - 0.33).abs() < 0.02, "{shares:?}");
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn above_1_a_part_rests_for_ever_or_locks() {
-        // Physics, section 11: k = 1.2, R = 0.8 locks.
+        // docs/theory-reference.md#t11.4: k = 1.2, R = 0.8 locks.
         let shares = shares(1.2, 0.8);
         assert!(
             shares[&Tone::Rest] > 0.1 && shares[&Tone::Locked] > 0.05,
@@ -281,7 +281,7 @@ mod tests {
 
     #[test]
     fn the_cascade_is_named() {
-        // Between the flips of physics, section 6.
+        // Between the flips of docs/theory-bands.md#t6.1
         for (k, regime) in [
             (0.43, Regime::Locked { order: 1 }),
             (

@@ -122,23 +122,6 @@ fn every_command_of_the_manual_succeeds() {
     );
 }
 
-#[test]
-fn every_link_of_the_manual_leads_somewhere() {
-    for page in pages() {
-        let text = fs::read_to_string(&page).expect("the page is read");
-        for link in text
-            .split("](")
-            .skip(1)
-            .filter_map(|rest| rest.split(')').next())
-        {
-            let file = link.split('#').next().unwrap_or_default();
-            let within = !file.is_empty() && !link.contains("://");
-            let target = page.parent().expect("a page lies in a folder").join(file);
-            assert!(!within || target.exists(), "{}: no {link}", page.display());
-        }
-    }
-}
-
 fn page(name: &str) -> String {
     let all = pages();
     let path = all

@@ -76,7 +76,7 @@ fn a_cascade_has_flips_ratios_and_its_limit() {
         "5",
     ]);
     let flips = cascade["flips"].as_array().expect("an array");
-    // Physics, section 6.
+    // docs/theory-bands.md#t6.1
     for (flip, reference) in flips.iter().zip([
         0.421_784_812_671_680_56,
         0.406_784_778_021_891_2,
@@ -104,7 +104,7 @@ fn an_exponent_has_its_error_and_rest_is_no_chaos() {
     ]);
     let error = chaotic[0]["exponent_error"].as_f64().expect("a number");
     assert!(error > 0.0 && error < 0.01);
-    // Physics, section 11, +-0.003; four standard errors of this run on top.
+    // docs/theory-reference.md#t11.3, +-0.003; four standard errors of this run on top.
     close(&chaotic[0]["exponent"], 0.3622, 0.003 + 4.0 * error);
     assert_eq!(chaotic[0]["motion"], "chaotic");
     let rest = json(&[

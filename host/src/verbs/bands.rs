@@ -245,7 +245,7 @@ mod tests {
     fn rows_hold_the_references() {
         let single = Restitution::single(0.2).unwrap();
         let first = row(single, 1).unwrap();
-        // Physics, sections 5 to 7.
+        // docs/theory-bands.md#t5.2, docs/theory-capture.md#t7.2
         assert!((first.k2 - 0.393_052).abs() < 1e-6 && (first.k1 - 0.477_465).abs() < 1e-6);
         let chaos = first.first_chaos.unwrap();
         assert!((chaos.value - 0.358_723_3).abs() < 1e-7 && chaos.error < 1e-8);

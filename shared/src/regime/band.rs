@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn edges_are_the_papers_corrected_numbers() {
-        // Physics, section 5, six decimals; section 6, 20 digits.
+        // docs/theory-bands.md#t5.2, six decimals; docs/theory-bands.md#t6.1, 20 digits.
         for (order, k2, k1) in [
             (1, 0.393052, 0.477465),
             (2, 0.225691, 0.238732),
@@ -285,7 +285,7 @@ mod tests {
         let Err(BandError::Empty(none)) = Band::common(wide, 1) else {
             panic!("R in 0.1..0.3 has no common band");
         };
-        // Physics, section 5: [0.326, 0.389] against [0.470, 0.591].
+        // docs/theory-bands.md#t5.4: [0.326, 0.389] against [0.470, 0.591].
         assert!((none.flip - 0.470).abs() < 1e-3 && (none.birth - 0.389).abs() < 1e-3);
         for (low, high, exists) in [
             (0.1, none.high_bound - 1e-9, true),

@@ -327,7 +327,7 @@ struct Around {
 mod tests {
     use super::*;
 
-    /// Physics, section 6 (40-digit continuation), with the two entries whose last digits are
+    /// docs/theory-bands.md#t6.1 (40-digit continuation), with the two entries whose last digits are
     /// misprinted there corrected from (17a) and by recomputation.
     const FLIPS: [(f64, u32, &[f64]); 3] = [
         (

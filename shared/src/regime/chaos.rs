@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn the_band_is_as_narrow_as_the_design_says() {
-        // Physics, section 6: at R = 0.2 it ends near k = 0.33, at R = 0.5 near 0.57. The edge is a
+        // docs/theory-bands.md#t6.3: at R = 0.2 it ends near k = 0.33, at R = 0.5 near 0.57. The edge is a
         // crisis: the transient below it lengthens towards it, so it is known to a few steps.
         for (restitution, edge, within) in [(0.2, 0.33, 0.008), (0.5, 0.57, 0.008)] {
             let band = ChaoticBand::measure(restitution, 1, 0.005, 6400)

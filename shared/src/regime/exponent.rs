@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn exponents_are_the_references() {
-        // Physics, section 11: +-0.003; the statistical error of this run comes on top, four of its
+        // docs/theory-reference.md#t11.3: +-0.003; the statistical error of this run comes on top, four of its
         // standard errors.
         for (k, restitution, reference) in [
             (0.358, 0.2, 0.0778),
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn transient_chaos_ends_at_rest_and_says_so() {
-        // Physics, section 6: at R = 0.5 hopping survives only down to k of about 0.57.
+        // docs/theory-bands.md#t6.3: at R = 0.5 hopping survives only down to k of about 0.57.
         let map = Map::build(0.5, 0.5).unwrap();
         let found = measure(
             &map,

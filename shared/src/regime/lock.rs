@@ -85,7 +85,7 @@ pub struct Lock {
 
 impl Lock {
     /// The branch with `0 <= t0 <= pi/2` of the period-1 orbit of `order`, `cos t0 = pi r k (1-R)/(1+R)`,
-    /// `psi = 2 pi r k R/(1+R)` (physics, section 5); `None` where k is above `k1`, so that no such orbit
+    /// `psi = 2 pi r k R/(1+R)` (docs/theory-bands.md#t5.1); `None` where k is above `k1`, so that no such orbit
     /// exists. Whether it attracts is for [`Lock::attracts`], whether it is flown for
     /// [`Lock::is_first_return`].
     pub fn at(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {

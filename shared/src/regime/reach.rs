@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn low_restitution_reaches_the_lower_part_of_the_band() {
-        // Physics, section 7: locks below 0.4117, with single k failing close below, never above 0.4183.
+        // docs/theory-capture.md#t7.2: locks below 0.4117, with single k failing close below, never above 0.4183.
         let found = reach(0.2, 1, 200);
         let edge = found.edge.unwrap();
         assert!((0.4105..0.4122).contains(&edge), "{found:?}");

@@ -188,7 +188,7 @@ mod tests {
         assert_eq!((seen.autocorrelation(1), seen.bins()[2]), (None, 500));
     }
 
-    /// Flights in chaos are not a renewal process (physics, section 8): the lag-1 correlation differs
+    /// Flights in chaos are not a renewal process (docs/theory-transport.md#t8.7): the lag-1 correlation differs
     /// from 0 by many standard errors, and its sign depends on the regime.
     #[test]
     fn chaotic_flights_are_correlated() {

@@ -88,7 +88,7 @@ mod tests {
     use crate::impact::{Kernel, TangentialSettings};
     use crate::transport::{Spread, locked};
 
-    /// Parameters of the paper's section on chaotic conveying (physics, section 8).
+    /// Parameters of the paper's section on chaotic conveying (docs/theory-transport.md#t8.2).
     const CHAOS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
         amplitude_ratio: 2.0,
@@ -123,7 +123,7 @@ mod tests {
         let per_impact = Spread::of(runs.iter().filter_map(|run| run.conveyed.impact_mean()));
         for (spread, printed, rounding) in [(per_impact, 0.0463, 5e-5), (per_time, 0.272, 5e-4)] {
             let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
-            // Physics, section 8, rounded as printed there; 6 standard errors of 12 runs.
+            // docs/theory-transport.md#t8.2, rounded as printed there; 6 standard errors of 12 runs.
             assert!(
                 (mean - printed).abs() < rounding + 6.0 * error,
                 "{mean} +- {error}"
@@ -144,7 +144,7 @@ mod tests {
             settle: 200,
             impacts: 1000,
         };
-        // Physics, section 7: at k = 0.43 a part from rest chatters to rest every cycle, one that
+        // docs/theory-capture.md#t7.1: at k = 0.43 a part from rest chatters to rest every cycle, one that
         // starts on the lock stays there.
         let lying = measure(&map, tangential, Start::Rest, effort, &mut ());
         assert_eq!(lying.motion, Motion::HopAndRest);

@@ -20,7 +20,7 @@ pub(super) const ROWS: &[Work] = &[
     insensitive,
 ];
 
-/// The example of the paper's section on chaotic conveying (physics, section 8).
+/// The example of the paper's section on chaotic conveying (docs/theory-transport.md#t8.2).
 pub(super) const CHAOS: TangentialSettings = TangentialSettings {
     restitution: 0.3,
     amplitude_ratio: 2.0,
@@ -228,7 +228,7 @@ fn dead() -> Result<Vec<Row>, Refusal> {
 
 /// Chaos below the accumulation point is real.
 fn lyapunov() -> Result<Vec<Row>, Refusal> {
-    // Physics, section 11: known to 0.003.
+    // docs/theory-reference.md#t11.3: known to 0.003.
     let references = [
         (0.43, 0.2, -1.3307),
         (0.358, 0.2, 0.0778),

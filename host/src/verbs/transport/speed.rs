@@ -354,7 +354,7 @@ mod tests {
             assert!(row.sensitivity.unwrap().value.abs() < 1e-6);
             assert!((row.interval.mean().unwrap() - std::f64::consts::TAU).abs() < 1e-9);
         }
-        // Physics, section 7: from rest the part locks below k = 0.4117 and never above 0.4183.
+        // docs/theory-capture.md#t7.2: from rest the part locks below k = 0.4117 and never above 0.4183.
         let from_rest: Vec<bool> = locked.iter().map(|row| row.from_rest).collect();
         assert_eq!(from_rest, [true, false, false]);
         let speeds: Vec<f64> = locked

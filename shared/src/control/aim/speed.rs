@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_lot_without_any_band_has_no_speed_at_all() {
-        // Physics, section 5: no common band of order 1; those of higher orders are narrower.
+        // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are narrower.
         let settings = Settings {
             restitution_low: 0.1,
             restitution_high: 0.3,

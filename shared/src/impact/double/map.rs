@@ -13,9 +13,9 @@ use crate::impact::kernel::{Impact, Kernel, State};
 /// The impact map in f64 for one k and one restitution.
 ///
 /// Flights are anchored on the nodes of a sine table, so that no impact needs a trigonometric call, and
-/// which stretch of the track they meet is decided in closed form or by a certified search (physics,
-/// section 3). The flight time is the root of `u` to rounding; hops of any shortness keep the relative
-/// accuracy of flight and arrival speed.
+/// which stretch of the track they meet is decided in closed form or by a certified search
+/// (docs/theory-impacts.md#t3). The flight time is the root of `u` to rounding; hops of any shortness
+/// keep the relative accuracy of flight and arrival speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Map {
     track: Track<f64>,

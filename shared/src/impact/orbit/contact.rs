@@ -1,4 +1,4 @@
-//! Contact of the part with the track: chatter, rest and lift-off (physics, section 4).
+//! Contact of the part with the track: chatter, rest and lift-off (docs/theory-impacts.md#t4).
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
     use crate::impact::orbit::{Event, Orbit};
 
-    /// Physics, section 11: (k, R, phase, velocity), time of rest, time of lift-off.
+    /// docs/theory-reference.md#t11.2: (k, R, phase, velocity), time of rest, time of lift-off.
     #[expect(
         clippy::excessive_precision,
         reason = "as many digits as the reference has"

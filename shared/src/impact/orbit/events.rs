@@ -277,7 +277,7 @@ mod tests {
         reason = "as many digits as the reference has"
     )]
     fn the_release_flight_is_the_reference() {
-        // Physics, section 11.
+        // docs/theory-reference.md#t11.2
         for (k, restitution, flight, velocity) in [
             (
                 0.9,
@@ -384,7 +384,7 @@ mod tests {
         assert_eq!(Orbit::from_rest(&map).next(), None);
         assert_eq!(Orbit::from_rest(&map).with(Skips::NONE).next(), None);
 
-        // Physics, section 11: hopping above k = 1.
+        // docs/theory-reference.md#t11.4: hopping above k = 1.
         let map = Map::build(1.2, 0.8).unwrap();
         let mut orbit = Orbit::new(&map, Map::state(1.0, 3.3).unwrap());
         assert_eq!(orbit.watch(2000, &mut ()), Ended::Counted);

@@ -4,7 +4,7 @@ use super::observe::Observer;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, State};
 
-/// Partial derivatives of one impact; `det J = R^2 psi / psi'` (physics, section 2).
+/// Partial derivatives of one impact; `det J = R^2 psi / psi'` (docs/theory-impacts.md#t2.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangent {
     /// The Jacobian, rows (phase', velocity'), columns (phase, velocity).

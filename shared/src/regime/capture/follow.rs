@@ -308,7 +308,7 @@ mod tests {
 
     #[test]
     fn from_rest_a_part_locks_only_where_the_design_says() {
-        // Physics, section 7: at R = 0.2 below 0.4117 (single k near the edge fail) and never above
+        // docs/theory-capture.md#t7.2: at R = 0.2 below 0.4117 (single k near the edge fail) and never above
         // 0.4183; at R = 0.3 never.
         for step in 0..40 {
             let part = f64::from(step) / 40.0;

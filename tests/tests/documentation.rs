@@ -1,0 +1,219 @@
+//! What the pages and the sources say of each other: links, anchors, citations, the numbering of the theory.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("tests/ lies in the workspace")
+}
+
+fn collect(folder: &Path, ends: &[&str], found: &mut Vec<PathBuf>) {
+    let entries = fs::read_dir(folder).expect("a folder of the project is read");
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path.is_dir() {
+            if name != "target" && name != ".git" {
+                collect(&path, ends, found);
+            }
+        } else if ends.iter().any(|end| name.ends_with(end)) {
+            found.push(path);
+        }
+    }
+}
+
+/// The project's files with one of these endings, and their texts.
+fn texts(ends: &[&str]) -> Vec<(PathBuf, String)> {
+    let mut paths = Vec::new();
+    collect(root(), ends, &mut paths);
+    paths.sort();
+    let read = |path: PathBuf| {
+        let text = fs::read_to_string(&path).expect("a text of the project is read");
+        (path, text)
+    };
+    paths.into_iter().map(read).collect()
+}
+
+fn shown(path: &Path) -> String {
+    let inside = path.strip_prefix(root()).unwrap_or(path);
+    inside.display().to_string()
+}
+
+/// The identifiers of a page's `<a id="...">`.
+fn explicit_anchors(page: &str) -> impl Iterator<Item = &str> {
+    let parts = page.split("<a id=\"").skip(1);
+    parts.filter_map(|rest| rest.split('"').next())
+}
+
+/// The identifier that GitHub and mdBook give a heading.
+fn slug(heading: &str) -> String {
+    let kept = heading.trim().to_lowercase();
+    let kept = kept.chars().filter_map(|c| match c {
+        ' ' => Some('-'),
+        c if c.is_alphanumeric() || c == '-' || c == '_' => Some(c),
+        _ => None,
+    });
+    kept.collect()
+}
+
+fn anchors(page: &str) -> BTreeSet<String> {
+    let headings = page.lines().filter(|line| line.starts_with('#'));
+    let slugs = headings.map(|line| slug(line.trim_start_matches('#')));
+    let explicit = explicit_anchors(page).map(str::to_owned);
+    slugs.chain(explicit).collect()
+}
+
+/// Why a link, seen from a folder, leads nowhere.
+fn broken(from: &Path, link: &str, own: &Path) -> Option<String> {
+    let (file, anchor) = link.split_once('#').unwrap_or((link, ""));
+    let target = if file.is_empty() {
+        own.to_owned()
+    } else {
+        from.join(file)
+    };
+    if !target.exists() {
+        return Some(format!("{}: no file for {link}", shown(own)));
+    }
+    if anchor.is_empty() {
+        return None;
+    }
+    let page = fs::read_to_string(&target).unwrap_or_default();
+    let there = anchors(&page).contains(anchor);
+    (!there).then(|| format!("{}: no anchor for {link}", shown(own)))
+}
+
+/// The targets of a text's markdown links that lie within the project.
+fn links(text: &str) -> impl Iterator<Item = &str> {
+    let ends = text.split("](").skip(1);
+    let targets = ends.filter_map(|rest| rest.split(')').next());
+    targets.filter(|link| !link.contains("://") && !link.contains(char::is_whitespace))
+}
+
+/// The pages of the manual that a text cites, with their anchors.
+fn citations(text: &str) -> impl Iterator<Item = &str> {
+    let inside = |c: char| c.is_ascii_alphanumeric() || "-_./#".contains(c);
+    text.match_indices("docs/").filter_map(move |(start, _)| {
+        let rest = &text[start..];
+        let end = rest.find(|c| !inside(c)).unwrap_or(rest.len());
+        let cited = rest[..end].trim_end_matches(['.', '/', '#']);
+        cited.contains(".md").then_some(cited)
+    })
+}
+
+#[test]
+fn every_link_of_a_page_leads_somewhere() {
+    let pages = texts(&[".md"]);
+    assert!(pages.len() > 15, "{} pages", pages.len());
+    let mut wrong = Vec::new();
+    for (path, text) in &pages {
+        let folder = path.parent().expect("a page lies in a folder");
+        wrong.extend(links(text).filter_map(|link| broken(folder, link, path)));
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_citation_of_a_page_leads_to_an_anchor() {
+    let mut wrong = Vec::new();
+    let mut of_theory = 0;
+    for (path, text) in texts(&[".rs", ".md", ".toml", ".sh"]) {
+        for cited in citations(&text) {
+            of_theory += usize::from(cited.contains("#t"));
+            wrong.extend(broken(root(), cited, &path));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(of_theory >= 20, "only {of_theory} citations of the theory");
+}
+
+/// The theory is part of the manual: nothing may cite a page that the project does not hold.
+#[test]
+fn nothing_cites_the_sections_of_a_page_that_is_not_here() {
+    let foreign = ["physics,", "section"].join(" ");
+    for (path, text) in texts(&[".rs", ".md", ".toml", ".sh"]) {
+        let marks = ["//!", "///", "//", "#"];
+        let line = |line: &str| {
+            let line = line.trim();
+            let bare = marks.iter().find_map(|mark| line.strip_prefix(mark));
+            bare.unwrap_or(line).trim().to_lowercase()
+        };
+        let flat = text.lines().map(line).collect::<Vec<_>>().join(" ");
+        assert!(
+            !flat.contains(&foreign),
+            "{} cites '{foreign}'; cite an anchor of docs/, as docs/theory-model.md#t1",
+            shown(&path)
+        );
+    }
+}
+
+#[test]
+fn the_sections_of_the_theory_have_the_numbers_of_their_anchors() {
+    let mut seen = BTreeSet::new();
+    for (path, text) in texts(&[".md"]) {
+        for (place, _) in text.match_indices("<a id=\"t") {
+            let anchor = explicit_anchors(&text[place..]).next().expect("an anchor");
+            let heading = text[place..].lines().find(|line| line.starts_with('#'));
+            let heading = heading.unwrap_or_default().trim_start_matches('#').trim();
+            let number = heading.split(' ').next().unwrap_or_default();
+            let page = shown(&path);
+            assert_eq!(&anchor[1..], number.trim_end_matches('.'), "{page}");
+            assert!(seen.insert(anchor.to_owned()), "{page}: {anchor} is taken");
+        }
+    }
+    assert!(seen.len() > 40, "{seen:?}");
+}
+
+#[test]
+fn the_summary_names_every_page_of_the_manual() {
+    let docs = root().join("docs");
+    let summary = fs::read_to_string(docs.join("SUMMARY.md")).expect("the summary is read");
+    let named: BTreeSet<&str> = links(&summary).collect();
+    for (path, _) in texts(&[".md"]) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path.parent() == Some(&docs) && name != "SUMMARY.md" {
+            assert!(named.contains(&*name), "SUMMARY.md does not name {name}");
+        }
+    }
+}
+
+#[test]
+fn a_broken_link_is_found() {
+    let page = root().join("docs/theory-model.md");
+    let docs = root().join("docs");
+    assert!(broken(&docs, "theory-model.md#t1.1", &page).is_none());
+    assert!(broken(&docs, "#t1.2", &page).is_none());
+    assert!(broken(&docs, "faults.md#limit-7-link-lost", &page).is_none());
+    assert!(broken(&docs, "theory-model.md#t1.99", &page).is_some());
+    assert!(broken(&docs, "no-such-page.md", &page).is_some());
+    let cited: Vec<&str> = citations("(see docs/theory-model.md#t1.1). docs/book.toml").collect();
+    assert_eq!(cited, ["docs/theory-model.md#t1.1"]);
+}
+
+/// Every name in backquotes of the glossary's fourth column.
+fn names_in_the_code(glossary: &str) -> Vec<&str> {
+    let rows = glossary.lines().filter(|line| line.starts_with('|'));
+    let cells = rows.filter_map(|row| row.split('|').nth(4));
+    let quoted = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2));
+    quoted.flat_map(|name| name.split("::")).collect()
+}
+
+#[test]
+fn every_name_of_the_glossary_is_in_the_sources() {
+    let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
+    let sources = texts(&[".rs"]);
+    let inside = |c: char| c.is_alphanumeric() || c == '_';
+    let words: BTreeSet<&str> = sources
+        .iter()
+        .flat_map(|(_, text)| text.split(|c| !inside(c)))
+        .collect();
+    let names = names_in_the_code(&glossary);
+    assert!(names.len() > 40, "{names:?}");
+    for name in names {
+        assert!(
+            words.contains(name),
+            "no {name} in the sources; see docs/glossary.md"
+        );
+    }
+}
