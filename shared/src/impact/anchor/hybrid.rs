@@ -10,8 +10,8 @@ use super::solve::Found;
 use crate::arithmetic::node::{self, Fine};
 use crate::arithmetic::trigonometry::sine_cosine_fine;
 use crate::arithmetic::{Phase, Velocity};
-use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State};
+use crate::feeder::OutOfRange;
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, accept_phase};
 use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
@@ -338,7 +338,7 @@ impl Kernel for Hybrid {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        accept_phase(phase)?;
         Ok(HybridState {
             phase: Phase::from_radians(phase),
             velocity: Velocity::build(velocity, TOP, "0..60 (units of b w)")?,

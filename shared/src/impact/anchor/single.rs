@@ -9,7 +9,7 @@ use super::shape::Shape;
 use super::solve::Found;
 use crate::arithmetic::{Phase, node, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{Impact, Kernel, Landing, State};
+use crate::impact::kernel::{Impact, Kernel, Landing, State, accept_phase};
 use crate::impact::set_up::SetUp;
 
 /// A state of [`Single`]: 8 bytes.
@@ -251,7 +251,7 @@ impl Kernel for Single {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<SingleState, OutOfRange> {
-        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        accept_phase(phase)?;
         accept(
             "velocity",
             velocity,

@@ -8,7 +8,7 @@ use super::search::{self, Envelope};
 use super::step::Landing;
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{Impact, Kernel, State};
+use crate::impact::kernel::{Impact, Kernel, State, accept_phase};
 
 /// The impact map in f64 for one k and one restitution.
 ///
@@ -99,7 +99,7 @@ impl Kernel for Map {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<State, OutOfRange> {
-        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        accept_phase(phase)?;
         accept(
             "velocity",
             velocity,

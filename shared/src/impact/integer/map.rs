@@ -5,8 +5,8 @@ use super::constants::{Constants, SLOW, TURNS};
 use super::short::Start;
 use crate::arithmetic::fixed::high;
 use crate::arithmetic::{Phase, Velocity, sine_cosine_integer};
-use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State};
+use crate::feeder::OutOfRange;
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, accept_phase};
 use crate::impact::set_up::SetUp;
 
 /// The impact map in integers (`integer`).
@@ -109,7 +109,7 @@ impl Kernel for Integer {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        accept("phase", phase, phase.is_finite(), "any finite angle in rad")?;
+        accept_phase(phase)?;
         Ok(HybridState {
             phase: Phase::from_radians(phase),
             velocity: Velocity::build(velocity, TOP, "0..29 (units of b w)")?,
