@@ -211,18 +211,22 @@ impl Track {
         self.gravity
     }
 
+    /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
+    #[must_use]
+    pub fn normal_gravity(&self) -> f64 {
+        self.gravity * libm::cos(self.incline)
+    }
+
     /// `k = g cos(alpha) / (b w^2)` for a normal amplitude b in m; infinite at b = 0.
     #[must_use]
     pub fn k(&self, amplitude: f64) -> f64 {
-        self.gravity * libm::cos(self.incline)
-            / (amplitude * self.angular_frequency * self.angular_frequency)
+        self.normal_gravity() / (amplitude * self.angular_frequency * self.angular_frequency)
     }
 
     /// Normal amplitude b in m for a value of k; infinite at k = 0. The inverse of [`Track::k`].
     #[must_use]
     pub fn amplitude(&self, k: f64) -> f64 {
-        self.gravity * libm::cos(self.incline)
-            / (k * self.angular_frequency * self.angular_frequency)
+        self.normal_gravity() / (k * self.angular_frequency * self.angular_frequency)
     }
 
     /// Peak normal acceleration of the track over gravity for a normal amplitude b in m.

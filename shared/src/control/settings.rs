@@ -1,6 +1,6 @@
 //! What the controller is told about the track, the drive, the sensor and its parts.
 
-use crate::feeder::OutOfRange;
+use crate::feeder::{OutOfRange, Restitution, Track, TrackSettings};
 
 /// One setting: its key, unit, accepted range and default.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,6 +124,25 @@ settings! {
 }
 
 impl Settings {
+    /// The lot of parts that they describe.
+    pub fn lot(&self) -> Result<Restitution, OutOfRange> {
+        Restitution::interval(
+            f64::from(self.restitution_low),
+            f64::from(self.restitution_high),
+        )
+    }
+
+    /// The track that they describe.
+    pub fn track(&self) -> Result<Track, OutOfRange> {
+        Track::build(TrackSettings {
+            frequency: f64::from(self.frequency),
+            incline: f64::from(self.incline),
+            amplitude_ratio: f64::from(self.amplitude_ratio),
+            phase_lead: f64::from(self.phase_lead),
+            gravity: f64::from(self.gravity),
+        })
+    }
+
     /// The value of a key, `None` for an unknown one.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<f32> {

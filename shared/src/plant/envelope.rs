@@ -6,7 +6,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
-use super::feeder::{STRIKES, tangential};
+use super::feeder::STRIKES;
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track};
@@ -43,7 +43,8 @@ pub struct EnvelopePlant {
     onset: OnsetModel,
     parts: [Part; PARTS],
     part_count: usize,
-    pull: f64,
+    /// Gravity normal to the track in m/s^2.
+    normal_gravity: f64,
     noise: Noise,
     /// Time up to which the parts are known, in steps of 2^-32 turns of the drive: that of the output
     /// before the sample that began the cycle.
@@ -72,6 +73,7 @@ impl EnvelopePlant {
         scene.check()?;
         let settings = &scene.settings;
         settings.check()?;
+        let track = settings.track()?;
         let full = f64::from((1_u32 << settings.converter_bits as u32) - 1);
         let volts = f64::from(settings.converter_reference) / (full + 1.0);
         let codes = f64::from(settings.sensitivity) / STANDARD_GRAVITY / volts;
@@ -94,8 +96,7 @@ impl EnvelopePlant {
             onset: OnsetModel::new(&scene.sensor),
             parts,
             part_count: usize::from(scene.part_count),
-            pull: f64::from(settings.gravity)
-                * libm::cos(f64::from(settings.incline) * (TAU / 360.0)),
+            normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             time: -i64::from(phase_step(settings.frequency)),
             sample: 0,
@@ -103,7 +104,7 @@ impl EnvelopePlant {
             ripple: scene.drive.ripple,
             lost: false,
             inverted: false,
-            settings: tangential(settings),
+            settings: TangentialSettings::on(&track, f64::from(settings.tangential_restitution)),
             watched: true,
             strikes: [Strike::default(); STRIKES],
             strike_count: 0,
@@ -213,7 +214,7 @@ impl EnvelopePlant {
     fn move_parts(&mut self) {
         let end = self.end();
         let track = Track {
-            pull: self.pull,
+            normal_gravity: self.normal_gravity,
             angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / TURN),
             tangential: self.watched.then_some(self.settings),
         };
@@ -256,7 +257,7 @@ impl EnvelopePlant {
     /// Where in `from..=end` the track first throws a resting part.
     fn thrown(&self, track: &Track, from: u64, end: u64) -> Option<(Swing, u64)> {
         let k = |swing: &Swing| {
-            track.pull / (f64::from(swing.amplitude) * track.angular * track.angular)
+            track.normal_gravity / (f64::from(swing.amplitude) * track.angular * track.angular)
         };
         let began = self.swing(from);
         let phase = began.phase.radians();

@@ -7,7 +7,7 @@ use super::noise::Noise;
 use super::part::{Part, Strike, Track};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::control::{AdcCode, SAMPLE_RATE, Settings, phase_step};
+use crate::control::{AdcCode, SAMPLE_RATE, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::TangentialSettings;
 
@@ -28,7 +28,8 @@ pub struct Plant {
     sensor: SensorModel,
     parts: [Part; PARTS],
     part_count: usize,
-    pull: f64,
+    /// Gravity normal to the track in m/s^2.
+    normal_gravity: f64,
     noise: Noise,
     output: f32,
     /// Time in steps of 2^-32 turns of the drive.
@@ -55,6 +56,7 @@ impl Plant {
         scene.check()?;
         let settings = &scene.settings;
         settings.check()?;
+        let track = settings.track()?;
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
         let volts = settings.converter_reference / (full + 1.0);
         let mut parts = [Part::at_rest(0.0); PARTS];
@@ -72,8 +74,7 @@ impl Plant {
             sensor: scene.sensor,
             parts,
             part_count: usize::from(scene.part_count),
-            pull: f64::from(settings.gravity)
-                * libm::cos(f64::from(settings.incline) * (TAU / 360.0)),
+            normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             output: 0.0,
             time: 0,
@@ -87,7 +88,10 @@ impl Plant {
             mains: Phase::ZERO,
             mains_step: phase_step(scene.drive.mains),
             ripple: scene.drive.ripple,
-            tangential: Some(tangential(settings)),
+            tangential: Some(TangentialSettings::on(
+                &track,
+                f64::from(settings.tangential_restitution),
+            )),
             strikes: [Strike::default(); STRIKES],
             strike_count: 0,
         })
@@ -133,8 +137,8 @@ impl Plant {
         self.time = now;
         let [x, v] = self.drive.motion();
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / 4_294_967_296.0);
-        // Downward acceleration of the track over the pull, as the harmonic motion has it.
-        let thrown = f64::from(x) * angular * angular > self.pull;
+        // Downward acceleration of the track over gravity, as the harmonic motion has it.
+        let thrown = f64::from(x) * angular * angular > self.normal_gravity;
         for index in 0..self.part_count {
             let due = match self.parts[index].next() {
                 Some(next) => next <= now,
@@ -148,7 +152,7 @@ impl Plant {
 
     fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
         let track = Track {
-            pull: self.pull,
+            normal_gravity: self.normal_gravity,
             angular,
             tangential: self.tangential,
         };
@@ -259,16 +263,5 @@ impl Plant {
     /// Turns the sign of the reading.
     pub fn set_sensor_inverted(&mut self, inverted: bool) {
         self.inverted = inverted;
-    }
-}
-
-/// What the parts' motion along the track depends on.
-pub(super) fn tangential(settings: &Settings) -> TangentialSettings {
-    let turn = TAU / 360.0;
-    TangentialSettings {
-        amplitude_ratio: f64::from(settings.amplitude_ratio),
-        phase_lead: f64::from(settings.phase_lead) * turn,
-        incline_tangent: libm::tan(f64::from(settings.incline) * turn),
-        restitution: f64::from(settings.tangential_restitution),
     }
 }

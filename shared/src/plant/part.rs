@@ -51,8 +51,8 @@ pub struct Part {
 /// What a part needs to know of the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    /// g cos(alpha) in m/s^2.
-    pub pull: f64,
+    /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
+    pub normal_gravity: f64,
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
     /// The motion along the track; `None` where nobody watches it.
@@ -98,11 +98,11 @@ impl Part {
         }
     }
 
-    /// Throws a resting part where the track's downward acceleration exceeds the pull; `swing` is the
+    /// Throws a resting part where the track's downward acceleration exceeds gravity; `swing` is the
     /// track at `time`.
     pub fn throw(&mut self, swing: Swing, track: &Track, time: u64) {
         let amplitude = f64::from(swing.amplitude);
-        let k = track.pull / (amplitude * track.angular * track.angular);
+        let k = track.normal_gravity / (amplitude * track.angular * track.angular);
         let Ok(map) = Map::build(k, self.restitution) else {
             return;
         };
@@ -152,7 +152,7 @@ impl Part {
             part: 0,
         };
         let amplitude = f64::from(swing.amplitude);
-        let k = track.pull / (amplitude * track.angular * track.angular);
+        let k = track.normal_gravity / (amplitude * track.angular * track.angular);
         let Ok(map) = Map::build(k, self.restitution) else {
             self.motion = Motion::Resting;
             return Some(strike);

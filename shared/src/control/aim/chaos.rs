@@ -94,13 +94,11 @@ pub struct ChaosSearch {
 impl ChaosSearch {
     /// The search for a lot; the refusal names the parameter.
     pub fn begin(settings: &Settings) -> Result<Self, OutOfRange> {
-        let (low, high) = (
-            f64::from(settings.restitution_low),
-            f64::from(settings.restitution_high),
-        );
+        let lot = settings.lot()?;
+        let (low, high) = (lot.low(), lot.high());
         Ok(Self {
             // The liveliest part comes to rest first, the deadest is periodic longest.
-            parts: [high, low, 0.5 * (low + high)],
+            parts: [high, low, lot.middle()],
             k: HIGHEST * band::flip(low, 1)?,
             lowest: LOWEST * band::flip(high, 1)?,
             part: 0,

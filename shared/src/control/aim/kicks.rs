@@ -1,6 +1,5 @@
 //! The search for the kicks that throw parts onto the wanted orbit.
 
-use super::setpoint::lot;
 use crate::control::hear::LockAt;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
@@ -47,7 +46,7 @@ impl Search {
         let settings = PlanSettings {
             lot: Lot {
                 k: lock.k,
-                restitution: lot(settings)?,
+                restitution: settings.lot()?,
                 order: u32::from(lock.order),
                 amplitude_error: f64::from(settings.amplitude_error),
             },

@@ -6,7 +6,7 @@ use crate::control::angle::phase_of;
 use crate::control::hear::LockAt;
 use crate::control::identify;
 use crate::control::settings::Settings;
-use crate::feeder::{OutOfRange, Restitution, accept};
+use crate::feeder::{OutOfRange, accept};
 use crate::regime::band::BandError;
 use crate::regime::{Band, Lock, NoBand};
 
@@ -134,7 +134,7 @@ impl Choice {
 
     /// The choice of the whole lot's lock of an order.
     pub(super) fn lock(order: u8, settings: &Settings) -> Result<Self, OutOfRange> {
-        let lot = lot(settings)?;
+        let lot = settings.lot()?;
         let band = match Band::common(lot, u32::from(order)) {
             Ok(band) => band,
             Err(BandError::Empty(none)) => {
@@ -161,17 +161,10 @@ impl Choice {
     }
 }
 
-/// The lot that the settings describe.
-pub(super) fn lot(settings: &Settings) -> Result<Restitution, OutOfRange> {
-    Restitution::interval(
-        f64::from(settings.restitution_low),
-        f64::from(settings.restitution_high),
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feeder::Restitution;
 
     #[test]
     fn the_setpoint_of_a_lock_is_in_the_band_of_every_part() {

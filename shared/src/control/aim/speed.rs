@@ -1,9 +1,8 @@
 //! The lock that conveys at a wanted speed, searched order by order.
 
-use super::setpoint::{Choice, Level, NoSetpoint, ORDERS, lot};
+use super::setpoint::{Choice, Level, NoSetpoint, ORDERS};
 use crate::control::hear::LockAt;
 use crate::control::settings::Settings;
-use crate::feeder::{Track, TrackSettings};
 use crate::impact::TangentialSettings;
 use crate::regime::{Lock, band};
 use crate::transport::locked;
@@ -63,7 +62,7 @@ impl SpeedSearch {
 
 /// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
 fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
-    let lot = lot(settings).ok()?;
+    let lot = settings.lot().ok()?;
     // What a lot would need for a band that it has not is the costliest to say, and not asked for here.
     let (flip, birth) = (
         band::flip(lot.high(), u32::from(order)).ok()?,
@@ -78,16 +77,9 @@ fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
 
 /// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
 fn conveys(lock: &LockAt, settings: &Settings) -> Option<f32> {
-    let track = Track::build(TrackSettings {
-        frequency: f64::from(settings.frequency),
-        incline: f64::from(settings.incline),
-        amplitude_ratio: f64::from(settings.amplitude_ratio),
-        phase_lead: f64::from(settings.phase_lead),
-        gravity: f64::from(settings.gravity),
-    })
-    .ok()?;
+    let track = settings.track().ok()?;
     let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
-    let orbit = Lock::at(lock.k, lot(settings).ok()?.middle(), u32::from(lock.order)).ok()??;
+    let orbit = Lock::at(lock.k, settings.lot().ok()?.middle(), u32::from(lock.order)).ok()??;
     let unit = track.velocity_unit(track.amplitude(lock.k));
     Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
 }

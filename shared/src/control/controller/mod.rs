@@ -356,7 +356,7 @@ impl Controller {
             k: f64::from(self.scale.k(measured)),
             lead: phase_of(self.lead),
             least: f64::from(self.scale.k(self.scale.reach(&self.settings))),
-            pull: self.scale.pull,
+            normal_gravity: self.scale.normal_gravity,
             step: self.scale.step,
         };
         match self.identifier.cycle(&driven, cycle) {

@@ -9,8 +9,11 @@ use crate::control::state::Limits;
 /// The numbers that amplitude, k and output hang together by.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
-    /// g cos(alpha) in m/s^2.
-    pub pull: f32,
+    /// Gravity normal to the track (symbol g cos alpha) in m/s^2, as [`Track::normal_gravity`] in single
+    /// precision.
+    ///
+    /// [`Track::normal_gravity`]: crate::feeder::Track::normal_gravity
+    pub normal_gravity: f32,
     /// Square of the angular frequency, in 1/s^2.
     pub square: f32,
     /// Advance of the phase per sample.
@@ -27,7 +30,7 @@ impl Scale {
     /// The numbers at a frequency in Hz.
     pub fn at(settings: &Settings, frequency: f32) -> Self {
         let mut scale = Self {
-            pull: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
+            normal_gravity: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
             square: 0.0,
             step: 0,
             ceiling: 0.0,
@@ -55,12 +58,12 @@ impl Scale {
 
     /// k at a normal amplitude in m.
     pub fn k(&self, amplitude: f32) -> f32 {
-        self.pull / (amplitude * self.square)
+        self.normal_gravity / (amplitude * self.square)
     }
 
     /// Normal amplitude in m at a k.
     pub fn amplitude(&self, k: f32) -> f32 {
-        self.pull / (k * self.square)
+        self.normal_gravity / (k * self.square)
     }
 
     /// Largest amplitude in m that the settings let the drive reach.
@@ -79,5 +82,27 @@ impl Scale {
         let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
         let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
         (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gravity_normal_to_the_track_is_the_track_s_in_single_precision() {
+        for n in -60..=60 {
+            let settings = Settings {
+                incline: n as f32,
+                ..Settings::default()
+            };
+            let single = f64::from(Scale::at(&settings, 50.0).normal_gravity);
+            let double = settings.track().unwrap().normal_gravity();
+            // Roundings of the angle (60 degrees in rad times the tangent there: 1.8), of the cosine and of the product.
+            assert!(
+                (single / double - 1.0).abs() < 2.5e-7,
+                "{n}: {single} {double}"
+            );
+        }
     }
 }

@@ -80,8 +80,8 @@ struct Best {
 pub struct Circumstances {
     /// Measured k.
     pub k: f64,
-    /// Amplitude of the track's acceleration in m/s^2 at k = 1.
-    pub pull: f32,
+    /// Gravity normal to the track in m/s^2: the amplitude of the track's acceleration at k = 1.
+    pub normal_gravity: f32,
     /// Advance of the phase per sample.
     pub step: u32,
 }
@@ -93,7 +93,7 @@ pub struct Fit {
     layout: Layout,
     /// Samples in a radian of the drive.
     per_radian: f32,
-    pull: f32,
+    normal_gravity: f32,
     k: f64,
     /// Lowest restitution that is tried, and the step to the next.
     lowest: f32,
@@ -119,7 +119,7 @@ impl Fit {
         folded: [0.0; PLACES],
         layout: Layout::NONE,
         per_radian: 1.0,
-        pull: 0.0,
+        normal_gravity: 0.0,
         k: 1.0,
         lowest: LEAST,
         apart: 0.0,
@@ -166,7 +166,7 @@ impl Fit {
     pub fn begin(&mut self, fold: Circumstances) {
         self.layout = Layout::of(fold.step);
         self.per_radian = 4_294_967_296.0 / (TAU * fold.step.max(1) as f32);
-        self.pull = fold.pull;
+        self.normal_gravity = fold.normal_gravity;
         self.k = fold.k * (1.0 + f64::from(self.leak.unwrap_or(0.0)));
         self.best = None;
         self.left = [f32::INFINITY; TRIED];
@@ -360,7 +360,7 @@ impl Fit {
         let sum = leaked(&best.explained, best.ringing, samples, turning, &train);
         // The track's acceleration is its amplitude times the negative sine.
         let swing = -2.0 * step * (1.0 / TAU) * sum;
-        let share = swing * self.k as f32 / self.pull;
+        let share = swing * self.k as f32 / self.normal_gravity;
         share / (1.0 - share)
     }
 
@@ -471,7 +471,7 @@ mod tests {
         fit.begin(Circumstances {
             k,
             // So strong that the ringing adds nothing to what was measured.
-            pull: 1e6,
+            normal_gravity: 1e6,
             step: phase_step(50.0),
         });
         let mut slices = 0;

@@ -135,8 +135,8 @@ pub struct Driven {
     pub lead: Phase,
     /// Least k that the drive reaches.
     pub least: f64,
-    /// g cos(alpha) in m/s^2.
-    pub pull: f32,
+    /// Gravity normal to the track in m/s^2.
+    pub normal_gravity: f32,
     /// Advance of the phase per sample.
     pub step: u32,
 }
@@ -261,7 +261,7 @@ impl Identifier {
                     if first + HANDED >= Layout::of(driven.step).places {
                         self.fit.begin(Circumstances {
                             k: self.sum / f64::from(FOLDED),
-                            pull: driven.pull,
+                            normal_gravity: driven.normal_gravity,
                             step: driven.step,
                         });
                         self.stage = Stage::Comparing;
