@@ -21,6 +21,9 @@ impl Phase {
     /// Phase 0, where `sin t = 0` with positive slope.
     pub const ZERO: Self = Self(0);
 
+    /// Steps in a turn: 2^32.
+    pub const TURN: f64 = 4_294_967_296.0;
+
     /// The phase with these bits, in units of 2^-32 turns.
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
@@ -41,13 +44,13 @@ impl Phase {
         let turns = angle / TAU;
         let fraction = turns - libm::floor(turns);
         // 2^32 itself, from a fraction that rounds up to one turn, wraps to phase 0.
-        Self(libm::round(fraction * 4_294_967_296.0) as u64 as u32)
+        Self(libm::round(fraction * Self::TURN) as u64 as u32)
     }
 
     /// The angle in rad, in 0..2 pi; error at most 4.5e-16 rad.
     #[must_use]
     pub fn radians(self) -> f64 {
-        f64::from(self.0) * (TAU / 4_294_967_296.0)
+        f64::from(self.0) * (TAU / Self::TURN)
     }
 }
 

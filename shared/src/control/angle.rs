@@ -7,13 +7,13 @@ use crate::arithmetic::Phase;
 /// Samples per second of the signal path.
 pub const SAMPLE_RATE: u32 = 20_000;
 
-const STEP: f32 = TAU / 4_294_967_296.0;
+const STEP: f32 = TAU / Phase::TURN as f32;
 
 /// The phase of an angle in rad, -8..8: nearest within the rounding of f32 (2.4e-7 rad at pi).
 #[must_use]
 pub fn phase_of(radians: f32) -> Phase {
     let turns = radians * (1.0 / TAU);
-    Phase::from_bits((turns * 4_294_967_296.0) as i64 as u32)
+    Phase::from_bits((turns * Phase::TURN as f32) as i64 as u32)
 }
 
 /// The angle of a phase in rad, -pi..pi, error at most 2e-7 rad.
@@ -26,7 +26,7 @@ pub fn radians_of(phase: Phase) -> f32 {
 /// of it.
 #[must_use]
 pub fn phase_step(frequency: f32) -> u32 {
-    (f64::from(frequency) * (4_294_967_296.0 / f64::from(SAMPLE_RATE)) + 0.5) as u32
+    (f64::from(frequency) * (Phase::TURN / f64::from(SAMPLE_RATE)) + 0.5) as u32
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 use core::f32::consts::{PI, TAU};
 
+use num_complex::Complex32 as Complex;
+
 use super::scene::DriveModel;
 use crate::arithmetic::Phase;
 use crate::control::{SAMPLE_RATE, phase_of};
@@ -100,8 +102,9 @@ impl Swing {
 /// Ringing of the track under impacts: a damped oscillator that the accelerometer hears.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ringing {
-    turn: [f32; 2],
-    state: [f32; 2],
+    /// Turn and decay of a sample.
+    turn: Complex,
+    state: Complex,
     angle: f32,
     decay: f32,
 }
@@ -114,11 +117,8 @@ impl Ringing {
         let angle = TAU * frequency * h;
         let keep = libm::expf(-h / decay);
         Self {
-            turn: [
-                keep * libm::sinf(PI * 0.5 - angle),
-                keep * libm::sinf(angle),
-            ],
-            state: [0.0; 2],
+            turn: turn(angle) * keep,
+            state: Complex::default(),
             angle,
             decay: h / decay,
         }
@@ -128,28 +128,30 @@ impl Ringing {
     /// that comes next.
     pub fn strike(&mut self, height: f32, share: f32) {
         let height = height * libm::expf(-self.decay * share);
-        self.state[0] += height * libm::sinf(PI * 0.5 - self.angle * share);
-        self.state[1] += height * libm::sinf(self.angle * share);
+        self.state += turn(self.angle * share) * height;
     }
 
     /// Nothing rings.
     pub fn silence(&mut self) {
-        self.state = [0.0; 2];
+        self.state = Complex::default();
     }
 
     /// Acceleration now, in m/s^2.
     #[must_use]
     pub fn acceleration(&self) -> f32 {
-        self.state[1]
+        self.state.im
     }
 
     /// Goes one sample on.
     #[inline]
     pub fn step(&mut self) {
-        let [c, s] = self.turn;
-        let [x, y] = self.state;
-        self.state = [c * x - s * y, s * x + c * y];
+        self.state *= self.turn;
     }
+}
+
+/// `e^(i angle)`, with one function for both parts.
+fn turn(angle: f32) -> Complex {
+    Complex::new(libm::sinf(PI * 0.5 - angle), libm::sinf(angle))
 }
 
 #[cfg(test)]
@@ -179,7 +181,7 @@ mod tests {
         let swing = steady(50.0);
         // Rounding of the matrix to f32 shifts the decay by 6e-8 of 3e-4 a sample.
         assert!((swing.amplitude / 0.2e-3 - 1.0).abs() < 1e-3, "{swing:?}");
-        let lead = swing.phase.bits() as i32 as f32 * (TAU / 4_294_967_296.0);
+        let lead = swing.phase.bits() as i32 as f32 * (TAU / Phase::TURN as f32);
         // The held output is half a sample (0.008 rad) late on top.
         assert!((lead + PI / 2.0 + 0.008).abs() < 2e-3, "{lead}");
     }

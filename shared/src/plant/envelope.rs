@@ -1,7 +1,7 @@
 //! The plant from cycle to cycle: amplitude and phase of the track in closed form, the parts on the map,
 //! and what demodulator and onset detector make of both.
 
-use core::f64::consts::{FRAC_PI_2, PI, TAU};
+use core::f64::consts::{FRAC_PI_2, TAU};
 
 use num_complex::Complex64 as Complex;
 
@@ -9,7 +9,7 @@ use super::drive::Swing;
 use super::feeder::STRIKES;
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
-use super::part::{Part, Strike, Track};
+use super::part::{Part, Strike, Track, turned};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
@@ -21,7 +21,6 @@ use crate::control::{
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::TangentialSettings;
 
-const TURN: f64 = 4_294_967_296.0;
 /// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_CYCLE: usize = 200;
 /// Impacts heard that wait for the cycle of their sample.
@@ -178,10 +177,10 @@ impl EnvelopePlant {
         if self.ripple <= 0.0 {
             return Complex::new(output, 0.0);
         }
-        let turns = f64::from(step) / TURN;
+        let turns = f64::from(step) / Phase::TURN;
         let apart = (2.0 * self.mains - 2.0 * turns) * TAU;
         let samples = f64::from(self.drive.samples());
-        let phase = f64::from(self.drive.phase()) / TURN + 0.5 * samples * turns;
+        let phase = f64::from(self.drive.phase()) / Phase::TURN + 0.5 * samples * turns;
         let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
         // cos(x + wt) = Im(i e^(i x) e^(i wt)).
         let ripple = turn(beat) * (0.5 * f64::from(self.ripple) * sinc(0.5 * apart * samples));
@@ -215,7 +214,7 @@ impl EnvelopePlant {
         let end = self.end();
         let track = Track {
             normal_gravity: self.normal_gravity,
-            angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / TURN),
+            angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             tangential: self.watched.then_some(self.settings),
         };
         for index in 0..self.part_count {
@@ -265,7 +264,7 @@ impl EnvelopePlant {
             return Some((began, from));
         }
         // The crest is thrown first as the amplitude grows; from there back to arcsin k.
-        let ahead = |angle: f64| (turned(angle) / TAU * TURN) as u64;
+        let ahead = |angle: f64| (turned(angle) / TAU * Phase::TURN) as u64;
         let crest = from + ahead(FRAC_PI_2 - phase);
         if crest > end + (1 << 30) {
             return None;
@@ -282,14 +281,15 @@ impl EnvelopePlant {
                 return (time <= end).then_some((swing, time));
             }
             // Past the crossing of a slowly changing amplitude, never before it.
-            time += (1 << 20) + (-late / TAU * TURN).min(TURN / 16.0) as u64;
+            time += (1 << 20) + (-late / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
         }
         None
     }
 
     /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
     fn listen(&mut self, loudest: f64) -> Complex {
-        self.onset.tune(f64::from(self.drive.step()) * (TAU / TURN));
+        self.onset
+            .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
         let Sense {
             factor,
             residual: rms,
@@ -328,7 +328,7 @@ impl EnvelopePlant {
             }
         }
         if self.strike_count > 0 {
-            sum *= 2.0 * f64::from(self.drive.step()) / TURN / factor.max(1e-9);
+            sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / factor.max(1e-9);
         }
         sum
     }
@@ -375,9 +375,9 @@ impl EnvelopePlant {
         if self.sensor.hum <= 0.0 {
             return Complex::new(0.0, 0.0);
         }
-        let drive = f64::from(self.drive.step()) / TURN;
+        let drive = f64::from(self.drive.step()) / Phase::TURN;
         // The cycle that ended: its middle is half a turn of the drive back.
-        let phase = f64::from(self.drive.phase()) / TURN - 0.5 * samples * drive;
+        let phase = f64::from(self.drive.phase()) / Phase::TURN - 0.5 * samples * drive;
         let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
         let half = 0.5 * TAU * samples;
         let near = sinc(half * (self.mains - drive));
@@ -507,10 +507,4 @@ fn sinc(x: f64) -> f64 {
     } else {
         libm::sin(x) / x
     }
-}
-
-/// `angle` in 0..2 pi.
-fn turned(angle: f64) -> f64 {
-    let turned = angle - TAU * libm::floor(angle / TAU);
-    if turned < 2.0 * PI { turned } else { 0.0 }
 }

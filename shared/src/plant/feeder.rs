@@ -136,7 +136,7 @@ impl Plant {
         let now = self.time + u64::from(step);
         self.time = now;
         let [x, v] = self.drive.motion();
-        let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / 4_294_967_296.0);
+        let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
         // Downward acceleration of the track over gravity, as the harmonic motion has it.
         let thrown = f64::from(x) * angular * angular > self.normal_gravity;
         for index in 0..self.part_count {

@@ -3,9 +3,8 @@
 use core::f64::consts::TAU;
 
 use super::drive::Swing;
+use crate::arithmetic::Phase;
 use crate::impact::{Contact, Impact, Kernel, Map, State, Tangential, TangentialSettings};
-
-const TURN: f64 = 4_294_967_296.0;
 
 /// A part's motion between two events.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,7 +110,7 @@ impl Part {
         };
         // The sample comes up to one sample late; the throw itself is at arcsin k.
         let late = turned(swing.phase.radians() - lift_off);
-        let start = time.saturating_sub((late / TAU * TURN) as u64);
+        let start = time.saturating_sub((late / TAU * Phase::TURN) as u64);
         let mut state = State {
             phase: lift_off,
             velocity: 0.0,
@@ -165,7 +164,7 @@ impl Part {
         let closed = slow.then(|| Contact::new(&map).time_to_rest(state));
         if let Some(chatter) = closed.flatten() {
             self.motion = Motion::Chattering {
-                until: time + (chatter / TAU * TURN) as u64,
+                until: time + (chatter / TAU * Phase::TURN) as u64,
             };
             return Some(strike);
         }
@@ -202,7 +201,7 @@ impl Part {
             )
         });
         self.motion = Motion::Flying {
-            until: start + (impact.flight / TAU * TURN) as u64,
+            until: start + (impact.flight / TAU * Phase::TURN) as u64,
             arrival: arrival_speed(map, phase, impact) * unit,
             way: way * amplitude,
             along: along * unit,
@@ -220,6 +219,8 @@ fn arrival_speed(map: &Map, phase: f64, impact: &Impact<State>) -> f64 {
     (map.k() * impact.flight - 2.0 * libm::sin(phase + half) * libm::sin(half)).max(0.0)
 }
 
-fn turned(angle: f64) -> f64 {
-    angle - TAU * libm::floor(angle / TAU)
+/// `angle` in 0..2 pi.
+pub(super) fn turned(angle: f64) -> f64 {
+    let turned = angle - TAU * libm::floor(angle / TAU);
+    if turned < TAU { turned } else { 0.0 }
 }

@@ -9,8 +9,6 @@ use super::scene::DriveModel;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::{SAMPLE_RATE, phase_of};
 
-const TURN: f64 = 4_294_967_296.0;
-
 /// `e^(i angle)`.
 pub(super) fn turn(angle: f64) -> Complex {
     let (sine, cosine) = libm::sincos(angle);
@@ -49,7 +47,7 @@ fn angle(z: Complex) -> Phase {
         // The next term is below 0.125^9/9 = 8e-10.
         let angle = tangent
             * (1.0 - square * ((1.0 / 3.0) - square * ((1.0 / 5.0) - square * (1.0 / 7.0))));
-        return Phase::from_bits((angle * (TURN / TAU)) as i64 as u32);
+        return Phase::from_bits((angle * (Phase::TURN / TAU)) as i64 as u32);
     }
     phase_of(libm::atan2f(z.im as f32, z.re as f32))
 }
@@ -176,7 +174,7 @@ impl Whole {
 
 impl Tuning {
     fn new(mode: &Mode, step: u32) -> Self {
-        let theta = f64::from(step) * (TAU / TURN);
+        let theta = f64::from(step) * (TAU / Phase::TURN);
         let sample = turn(theta);
         let half = Complex::new(0.0, -0.5);
         let ahead = mode.input * half / (sample - mode.sample);
@@ -434,7 +432,7 @@ mod tests {
                 weight += share;
                 if n == middle {
                     let [x, v] = drive.motion();
-                    let angular = f64::from(step) / 4_294_967_296.0 * 20_000.0 * TAU;
+                    let angular = f64::from(step) / Phase::TURN * 20_000.0 * TAU;
                     let slow = Swing::through([x, v], angular as f32);
                     let swing = fast.swing(i64::from(n) * i64::from(step));
                     let apart = f64::from((swing.phase - slow.phase).bits() as i32);
@@ -442,7 +440,7 @@ mod tests {
                     let off = f64::from(swing.amplitude - slow.amplitude).abs();
                     assert!(off < share * full, "cycle {cycle}: {swing:?} {slow:?}");
                     if f64::from(slow.amplitude) > 0.01 * full {
-                        assert!(apart.abs() / 4_294_967_296.0 * TAU < 100.0 * share);
+                        assert!(apart.abs() / Phase::TURN * TAU < 100.0 * share);
                     }
                     let seen = fast.acceleration(n);
                     let most = fast.loudest();
@@ -465,7 +463,7 @@ mod tests {
             let off = (found.in_phase - slow[0]).hypot(found.quadrature - slow[1]);
             // The waveform's first reading of a cycle still has the output before: a step of at most 0.7 in it,
             // theta from the phase's zero, in one reading of N.
-            let theta = f64::from(step) / 4_294_967_296.0 * TAU;
+            let theta = f64::from(step) / Phase::TURN * TAU;
             let held = 0.7 * fast.mode.direct * theta * 2.0 / weight;
             assert!(
                 off < (1e-4 + rounding) * largest.max(1.0) + held,

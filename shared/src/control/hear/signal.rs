@@ -9,8 +9,6 @@ use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
 /// Share of a cycle that the demodulator leaves out at most: what is left still tells cosine, sine and mean apart.
 pub const MOST_LEFT_OUT: f64 = 1.0 / 3.0;
-/// A turn in steps of the phase.
-const TURN: f32 = 4_294_967_296.0;
 
 /// A reading of the converter, right-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -268,7 +266,7 @@ impl Signal {
         self.most_left_out = if self.pending.whole {
             0.0
         } else {
-            MOST_LEFT_OUT as f32 * TURN * self.inverse_step
+            MOST_LEFT_OUT as f32 * Phase::TURN as f32 * self.inverse_step
         };
     }
 

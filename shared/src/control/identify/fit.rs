@@ -9,6 +9,7 @@ use core::f32::consts::{PI, TAU};
 
 use super::chatter::{Chatter, IMPACTS};
 use super::train::{Explained, Impact, Ringing, explain, leaked};
+use crate::arithmetic::Phase;
 use crate::control::hear::{HANDED, Layout, PLACES};
 
 /// Time from the beginning of a fold to the first landing that is expected, in rad.
@@ -165,7 +166,7 @@ impl Fit {
     /// Begins the comparison of the fold that was put in.
     pub fn begin(&mut self, fold: Circumstances) {
         self.layout = Layout::of(fold.step);
-        self.per_radian = 4_294_967_296.0 / (TAU * fold.step.max(1) as f32);
+        self.per_radian = Phase::TURN as f32 / (TAU * fold.step.max(1) as f32);
         self.normal_gravity = fold.normal_gravity;
         self.k = fold.k * (1.0 + f64::from(self.leak.unwrap_or(0.0)));
         self.best = None;
