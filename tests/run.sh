@@ -134,7 +134,7 @@ image "image of the second board" --package kband-firmware --bin feeder --target
     --no-default-features --features stm32g474re
 image "images of the application" --package kband-firmware --bins --target $thumb
 step "test builds" 1200 cargo test --locked --no-run
-step "unit tests" 600 cargo test --locked --no-fail-fast --lib --bins
+step "unit tests" 600 cargo test --locked --no-fail-fast --lib --bins --examples
 step "doc tests" 600 cargo test --locked --no-fail-fast --doc
 step "integration and emulated tests" 1200 cargo test --locked --no-fail-fast --test '*' -- --show-output
 RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --no-deps --lib

@@ -1,9 +1,9 @@
-//! Physics and control of vibratory feeders, without I/O and without allocation.
+#![doc = include_str!("../README.md")]
 //!
-//! A vibratory feeder throws parts off a shaken track. With `k = g cos(alpha) / (b w^2)` the motion of
-//! a part is an impact map (Hongler & Figour 1989): it bounces in lock with the drive, doubles its
-//! period, goes chaotic, or chatters to rest. The floors of this crate, from the ground up; a module
-//! uses only those below it:
+//! # Floors
+//!
+//! From the ground up; a module uses only those below it. The theory behind them is in `docs/` of the repository, whose
+//! sections the comments cite.
 //!
 //! | module | holds |
 //! |---|---|
