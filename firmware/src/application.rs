@@ -115,7 +115,7 @@ pub async fn control(
 mod tests {
     use super::*;
     use crate::last_words::LastWords;
-    use crate::store::Found;
+    use crate::store::{Condition, Found};
     use core::future::Future;
     use core::pin::pin;
     use core::task::{Context, Waker};
@@ -199,17 +199,11 @@ mod tests {
         })));
         let found = Found {
             settings: scene.settings,
-            kept: 0,
-            refused: 0,
+            target: scene.target,
+            condition: Condition::Whole,
         };
-        let (station, signal) = Station::build(
-            &found,
-            scene.target,
-            Start::Ordinary,
-            exchange,
-            LastWords::EMPTY,
-        )
-        .unwrap();
+        let (station, signal) =
+            Station::build(&found, Start::Ordinary, exchange, LastWords::EMPTY).unwrap();
         let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
         assert!(desk.0.borrow().off, "the drive starts off");
         let mut task = pin!(control(

@@ -20,10 +20,12 @@ pub mod chip;
 #[cfg(target_os = "none")]
 pub mod cortex;
 pub mod exchange;
+pub mod journal;
 pub mod last_words;
 pub mod link;
 #[cfg(target_os = "none")]
 pub mod log;
+pub mod saves;
 pub mod start;
 pub mod station;
 #[cfg(target_os = "none")]

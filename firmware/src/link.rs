@@ -10,13 +10,14 @@ use embassy_futures::yield_now;
 use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, Start};
 use kband::feeder::OutOfRange;
 use kband::wire::{
-    Counters, FRAME_MOST, Identity, Incoming, Receiver, Refusal, Request, Response, SCHEMA,
-    SelfTest, Setting, SimulatedInputs, Telemetry, VERSION, fold_output, read_reading,
+    Counters, FRAME_MOST, Identity, Incoming, Kept, Receiver, Refusal, Request, Response, SCHEMA,
+    SelfTest, SetUp, Setting, SimulatedInputs, Telemetry, VERSION, fold_output, read_reading,
     read_request, write_identity, write_response,
 };
 
+use crate::saves::Saves;
 use crate::station::{NotTaken, Station};
-use crate::store::Store;
+use crate::store::{Condition, Store};
 use crate::watch::{Roll, Watched};
 
 /// Requests that a drive cycle answers.
@@ -40,6 +41,8 @@ pub struct Image {
     pub identity: &'static str,
     /// Bytes of the stack that were never used.
     pub stack_free: fn() -> u32,
+    /// How its chip is set up.
+    pub set_up: fn() -> SetUp,
 }
 
 /// The board's side of the link.
@@ -49,6 +52,7 @@ pub struct Service<S> {
     receiver: Receiver,
     counters: Counters,
     allowance: u8,
+    saves: Saves,
     every: u16,
     since: u16,
     simulation: Option<Simulation>,
@@ -73,6 +77,7 @@ impl<S: Store> Service<S> {
             receiver: Receiver::new(),
             counters: Counters::default(),
             allowance: ALLOWANCE,
+            saves: Saves::default(),
             every: 0,
             since: 0,
             simulation: None,
@@ -94,6 +99,7 @@ impl<S: Store> Service<S> {
             receiver,
             counters,
             allowance,
+            saves,
             every,
             simulation,
             buffer,
@@ -136,6 +142,7 @@ impl<S: Store> Service<S> {
                     Request::Samples { codes, end } => {
                         samples(simulation, codes, end, station).await
                     }
+                    Request::Save => save(station, store, saves).await,
                     _ => answer(&request, station, store, image, counters).await,
                 };
                 write_response(buffer, sequence, &response)
@@ -152,6 +159,14 @@ impl<S: Store> Service<S> {
             image: self.image.identity,
         };
         write_identity(&mut self.buffer, 0, &identity).ok()
+    }
+
+    /// Keeps a fault that is new, while the drive is at rest.
+    pub async fn keep_fault(&mut self, station: &Station) {
+        if let Some(fault) = station.fresh_fault() {
+            // A memory that fails is told by the self-test; the fault itself is in the event log.
+            let _ = self.store.keep_fault(&fault).await;
+        }
     }
 
     /// A drive cycle ended; the telemetry that is due.
@@ -194,15 +209,6 @@ async fn answer<'a>(
                 Err(refused) => out_of_range(refused),
             }
         }
-        Request::Save => {
-            if !station.at_rest() {
-                return Response::Refused(Refusal::Running);
-            }
-            match store.save(&station.settings()).await {
-                Ok(()) => Response::Done,
-                Err(_) => Response::Refused(Refusal::Store),
-            }
-        }
         Request::Defaults => taken(station.set_settings(&Settings::default())),
         Request::Target(target) => match station.set_target(target.into()) {
             Ok(()) => Response::Done,
@@ -215,6 +221,7 @@ async fn answer<'a>(
         // What else these ask for is done where they are told from the others.
         Request::Telemetry(_)
         | Request::Alive
+        | Request::Save
         | Request::Simulate { .. }
         | Request::Samples { .. } => Response::Done,
         Request::Event(number) => Response::Event(station.event(number)),
@@ -223,17 +230,47 @@ async fn answer<'a>(
                 return Response::Refused(Refusal::Running);
             }
             let found = store.load().await;
+            let in_use = (found.settings, found.target) == (station.settings(), station.target());
             Response::SelfTest(SelfTest {
                 sensor: station.mean().abs() <= AT_REST,
-                settings: found.refused == 0 && found.settings == station.settings(),
+                settings: match found.condition {
+                    Condition::Whole if in_use => Kept::InUse,
+                    Condition::Whole => Kept::Others,
+                    Condition::Never => Kept::Never,
+                    Condition::Lost => Kept::Damaged,
+                },
                 stack_free: (image.stack_free)(),
                 missed: station.missed(),
+                set_up: (image.set_up)(),
             })
         }
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
         Request::Identification => Response::Identification(station.identification().into()),
         Request::Held => Response::Held(station.target().into()),
+        Request::Fault(back) => {
+            if !station.at_rest() {
+                return Response::Refused(Refusal::Running);
+            }
+            Response::Fault(store.fault(back.into()).await)
+        }
+    }
+}
+
+/// Keeps settings and target, as often as the memory bears it.
+async fn save(station: &Station, store: &mut impl Store, saves: &mut Saves) -> Response<'static> {
+    if !station.at_rest() {
+        return Response::Refused(Refusal::Running);
+    }
+    if !saves.one_more(station.seconds()) {
+        return Response::Refused(Refusal::TooOften);
+    }
+    match store.save(&station.settings(), station.target()).await {
+        Ok(()) => {
+            station.saved();
+            Response::Done
+        }
+        Err(_) => Response::Refused(Refusal::Store),
     }
 }
 
@@ -359,6 +396,7 @@ pub async fn link(
                 if let Some(frame) = service.tick(station) {
                     line.write(frame).await;
                 }
+                service.keep_fault(station).await;
             }
             Either::Second(count) => {
                 for &byte in bytes.iter().take(count) {

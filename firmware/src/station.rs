@@ -5,15 +5,15 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::control::{
-    Controller, Cycle, Fault, Identification, Inputs, Report, Settings, Signal, Start, State,
-    Target,
+    Controller, Cycle, Fault, Identification, Inputs, Report, SAMPLE_RATE, Settings, Signal, Start,
+    State, Target,
 };
 use kband::feeder::OutOfRange;
-use kband::wire::Record;
+use kband::wire::{KeptFault, Record};
 
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
-use crate::store::Found;
+use crate::store::{Condition, Found};
 
 /// Records that the event log keeps.
 const LOG: usize = 64;
@@ -52,6 +52,23 @@ impl Log {
     }
 }
 
+/// Time since the start, counted in samples.
+#[derive(Clone, Copy, Debug, Default)]
+struct Uptime {
+    seconds: u32,
+    samples: u32,
+}
+
+impl Uptime {
+    fn after(self, samples: u16) -> Self {
+        let samples = self.samples + u32::from(samples);
+        Self {
+            seconds: self.seconds.wrapping_add(samples / SAMPLE_RATE),
+            samples: samples % SAMPLE_RATE,
+        }
+    }
+}
+
 /// The controller and what is known of it, for tasks of one executor.
 pub struct Station {
     controller: RefCell<Controller>,
@@ -63,37 +80,32 @@ pub struct Station {
     enabled: Cell<bool>,
     simulated: Cell<bool>,
     tick: Mailbox<NoopRawMutex, ()>,
+    uptime: Cell<Uptime>,
+    /// A fault that is not kept yet.
+    fresh: Cell<Option<KeptFault>>,
     exchange: &'static Exchange,
     last_words: LastWords,
 }
 
 impl Station {
-    /// The station for what was found in the memory of the settings, and the signal path that goes
-    /// with it.
+    /// The station for what was found in the memory, and the signal path that goes with it.
     ///
-    /// Refused settings start the controller in its fault, with the accepted ones if they go together
-    /// and with the defaults if not.
+    /// Settings that were not saved by this board, or not whole, start the controller in its fault: the defaults in
+    /// their place belong to no machine.
     pub fn build(
         found: &Found,
-        target: Target,
         start: Start,
         exchange: &'static Exchange,
         last_words: LastWords,
     ) -> Result<(Self, Signal), OutOfRange> {
-        let sound = found.settings.check().is_ok();
-        let settings = if sound {
-            found.settings
-        } else {
-            Settings::default()
-        };
-        let start = if found.refused > 0 || !sound {
-            Start::Refused
-        } else {
-            start
+        let settings = found.settings;
+        let start = match found.condition {
+            Condition::Whole => start,
+            Condition::Never | Condition::Lost => Start::Refused,
         };
         let signal = Signal::build(&settings)?;
         let station = Self {
-            controller: RefCell::new(Controller::build(&settings, target, start)?),
+            controller: RefCell::new(Controller::build(&settings, found.target, start)?),
             settings: Cell::new(settings),
             report: Cell::new(Report::default()),
             mean: Cell::new(0.0),
@@ -105,9 +117,17 @@ impl Station {
             enabled: Cell::new(true),
             simulated: Cell::new(false),
             tick: Mailbox::new(),
+            uptime: Cell::new(Uptime::default()),
+            fresh: Cell::new(None),
             exchange,
             last_words,
         };
+        if let Some(fault) = station.controller.borrow().report().fault {
+            station.fresh.set(Some(KeptFault {
+                fault: fault.number(),
+                ..KeptFault::default()
+            }));
+        }
         Ok((station, signal))
     }
 
@@ -115,6 +135,7 @@ impl Station {
     /// the plant, the board's own cycle is only counted.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
+        self.uptime.set(self.uptime.get().after(cycle.samples));
         if self.simulated.get() {
             return None;
         }
@@ -185,8 +206,24 @@ impl Station {
 
     fn control(&self, cycle: &Cycle, inputs: Inputs) -> Report {
         let report = self.controller.borrow_mut().cycle(cycle, &inputs);
-        self.report.set(report);
+        let before = self.report.replace(report);
         self.mean.set(cycle.mean);
+        if let Some(fault) = report.fault
+            && before.fault.is_none()
+            && !self.simulated.get()
+        {
+            self.fresh.set(Some(KeptFault {
+                number: 0,
+                seconds: self.uptime.get().seconds,
+                fault: fault.number(),
+                state: before.state.number(),
+                amplitude: report.amplitude,
+                expected: self.controller.borrow().expected(),
+                output: before.command.amplitude,
+                low: cycle.low,
+                high: cycle.high,
+            }));
+        }
         for event in report.events.iter() {
             self.log.borrow_mut().push(&report, event.number());
         }
@@ -260,8 +297,8 @@ impl Station {
         let report = self.report.get();
         let start = match (report.state, report.fault) {
             (State::Off, _) => Start::Ordinary,
-            // Accepted settings end this fault, and the drive waits for a new enable.
-            (State::Fault, Some(Fault::SettingsInvalid)) => Start::Reset,
+            // One by one they come; the fault ends once all of them are saved.
+            (State::Fault, Some(Fault::SettingsInvalid)) => Start::Refused,
             _ => return Err(NotTaken::Running),
         };
         settings.check().map_err(NotTaken::OutOfRange)?;
@@ -269,6 +306,25 @@ impl Station {
         self.renew_controller(settings, self.target(), start)?;
         self.settings.set(*settings);
         self.renew_signal(settings)
+    }
+
+    /// The settings in use were saved: where they were missing the fault ends, and the drive waits for a new enable.
+    pub fn saved(&self) {
+        if self.report.get().fault == Some(Fault::SettingsInvalid) && !self.simulated.get() {
+            // Settings that were accepted once are accepted again.
+            let _ = self.renew_controller(&self.settings.get(), self.target(), Start::Reset);
+        }
+    }
+
+    /// Seconds since the start.
+    #[must_use]
+    pub fn seconds(&self) -> u32 {
+        self.uptime.get().seconds
+    }
+
+    /// A fault that is to be kept, while the drive is at rest.
+    pub fn fresh_fault(&self) -> Option<KeptFault> {
+        self.at_rest().then(|| self.fresh.take()).flatten()
     }
 
     /// The first record of the event log from this number on.

@@ -50,8 +50,8 @@ fn an_image_is_checked_without_a_probe() {
         "{plan}"
     );
     assert_eq!(plan["written"], false);
-    for sector in &sectors[10..] {
-        assert_eq!(sector["what"], "settings, left alone");
+    for sector in &sectors[8..] {
+        assert_eq!(sector["what"], "settings and faults, left alone");
     }
     let words = "flash --dry-run";
     let emulated = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
@@ -100,7 +100,7 @@ fn the_board_says_who_and_how_it_is() {
     assert_eq!(board["schema"], format!("{:08x}", kband::wire::SCHEMA));
     assert_eq!(board["fits_this_desk"], true);
     assert_eq!(board["self_test"]["sensor"], true);
-    assert_eq!(board["self_test"]["settings"], true);
+    assert_eq!(board["self_test"]["settings"], "never saved");
     assert!(
         board["self_test"]["stack_free"].as_u64().unwrap() > 1000,
         "{board}"
@@ -220,7 +220,7 @@ fn what_a_board_does_not_take_is_refused_with_cause_range_and_next_step() {
         ("settings save", ["no flash", "--flash-image"]),
         ("settings import none.toml", ["none.toml", "next:"]),
         ("settings export none/all.toml", ["none", "mkdir"]),
-        ("settings list --flash-image .out", [".out", "whole pages"]),
+        ("settings list --flash-image .out", [".out", "four pages"]),
     ] {
         kband(folder.path(), words).refused(&expected);
     }
@@ -376,14 +376,14 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
 #[test]
 fn an_identification_that_has_no_result_yet_changes_nothing() {
     let folder = folder();
+    let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
+    kband(folder.path(), "settings save --flash-image board.flash").done();
+    let saved = flash();
     let words = "settings commission --within 2 --flash-image board.flash";
     kband(folder.path(), words).refused(&["after 2 s", "no result", "--within"]);
     let words = "settings commission --apply --within 2";
     kband(folder.path(), words).refused(&["no flash", "--flash-image"]);
-    assert_eq!(
-        std::fs::read(folder.path().join("board.flash")).unwrap(),
-        [0xff; 8192]
-    );
+    assert_eq!(flash(), saved);
 }
 
 /// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.

@@ -9,7 +9,7 @@ use std::vec::Vec;
 use embassy_futures::block_on;
 use kband::control::{Cycle, Inputs, Start, State, Target};
 use kband::plant::Noise;
-use kband::wire::{Outgoing, read_answer, write_question, write_request};
+use kband::wire::{KeptFault, Outgoing, read_answer, write_question, write_request};
 
 use super::*;
 use crate::exchange::Exchange;
@@ -17,26 +17,54 @@ use crate::last_words::LastWords;
 use crate::store::{Found, StoreFailed};
 
 /// A memory in RAM.
-struct Memory(Settings);
+struct Memory {
+    found: Found,
+    faults: Vec<KeptFault>,
+}
+
+impl Memory {
+    fn of(found: Found) -> Self {
+        Self {
+            found,
+            faults: Vec::new(),
+        }
+    }
+}
 
 impl Store for Memory {
     async fn load(&mut self) -> Found {
-        Found {
-            settings: self.0,
-            kept: 0,
-            refused: 0,
-        }
+        self.found
     }
 
-    async fn save(&mut self, settings: &Settings) -> Result<(), StoreFailed> {
-        self.0 = *settings;
+    async fn save(&mut self, settings: &Settings, target: Target) -> Result<(), StoreFailed> {
+        self.found = Found {
+            settings: *settings,
+            target,
+            condition: Condition::Whole,
+        };
         Ok(())
     }
+
+    async fn keep_fault(&mut self, fault: &KeptFault) -> Result<(), StoreFailed> {
+        self.faults.insert(0, *fault);
+        Ok(())
+    }
+
+    async fn fault(&mut self, back: u32) -> Option<KeptFault> {
+        self.faults.get(back as usize).copied()
+    }
 }
+
+const FOUND: fn(Condition) -> Found = |condition| Found {
+    settings: Settings::default(),
+    target: Target::Locked { order: 1 },
+    condition,
+};
 
 const IMAGE: Image = Image {
     identity: "kband test",
     stack_free: || 1000,
+    set_up: SetUp::default,
 };
 
 struct Board {
@@ -47,19 +75,16 @@ struct Board {
 
 impl Board {
     fn new() -> Self {
+        Self::with(FOUND(Condition::Whole))
+    }
+
+    fn with(found: Found) -> Self {
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
-        let found = Found {
-            settings: Settings::default(),
-            kept: 0,
-            refused: 0,
-        };
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
-        let target = Target::Locked { order: 1 };
-        let (station, _) =
-            Station::build(&found, target, Start::Ordinary, exchange, words).unwrap();
+        let (station, _) = Station::build(&found, Start::Ordinary, exchange, words).unwrap();
         Self {
-            service: Service::new(IMAGE, Memory(found.settings)),
+            service: Service::new(IMAGE, Memory::of(found)),
             station,
             enable: false,
         }
@@ -147,18 +172,18 @@ fn settings_are_read_changed_and_saved_at_rest() {
         board.ask(&Request::Get("frequency"), frequency),
         (true, 60.0)
     );
-    assert_eq!(board.service.store.0.frequency, 50.0);
+    assert_eq!(board.service.store.found.settings.frequency, 50.0);
     board.ask(&Request::SelfTest, |response| match response {
         Response::SelfTest(test) => {
             assert!(
-                test.sensor && !test.settings && test.stack_free == 1000,
+                test.sensor && test.settings == Kept::Others && test.stack_free == 1000,
                 "{test:?}"
             );
         }
         other => panic!("{other:?}"),
     });
     board.done(&Request::Save);
-    assert_eq!(board.service.store.0.frequency, 60.0);
+    assert_eq!(board.service.store.found.settings.frequency, 60.0);
     board.done(&Request::Defaults);
     assert_eq!(
         board.ask(&Request::Get("frequency"), frequency),
@@ -324,7 +349,7 @@ fn input_that_never_ceases_keeps_the_link_neither_from_checking_in_nor_the_other
             bytes: flood,
             answered: &answered,
         };
-        let service = Service::new(IMAGE, Memory(Settings::default()));
+        let service = Service::new(IMAGE, Memory::of(Found::default()));
         let mut task = pin!(link(service, line, &board.station, &roll));
         for n in 0..10 {
             let inputs = Inputs::default();
@@ -455,4 +480,79 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         Refusal::OutOfStep,
     );
     board.refused(&samples(&[0xff; 3], None), Refusal::OutOfStep);
+}
+
+/// What the desk sees of a board whose settings are missing: they may be set one by one, and only what was saved
+/// may drive.
+#[test]
+fn a_board_without_its_settings_stays_off_until_some_are_saved() {
+    for (condition, kept) in [
+        (Condition::Never, Kept::Never),
+        (Condition::Lost, Kept::Damaged),
+    ] {
+        let mut board = Board::with(FOUND(condition));
+        let fault = |board: &mut Board| {
+            for enable in [true, false, false, true, true] {
+                board.enable = enable;
+                board.cycle();
+            }
+            board.station.report().fault
+        };
+        let invalid = Some(kband::control::Fault::SettingsInvalid);
+        assert_eq!(fault(&mut board), invalid);
+        let settings = |response: Response<'_>| match response {
+            Response::SelfTest(test) => test.settings,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(board.ask(&Request::SelfTest, settings), kept);
+        board.done(&Request::Set {
+            key: "gain",
+            value: 2.0,
+        });
+        board.done(&Request::Target(kband::wire::Target::K(0.5)));
+        assert_eq!(fault(&mut board), invalid);
+        board.done(&Request::Save);
+        assert_eq!(board.ask(&Request::SelfTest, settings), Kept::InUse);
+        let found = board.service.store.found;
+        assert_eq!(
+            (found.settings.gain, found.target),
+            (2.0, kband::control::Target::K(0.5))
+        );
+        assert_eq!(fault(&mut board), None);
+    }
+}
+
+#[test]
+fn saves_are_refused_where_they_come_too_often() {
+    let mut board = Board::new();
+    for _ in 0..60 {
+        board.done(&Request::Save);
+    }
+    board.refused(&Request::Save, Refusal::TooOften);
+}
+
+#[test]
+fn a_fault_is_kept_beyond_a_loss_of_power() {
+    let mut board = Board::new();
+    board.enable = true;
+    // A track that does not move at all.
+    let until = (0..500).find(|_| {
+        board.cycle();
+        board.station.report().fault.is_some()
+    });
+    assert!(until.is_some());
+    block_on(board.service.keep_fault(&board.station));
+    block_on(board.service.keep_fault(&board.station));
+    let number = (board.station.report().fault).map(kband::control::Fault::number);
+    board.ask(&Request::Fault(0), |response| match response {
+        Response::Fault(Some(kept)) => {
+            assert_eq!(Some(kept.fault), number);
+            assert_eq!((kept.low, kept.high), (2040, 2056));
+            assert!(kept.expected > 0.0 && kept.output > 0.0, "{kept:?}");
+        }
+        other => panic!("{other:?}"),
+    });
+    board.ask(&Request::Fault(1), |response| {
+        assert_eq!(response, Response::Fault(None));
+    });
 }

@@ -8,9 +8,8 @@ use super::serial;
 use crate::file::Target;
 use crate::refusal::Refusal;
 
-/// A flash of the settings: two pages of 4 KiB, as the emulated board has them.
-const FLASH: usize = 8192;
-const PAGE: u64 = 4096;
+/// A flash of settings and faults: four pages of 4 KiB, as the emulated board has them.
+const FLASH: usize = 16_384;
 
 /// The board that a verb talks to.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -138,11 +137,11 @@ fn prepare(flash: &Path) -> Result<(), Refusal> {
     let target = Target::check(flash)?;
     match flash.metadata() {
         Err(_) => target.write_bytes(&[0xff; FLASH]),
-        Ok(data) if data.len() >= FLASH as u64 && data.len().is_multiple_of(PAGE) => Ok(()),
+        Ok(data) if data.len() == FLASH as u64 => Ok(()),
         Ok(data) => Err(Refusal::value(
             "--flash-image",
             format!("{} ({} bytes)", flash.display(), data.len()),
-            "a file that --flash-image made: whole pages of 4096 bytes, two at least",
+            "a file that --flash-image made: four pages of 4096 bytes",
             "name a file that is not there yet; it will be made",
         )),
     }

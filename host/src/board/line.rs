@@ -353,6 +353,10 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
             format!("{name} could not keep its settings"),
             "the flash may be worn: reset the board and try again",
         ),
+        Refused::TooOften => Refusal::new(
+            format!("{name} has saved its settings 60 times within an hour"),
+            "its flash wears: save once more in a minute, after all changes",
+        ),
         Refused::OutOfStep => Refusal::new(
             format!("{name} and the desk fell out of step"),
             "reset the board and start again",

@@ -381,7 +381,7 @@ mod tests {
         type Change = fn(&mut Parts);
         let cases: [(Change, &[&str]); 11] = [
             (|parts| parts.machine = 3, &["machine", "3", "40"]),
-            (|parts| parts.code_at = 0x080b_fff0, &["0x080b", "settings"]),
+            (|parts| parts.code_at = 0x0807_fff0, &["0x0807", "settings"]),
             (
                 |parts| parts.code_at = 0x1fff_0000,
                 &["0x1fff0000", "flash"],
@@ -447,7 +447,7 @@ mod tests {
                 if let Ok(image) = Image::parse(&bad, &STM32F405RG) {
                     for piece in image.pieces() {
                         let end = piece.address + piece.bytes.len() as u32;
-                        assert!(0x0800_0000 <= piece.address && end <= 0x080c_0000);
+                        assert!(0x0800_0000 <= piece.address && end <= 0x0808_0000);
                     }
                 }
             }

@@ -89,11 +89,12 @@ impl Reached {
         ))
     }
 
-    /// Switches the drive off and keeps it off should the core stop.
+    /// Switches the drive off and keeps it off should the core stop; the watchdogs then rest.
     pub fn drive_off(&mut self) -> Result<(), Refusal> {
-        let (address, bit) = self.chip.stops;
-        let stops = self.word(address)?;
-        self.set_word(address, stops | bit)?;
+        for (address, bits) in [self.chip.rests, self.chip.stops] {
+            let stops = self.word(address)?;
+            self.set_word(address, stops | bits)?;
+        }
         let (address, bit) = self.chip.drives;
         let drives = self.word(address)?;
         self.set_word(address, drives & !bit)

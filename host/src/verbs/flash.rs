@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     for sector in chip.sectors() {
         let bytes = image.bytes_in(&sector);
         let what = if sector.range.start >= chip.settings.start {
-            "settings, left alone"
+            "settings and faults, left alone"
         } else if bytes > 0 {
             "erased and written"
         } else {

@@ -2,7 +2,8 @@
 
 use serde_json::json;
 
-use kband::wire::{Counters, Request, Response, SCHEMA, SelfTest, VERSION};
+use kband::control::{Fault, State};
+use kband::wire::{Counters, Kept, KeptFault, Request, Response, SCHEMA, SelfTest, VERSION};
 
 use crate::arguments::Printed;
 use crate::board::{Address, Emulated, Line};
@@ -62,15 +63,33 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
                     "not at zero acceleration: check its cable, sensor_zero and sensitivity",
                 ),
             );
-            row(
-                "settings",
-                verdict(
-                    test.settings,
-                    "those in use are not those kept: kband settings save",
-                ),
-            );
+            row("settings", settings_in_words(test.settings).into());
             row("stack never used", format!("{} bytes", test.stack_free));
             row("late cycles", test.missed.to_string());
+            row(
+                "brown-out reset",
+                match test.set_up.brown_out {
+                    0 => "off: kband flash --option-bytes".into(),
+                    level => format!("below {} V", f32::from(level) * 1e-3),
+                },
+            );
+            row(
+                "watchdog",
+                if test.set_up.watchdog {
+                    "starts with the power".into()
+                } else {
+                    "starts with the program".into()
+                },
+            );
+            if test.set_up.sample > 0 {
+                row(
+                    "core cycles",
+                    format!(
+                        "sample {}, control {} at most",
+                        test.set_up.sample, test.set_up.control
+                    ),
+                );
+            }
         }
         None => row("self-test", "not while the drive runs".into()),
     }
@@ -78,6 +97,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         "last words",
         condition.words.clone().unwrap_or_else(|| "none".into()),
     );
+    for fault in &condition.faults {
+        row(&format!("fault {} kept", fault.number), in_words(fault));
+    }
     let Counters {
         requests,
         oversized,
@@ -96,11 +118,32 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     json["self_test"] = condition.test.map_or(json!(null), |test| {
         json!({
             "sensor": test.sensor,
-            "settings": test.settings,
+            "settings": match test.settings {
+                Kept::InUse => "in use",
+                Kept::Others => "others",
+                Kept::Never => "never saved",
+                Kept::Damaged => "damaged",
+            },
             "stack_free": test.stack_free,
             "missed": test.missed,
+            "brown_out_mv": test.set_up.brown_out,
+            "hardware_watchdog": test.set_up.watchdog,
+            "sample_cycles": test.set_up.sample,
+            "control_cycles": test.set_up.control,
         })
     });
+    json["faults"] = condition
+        .faults
+        .iter()
+        .map(|fault| {
+            json!({
+                "number": fault.number, "seconds": fault.seconds, "fault": fault.fault,
+                "state": fault.state, "amplitude_mm": fault.amplitude * 1e3,
+                "expected_mm": fault.expected * 1e3, "output": fault.output,
+                "low": fault.low, "high": fault.high,
+            })
+        })
+        .collect();
     json["last_words"] = json!(condition.words);
     json["counters"] = json!({
         "requests": requests, "oversized": oversized, "corrupt": corrupt,
@@ -112,17 +155,64 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
+/// Faults that a board keeps.
+const FAULTS: u8 = 32;
+
+fn settings_in_words(kept: Kept) -> &'static str {
+    match kept {
+        Kept::InUse => "good",
+        Kept::Others => "those in use are not those kept: kband settings save",
+        Kept::Never => "none were ever saved, the drive stays off: kband settings save",
+        Kept::Damaged => {
+            "damaged or of another firmware, the drive stays off: kband settings import FILE.toml --save"
+        }
+    }
+}
+
+fn in_words(kept: &KeptFault) -> String {
+    let fault = Fault::ALL
+        .iter()
+        .find(|fault| fault.number() == kept.fault)
+        .map_or("unknown", |fault| fault.name());
+    let state = State::ALL
+        .iter()
+        .find(|state| state.number() == kept.state)
+        .map_or("unknown", |state| state.name());
+    format!(
+        "{fault} ({}) after {} s, {state}: b {:.4} mm, expected {:.4} mm, output {:.3}, readings {} to {}",
+        kept.fault,
+        kept.seconds,
+        kept.amplitude * 1e3,
+        kept.expected * 1e3,
+        kept.output,
+        kept.low,
+        kept.high
+    )
+}
+
 /// How a board is.
 struct Condition {
     /// `None` while its drive runs.
     test: Option<SelfTest>,
+    /// The last faults, newest first.
+    faults: Vec<KeptFault>,
     words: Option<String>,
     counters: Counters,
 }
 
 impl Condition {
     fn ask(line: &mut Line) -> Result<Self, Refusal> {
+        let mut faults = Vec::new();
+        for back in 0..FAULTS {
+            let fault = line.ask(&Request::Fault(back), |response| match response {
+                Response::Fault(fault) => fault,
+                _ => None,
+            })?;
+            let Some(fault) = fault else { break };
+            faults.push(fault);
+        }
         Ok(Self {
+            faults,
             test: line.ask(&Request::SelfTest, |response| match response {
                 Response::SelfTest(test) => Some(test),
                 _ => None,

@@ -182,7 +182,7 @@ fn finish<'b>(
     inside: &mut [u8; INSIDE_MOST],
     length: usize,
 ) -> Result<&'b [u8], Unsendable> {
-    let check = crc(inside.get(..length).ok_or(Unsendable)?).to_le_bytes();
+    let check = crc32(inside.get(..length).ok_or(Unsendable)?).to_le_bytes();
     inside
         .get_mut(length..length + CHECK)
         .ok_or(Unsendable)?
@@ -227,7 +227,7 @@ fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
     let (sound, check) = inside
         .split_last_chunk::<CHECK>()
         .ok_or(Unreadable::Corrupt)?;
-    if crc(sound) != u32::from_le_bytes(*check) {
+    if crc32(sound) != u32::from_le_bytes(*check) {
         return Err(Unreadable::Corrupt);
     }
     let (version, rest) = sound.split_first().ok_or(Unreadable::Corrupt)?;
@@ -235,7 +235,8 @@ fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
 }
 
 /// CRC-32 of IEEE 802.3, four bits at a time: a table of 64 bytes for some twelve instructions a byte.
-fn crc(bytes: &[u8]) -> u32 {
+#[must_use]
+pub fn crc32(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 16] = {
         let mut table = [0; 16];
         let mut nibble = 0;
@@ -265,6 +266,6 @@ mod tests {
     #[test]
     fn the_check_is_the_one_of_ieee_802_3() {
         // The check value of the catalogue of CRC algorithms.
-        assert_eq!(crc(b"123456789"), 0xcbf4_3926);
+        assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
     }
 }

@@ -19,7 +19,8 @@ pub enum Request<'a> {
         /// Its new value.
         value: f32,
     },
-    /// Keeps the settings beyond a loss of power; refused while the drive runs.
+    /// Keeps the settings and the target beyond a loss of power; refused while the drive runs, and more than 60
+    /// times an hour.
     Save,
     /// Takes the defaults for all settings; refused while the drive runs.
     Defaults,
@@ -58,6 +59,8 @@ pub enum Request<'a> {
     Identification,
     /// The target that the board holds.
     Held,
+    /// The fault kept beyond a loss of power that is so many faults older than the newest.
+    Fault(u8),
 }
 
 /// The inputs of a simulated board.
@@ -166,6 +169,8 @@ pub enum Response<'a> {
     Identification(Identification),
     /// The target that the board holds.
     Held(Target),
+    /// A fault of the past, or none that old.
+    Fault(Option<KeptFault>),
 }
 
 /// Why a request was refused.
@@ -186,6 +191,8 @@ pub enum Refusal<'a> {
     Store,
     /// The desk simulates no plant, or its readings end elsewhere than the board's cycle.
     OutOfStep,
+    /// The memory of the settings was written too often within the last hour.
+    TooOften,
 }
 
 /// A setting with what may be known of it.
@@ -342,17 +349,69 @@ pub struct Record {
     pub fault: u8,
 }
 
+/// A fault that was kept beyond a loss of power.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct KeptFault {
+    /// Its number among all faults of the board.
+    pub number: u32,
+    /// Seconds from the board's start to the fault.
+    pub seconds: u32,
+    /// Number of the fault ([`control::Fault`]).
+    pub fault: u8,
+    /// Number of the state that it ended ([`control::State`]).
+    pub state: u8,
+    /// Measured amplitude of the track in m.
+    pub amplitude: f32,
+    /// Amplitude that the output should have given, in m.
+    pub expected: f32,
+    /// Output of the drive as a share of full output.
+    pub output: f32,
+    /// Lowest reading of the converter in the cycle.
+    pub low: u16,
+    /// Highest reading of the converter in the cycle.
+    pub high: u16,
+}
+
+/// What is in the memory of the settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Kept {
+    /// The settings and the target in use.
+    InUse,
+    /// Other settings, or another target.
+    Others,
+    /// None were ever saved.
+    #[default]
+    Never,
+    /// Damaged ones, or another firmware's.
+    Damaged,
+}
+
+/// How the chip itself is set up, by what outlives its program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetUp {
+    /// Supply voltage in mV below which the chip holds itself in reset; 0 where the option bytes leave that off.
+    pub brown_out: u16,
+    /// Whether the option bytes start the watchdog with the power.
+    pub watchdog: bool,
+    /// Most cycles of the core that a sample took; 0 where they are not counted.
+    pub sample: u32,
+    /// Most cycles of the core that the control of a drive cycle took; 0 where they are not counted.
+    pub control: u32,
+}
+
 /// What the board found in itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SelfTest {
     /// Whether the accelerometer stands where zero acceleration has it, gravity and noise allowed.
     pub sensor: bool,
-    /// Whether the settings in memory are those in use.
-    pub settings: bool,
+    /// What is in the memory of the settings.
+    pub settings: Kept,
     /// Bytes of the stack that were never used.
     pub stack_free: u32,
     /// Drive cycles whose control came too late.
     pub missed: u32,
+    /// How the chip is set up.
+    pub set_up: SetUp,
 }
 
 /// What was counted on the link.

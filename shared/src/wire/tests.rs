@@ -50,6 +50,7 @@ fn requests() -> Vec<Request<'static>> {
         },
         Request::Identification,
         Request::Held,
+        Request::Fault(3),
     ]
 }
 
@@ -64,6 +65,7 @@ fn responses() -> Vec<Response<'static>> {
         Response::Refused(Refusal::Running),
         Response::Refused(Refusal::Store),
         Response::Refused(Refusal::OutOfStep),
+        Response::Refused(Refusal::TooOften),
         Response::Setting(Setting {
             number: 0,
             key: "frequency",
@@ -82,9 +84,15 @@ fn responses() -> Vec<Response<'static>> {
         Response::Event(None),
         Response::SelfTest(SelfTest {
             sensor: true,
-            settings: false,
+            settings: Kept::Others,
             stack_free: 20_000,
             missed: 0,
+            set_up: SetUp {
+                brown_out: 2700,
+                watchdog: true,
+                sample: 1000,
+                control: 20_000,
+            },
         }),
         Response::Counters(Counters {
             requests: 1,
@@ -125,6 +133,18 @@ fn responses() -> Vec<Response<'static>> {
         Response::Identification(Identification::NotFound(Unidentified::Quiet)),
         Response::Held(Target::Locked(3)),
         Response::Held(Target::K(0.41)),
+        Response::Fault(None),
+        Response::Fault(Some(KeptFault {
+            number: 300,
+            seconds: 70_000,
+            fault: 4,
+            state: 2,
+            amplitude: 0.000_25,
+            expected: 0.000_5,
+            output: 0.5,
+            low: 2040,
+            high: 2056,
+        })),
     ]
 }
 

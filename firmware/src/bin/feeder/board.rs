@@ -9,7 +9,8 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::{Start, Target};
+use kband::control::Start;
+use kband::wire::SetUp;
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
 use kband_firmware::chip::Chip;
@@ -23,7 +24,7 @@ use kband_firmware::station::Station;
 use kband_firmware::stm32::{
     Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, drive_off,
 };
-use kband_firmware::store::{Found, Store};
+use kband_firmware::store::{Condition, Found, Store};
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
@@ -114,8 +115,7 @@ fn place(
     bridge: HalfBridge,
 ) -> Option<&'static Station> {
     let place = STATION.uninit();
-    let target = Target::Locked { order: 1 };
-    let (station, signal) = Station::build(found, target, start, &EXCHANGE, last_words).ok()?;
+    let (station, signal) = Station::build(found, start, &EXCHANGE, last_words).ok()?;
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
     Some(place.write(station))
@@ -144,7 +144,11 @@ async fn main(spawner: Spawner) {
         defmt::panic!("the memory of the settings does not fit its pages");
     };
     let found = memory.load().await;
-    defmt::info!("settings: {} kept, {} refused", found.kept, found.refused);
+    match found.condition {
+        Condition::Whole => defmt::info!("settings: as saved"),
+        Condition::Never => defmt::warn!("settings: none were ever saved"),
+        Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
+    }
     let Some(station) = place(&found, cause.start(), last_words, converter, bridge) else {
         defmt::panic!("settings that were accepted are refused");
     };
@@ -166,6 +170,7 @@ async fn main(spawner: Spawner) {
     let image = Image {
         identity: IDENTITY,
         stack_free,
+        set_up: SetUp::default,
     };
     let terminals = Terminals::new(p.PB0, p.PB1);
     let lamps = Lamps::new(p.PB10, p.PB11);

@@ -56,13 +56,17 @@ impl Chip for Board {
         (Adc::new(converter), SampleTime::CYCLES56)
     }
 
-    /// The settings lie in the last two sectors of 128 KiB.
+    /// The settings lie in the last two sectors of 128 KiB, the faults in the two before them.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
         let region = Flash::new_blocking(flash)
             .into_blocking_regions()
             .bank1_region3;
         let (end, page) = (region.0.size, region.0.erase_size);
-        Records::new(Pages(region), end - 2 * page..end)
+        Records::new(
+            Pages(region),
+            end - 2 * page..end,
+            end - 4 * page..end - 2 * page,
+        )
     }
 
     fn signs() -> Signs {

@@ -50,13 +50,17 @@ impl Chip for Board {
         )
     }
 
-    /// The settings lie in the last two pages of 2 KiB of the second bank.
+    /// The settings lie in the last two pages of 2 KiB of the second bank, the faults in the two before them.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
         let region = Flash::new_blocking(flash)
             .into_blocking_regions()
             .bank2_region;
         let (end, page) = (region.0.size, region.0.erase_size);
-        Records::new(Pages(region), end - 2 * page..end)
+        Records::new(
+            Pages(region),
+            end - 2 * page..end,
+            end - 4 * page..end - 2 * page,
+        )
     }
 
     fn signs() -> Signs {

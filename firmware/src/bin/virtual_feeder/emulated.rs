@@ -18,6 +18,7 @@ use embassy_time::Timer;
 use kband::control::{AdcCode, Inputs, Report, Settings, Signal, Target};
 use kband::feeder::OutOfRange;
 use kband::plant::{Bench, Scene};
+use kband::wire::{KeptFault, SetUp};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use kband_firmware::cortex::{
@@ -29,7 +30,7 @@ use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
 use kband_firmware::start::{Cause, Signs};
 use kband_firmware::station::Station;
-use kband_firmware::store::{Found, Records, Store, StoreFailed};
+use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{Line, Trial};
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::StaticCell;
@@ -95,6 +96,7 @@ extern "Rust" fn kband_halt() -> ! {
 const IMAGE: Image = Image {
     identity: IDENTITY,
     stack_free,
+    set_up: SetUp::default,
 };
 
 /// The bench as converter, power stage and inputs.
@@ -163,8 +165,8 @@ impl Memory {
             return Ok(Self(None));
         }
         let file = FlashFile::open(name).map_err(|_| StoreFailed)?;
-        let pages = file.range();
-        Records::new(file, pages).map(|records| Self(Some(records)))
+        let [settings, faults] = file.ranges();
+        Records::new(file, settings, faults).map(|records| Self(Some(records)))
     }
 }
 
@@ -176,11 +178,22 @@ impl Store for Memory {
         }
     }
 
-    async fn save(&mut self, settings: &Settings) -> Result<(), StoreFailed> {
+    async fn save(&mut self, settings: &Settings, target: Target) -> Result<(), StoreFailed> {
         match &mut self.0 {
-            Some(records) => records.save(settings).await,
+            Some(records) => records.save(settings, target).await,
             None => Err(StoreFailed),
         }
+    }
+
+    async fn keep_fault(&mut self, fault: &KeptFault) -> Result<(), StoreFailed> {
+        match &mut self.0 {
+            Some(records) => records.keep_fault(fault).await,
+            None => Err(StoreFailed),
+        }
+    }
+
+    async fn fault(&mut self, back: u32) -> Option<KeptFault> {
+        self.0.as_mut()?.fault(back).await
     }
 }
 
@@ -323,14 +336,9 @@ async fn main(spawner: Spawner) {
 /// The station in its place, and the signal path that goes with it. These parts are large: each is made on a
 /// stack that is empty again before the next.
 #[inline(never)]
-fn place(
-    found: &Found,
-    target: Target,
-    cause: Cause,
-) -> Result<(&'static Station, Signal), OutOfRange> {
+fn place(found: &Found, cause: Cause) -> Result<(&'static Station, Signal), OutOfRange> {
     let place = STATION.uninit();
-    let (station, signal) =
-        Station::build(found, target, cause.start(), &EXCHANGE, LastWords::EMPTY)?;
+    let (station, signal) = Station::build(found, cause.start(), &EXCHANGE, LastWords::EMPTY)?;
     Ok((place.write(station), signal))
 }
 
@@ -429,10 +437,11 @@ fn begin(spawner: Spawner) {
         Some(_) => block_on(memory.load()),
         None => Found {
             settings: scene.settings,
-            ..Found::default()
+            target: scene.target,
+            condition: Condition::Whole,
         },
     };
-    let built = place(&found, scene.target, cause).and_then(|placed| {
+    let built = place(&found, cause).and_then(|placed| {
         place_bench(&scene)?;
         Ok(placed)
     });

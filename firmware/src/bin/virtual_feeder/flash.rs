@@ -50,9 +50,10 @@ impl FlashFile {
         Ok(Self { handle, length })
     }
 
-    /// Its pages.
-    pub fn range(&self) -> core::ops::Range<u32> {
-        0..self.length as u32
+    /// Its pages for the settings, and those for the faults.
+    pub fn ranges(&self) -> [core::ops::Range<u32>; 2] {
+        let (half, whole) = (self.length as u32 / 2, self.length as u32);
+        [0..half, half..whole]
     }
 
     fn seek(&mut self, offset: u32) -> Result<(), FileFailed> {

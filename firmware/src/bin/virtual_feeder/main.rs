@@ -19,8 +19,8 @@
 //!
 //! Its log goes to USART1, in every case.
 //!
-//! After `link` and `run` the name of a file may follow that is the flash of the settings: whole pages of
-//! 4096 bytes, two at least, 0xff where nothing was written yet.
+//! After `link` and `run` the name of a file may follow that is the flash of settings and faults: four pages
+//! of 4096 bytes, 0xff where nothing was written yet.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

@@ -62,6 +62,12 @@ impl Controller {
         self.seen.events
     }
 
+    /// Normal amplitude of the track in m that the outputs so far should have given.
+    #[must_use]
+    pub fn expected(&self) -> f32 {
+        self.expected
+    }
+
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.
     #[must_use]
     pub fn amplitude(&self) -> f32 {

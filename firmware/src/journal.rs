@@ -1,0 +1,453 @@
+//! Records appended to two banks of NOR flash, where a spoilt record is told from one that was cut short.
+//!
+//! A bank is one erasable page, however large. A record fills one slot of a bank:
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 4 | number of the record, rising |
+//! | `SLOT` - 16 | its content |
+//! | 4 | CRC-32 of both |
+//! | 8 | the seal, zero: written last |
+//!
+//! A record whose check fits counts, sealed or not. One whose check does not fit was cut short by a loss of
+//! power where the seal was not begun, and what was kept before it still counts. Where the seal is there the record was whole
+//! once: it is [`Newest::Spoilt`], and an older one in its place would be a silent step back to what was meant for
+//! another machine. The maps of `sequential-storage` do step back so, which is why they are not used here.
+
+use embassy_futures::yield_now;
+use embedded_storage_async::nor_flash::NorFlash;
+use kband::wire::crc32;
+
+use crate::store::StoreFailed;
+
+const NUMBER: usize = 4;
+const CHECK: usize = 4;
+const SEAL: usize = 8;
+/// Bytes of a slot that are not content.
+pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
+/// Slots that are read before other tasks run.
+const TURN: u32 = 16;
+
+/// What a slot holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Slot {
+    /// Nothing was ever written to it.
+    Blank,
+    /// A record that was not written to its end.
+    Cut,
+    /// A record.
+    Whole(u32),
+    /// What was a record.
+    Spoilt,
+}
+
+impl Slot {
+    fn read(bytes: &[u8]) -> Self {
+        if bytes.iter().all(|byte| *byte == 0xff) {
+            return Self::Blank;
+        }
+        let Some((body, seal)) = bytes.split_last_chunk::<SEAL>() else {
+            return Self::Spoilt;
+        };
+        let Some((said, check)) = body.split_last_chunk::<CHECK>() else {
+            return Self::Spoilt;
+        };
+        if crc32(said) == u32::from_le_bytes(*check)
+            && let Some(number) = said.first_chunk::<NUMBER>()
+        {
+            return Self::Whole(u32::from_le_bytes(*number));
+        }
+        // Half of the bits decide, so that no single one does.
+        if u64::from_le_bytes(*seal).count_zeros() > u64::BITS / 2 {
+            Self::Spoilt
+        } else {
+            Self::Cut
+        }
+    }
+}
+
+/// Where a slot lies: its bank and its index in there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Place {
+    bank: usize,
+    index: u32,
+}
+
+/// What the slots of both banks come to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Survey {
+    newest: Option<(Place, u32)>,
+    /// Slots up to the last one of each bank that is not blank.
+    used: [u32; 2],
+    /// Slots up to the last spoilt one of each bank.
+    spoilt: [u32; 2],
+}
+
+impl Survey {
+    const BLANK: Self = Self {
+        newest: None,
+        used: [0; 2],
+        spoilt: [0; 2],
+    };
+
+    fn take(&mut self, place: Place, slot: Slot) {
+        let Place { bank, index } = place;
+        if slot != Slot::Blank {
+            self.used[bank] = index + 1;
+        }
+        match slot {
+            Slot::Spoilt => self.spoilt[bank] = index + 1,
+            Slot::Whole(number) if self.newest.is_none_or(|(_, newest)| number > newest) => {
+                self.newest = Some((place, number));
+            }
+            _ => {}
+        }
+    }
+
+    /// The bank was erased.
+    fn clear(&mut self, bank: usize) {
+        self.used[bank] = 0;
+        self.spoilt[bank] = 0;
+    }
+
+    /// Whether a record that was whole once may have been newer than the newest that still is, in banks of
+    /// `slots`. The other bank is begun where the first is full, and erased as soon as it is not.
+    fn doubtful(&self, slots: u32) -> bool {
+        let Some((Place { bank, index }, _)) = self.newest else {
+            return self.spoilt != [0; 2];
+        };
+        self.spoilt[bank] > index + 1 || (index + 1 == slots && self.spoilt[1 - bank] > 0)
+    }
+}
+
+/// What a journal holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Newest {
+    /// No record was ever kept.
+    Nothing,
+    /// The newest record.
+    Whole,
+    /// The newest record is damaged.
+    Spoilt,
+}
+
+/// A journal of records of `SLOT` - [`OVERHEAD`] bytes; the newest `keep` of them outlive the change of banks.
+pub struct Journal<const SLOT: usize> {
+    start: u32,
+    bank: u32,
+    keep: u32,
+    survey: Option<Survey>,
+}
+
+impl<const SLOT: usize> Journal<SLOT> {
+    /// The journal in the two pages `range` of the flash; refused unless these are two whole ones that can hold
+    /// more than `keep` records each.
+    pub fn new<F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+    ) -> Result<Self, StoreFailed> {
+        const { assert!(SLOT > OVERHEAD && SLOT.is_multiple_of(SEAL)) };
+        let bank = F::ERASE_SIZE as u32;
+        let fits = range.start.is_multiple_of(bank)
+            && range.end.checked_sub(range.start) == Some(2 * bank)
+            && range.end as usize <= flash.capacity()
+            && SEAL.is_multiple_of(F::WRITE_SIZE)
+            && F::READ_SIZE == 1
+            && (1..bank / SLOT as u32).contains(&keep);
+        if fits {
+            Ok(Self {
+                start: range.start,
+                bank,
+                keep,
+                survey: None,
+            })
+        } else {
+            Err(StoreFailed)
+        }
+    }
+
+    /// Slots of a bank.
+    fn slots(&self) -> u32 {
+        self.bank / SLOT as u32
+    }
+
+    fn offset(&self, place: Place) -> u32 {
+        self.start + place.bank as u32 * self.bank + place.index * SLOT as u32
+    }
+
+    async fn read<F: NorFlash>(
+        &self,
+        flash: &mut F,
+        place: Place,
+    ) -> Result<[u8; SLOT], StoreFailed> {
+        let mut bytes = [0; SLOT];
+        let offset = self.offset(place);
+        match flash.read(offset, &mut bytes).await {
+            Ok(()) => Ok(bytes),
+            Err(_) => Err(StoreFailed),
+        }
+    }
+
+    async fn look<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
+        let mut survey = Survey::BLANK;
+        for bank in 0..2 {
+            for index in 0..self.slots() {
+                let place = Place { bank, index };
+                survey.take(place, Slot::read(&self.read(flash, place).await?));
+                if index % TURN == 0 {
+                    yield_now().await;
+                }
+            }
+        }
+        self.survey = Some(survey);
+        Ok(survey)
+    }
+
+    /// What the journal holds; the content of the newest record goes to `content`.
+    pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
+        let Ok(survey) = self.look(flash).await else {
+            return Newest::Spoilt;
+        };
+        if survey.doubtful(self.slots()) {
+            return Newest::Spoilt;
+        }
+        let Some((place, _)) = survey.newest else {
+            return Newest::Nothing;
+        };
+        match self.read(flash, place).await {
+            Ok(bytes) => {
+                copy(&bytes[NUMBER..], content);
+                Newest::Whole
+            }
+            Err(_) => Newest::Spoilt,
+        }
+    }
+
+    /// Whether the newest record is whole and has this content.
+    pub async fn holds<F: NorFlash>(&mut self, flash: &mut F, content: &[u8]) -> bool {
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => match self.look(flash).await {
+                Ok(survey) => survey,
+                Err(_) => return false,
+            },
+        };
+        let Some((place, _)) = survey.newest.filter(|_| !survey.doubtful(self.slots())) else {
+            return false;
+        };
+        match self.read(flash, place).await {
+            Ok(bytes) => {
+                matches!(Slot::read(&bytes), Slot::Whole(_)) && bytes[NUMBER..].starts_with(content)
+            }
+            Err(_) => false,
+        }
+    }
+
+    /// The record that is `back` records older than the newest, if it is whole; its number.
+    pub async fn older<F: NorFlash>(
+        &mut self,
+        flash: &mut F,
+        back: u32,
+        content: &mut [u8],
+    ) -> Option<u32> {
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => self.look(flash).await.ok()?,
+        };
+        let (Place { bank, index }, _) = survey.newest?;
+        let place = match index.checked_sub(back) {
+            Some(index) => Place { bank, index },
+            None => Place {
+                bank: 1 - bank,
+                index: survey.used[1 - bank].checked_sub(back - index)?,
+            },
+        };
+        let bytes = self.read(flash, place).await.ok()?;
+        match Slot::read(&bytes) {
+            Slot::Whole(number) => {
+                copy(&bytes[NUMBER..], content);
+                Some(number)
+            }
+            _ => None,
+        }
+    }
+
+    /// Appends a record, reads it back, and erases the older bank once this one holds what is to be kept.
+    ///
+    /// A loss of power leaves the journal as it was or with the new record.
+    pub async fn append<F: NorFlash>(
+        &mut self,
+        flash: &mut F,
+        content: &[u8],
+    ) -> Result<(), StoreFailed> {
+        let mut survey = match self.survey.take() {
+            Some(survey) => survey,
+            None => self.look(flash).await?,
+        };
+        let (mut bank, number) = match survey.newest {
+            Some((place, number)) => (place.bank, number.wrapping_add(1)),
+            None => (0, 0),
+        };
+        let mut index = survey.used[bank];
+        if index == self.slots() {
+            bank = 1 - bank;
+            index = 0;
+            if survey.used[bank] > 0 {
+                self.erase(flash, bank).await?;
+                survey.clear(bank);
+            }
+        }
+        let place = Place { bank, index };
+        let mut bytes = [0xff; SLOT];
+        let (body, seal) = bytes.split_at_mut(SLOT - SEAL);
+        let (said, check) = body.split_at_mut(SLOT - SEAL - CHECK);
+        copy(&number.to_le_bytes(), said);
+        copy(content, &mut said[NUMBER..]);
+        copy(&crc32(said).to_le_bytes(), check);
+        seal.fill(0);
+        let offset = self.offset(place);
+        let (body, seal) = bytes.split_at(SLOT - SEAL);
+        let written = flash.write(offset, body).await.is_ok()
+            && (flash.write(offset + body.len() as u32, seal).await).is_ok();
+        if !written || self.read(flash, place).await? != bytes {
+            return Err(StoreFailed);
+        }
+        survey.take(place, Slot::Whole(number));
+        // The record is kept: a bank that cannot be erased now is erased after another one, or told when it is needed.
+        if index + 1 >= self.keep
+            && survey.used[1 - bank] > 0
+            && self.erase(flash, 1 - bank).await.is_ok()
+        {
+            survey.clear(1 - bank);
+        }
+        self.survey = Some(survey);
+        Ok(())
+    }
+
+    async fn erase<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<(), StoreFailed> {
+        let from = self.start + bank as u32 * self.bank;
+        match flash.erase(from, from + self.bank).await {
+            Ok(()) => Ok(()),
+            Err(_) => Err(StoreFailed),
+        }
+    }
+}
+
+fn copy(from: &[u8], to: &mut [u8]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::tests::Nor;
+    use embassy_futures::block_on;
+    use std::vec::Vec;
+
+    const SLOT: usize = 256;
+
+    /// A journal of the STM32F405's sectors after so many records, one letter each.
+    fn filled<const PAGE: usize>(records: u32) -> Nor<PAGE> {
+        let mut nor = Nor::<PAGE>::new();
+        let mut journal = Journal::<SLOT>::new(&nor, 0..2 * PAGE as u32, 1).unwrap();
+        for record in 0..records {
+            block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
+        }
+        nor
+    }
+
+    /// Every single bit of both banks flipped: the newest record stays, or is told to be spoilt; no older one takes
+    /// its place. A flip changes what one slot is taken for, and each slot's kinds are judged with all others.
+    fn flips<const PAGE: usize>(records: u32) -> [u64; 2] {
+        let slots = PAGE / SLOT;
+        let nor = filled::<PAGE>(records);
+        let chunks: Vec<&[u8]> = nor.bytes[..2 * PAGE].chunks_exact(SLOT).collect();
+        let kinds: Vec<Slot> = chunks.iter().map(|chunk| Slot::read(chunk)).collect();
+        let survey = |changed: usize, kind: Slot| {
+            let mut survey = Survey::BLANK;
+            for (at, &slot) in kinds.iter().enumerate() {
+                let place = Place {
+                    bank: at / slots,
+                    index: (at % slots) as u32,
+                };
+                survey.take(place, if at == changed { kind } else { slot });
+            }
+            survey
+        };
+        let sound = survey(usize::MAX, Slot::Blank);
+        let newest = sound.newest.map(|(place, _)| place);
+        assert!(!sound.doubtful(slots as u32));
+        let (mut kept, mut spoilt) = (0, 0);
+        for (at, chunk) in chunks.iter().enumerate() {
+            let mut seen: Vec<(Slot, bool)> = Vec::new();
+            let mut bytes = chunk.to_vec();
+            for bit in 0..8 * SLOT {
+                bytes[bit / 8] ^= 1 << (bit % 8);
+                let kind = Slot::read(&bytes);
+                bytes[bit / 8] ^= 1 << (bit % 8);
+                let known = seen.iter().find(|(seen, _)| *seen == kind).copied();
+                let (_, doubtful) = known.unwrap_or_else(|| {
+                    let flipped = survey(at, kind);
+                    let doubtful = flipped.doubtful(slots as u32);
+                    assert!(
+                        doubtful || flipped.newest.map(|(place, _)| place) == newest,
+                        "slot {at}, bit {bit}: {kind:?}"
+                    );
+                    seen.push((kind, doubtful));
+                    (kind, doubtful)
+                });
+                if doubtful {
+                    spoilt += 1;
+                } else {
+                    kept += 1;
+                }
+            }
+        }
+        [kept, spoilt]
+    }
+
+    #[test]
+    fn no_single_bit_brings_an_older_record_back() {
+        let bits = 8 * (SLOT as u64 - SEAL as u64);
+        for records in [1, 2, 7, 8, 9, 16, 17] {
+            let [kept, spoilt] = flips::<2048>(records);
+            assert_eq!(kept + spoilt, 8 * 2 * 2048);
+            // Those of the newest record, but for its seal.
+            assert_eq!(spoilt, bits, "{records} records");
+        }
+        for records in [3, 512, 513] {
+            let [kept, spoilt] = flips::<{ 128 * 1024 }>(records);
+            assert_eq!(kept + spoilt, 8 * 2 * 128 * 1024);
+            assert_eq!(spoilt, bits, "{records} records");
+        }
+    }
+
+    #[test]
+    fn the_last_ones_outlive_the_change_of_banks() {
+        let mut nor = Nor::<2048>::new();
+        let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
+        let mut content = [0; 40 - OVERHEAD];
+        for record in 0..500_u32 {
+            block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
+            for back in 0..32 {
+                let number = block_on(journal.older(&mut nor, back, &mut content));
+                assert_eq!(number, record.checked_sub(back), "{record}, {back} back");
+                if let Some(number) = number {
+                    assert!(content.starts_with(&number.to_le_bytes()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn ranges_that_are_no_two_pages_are_refused() {
+        let nor = Nor::<2048>::new();
+        for range in [0..2048, 0..6144, 1024..5120, 6144..10_240] {
+            assert!(Journal::<SLOT>::new(&nor, range.clone(), 1).is_err());
+        }
+        assert!(Journal::<SLOT>::new(&nor, 0..4096, 8).is_err());
+    }
+}

@@ -1,0 +1,342 @@
+//! The memory under cuts of power, flipped bits and years of use, in pages as the boards have them.
+
+use super::*;
+use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::{
+    ErrorType, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use kband::plant::Noise;
+use std::vec::Vec;
+
+/// Pages of the STM32G474, and sectors of the STM32F405.
+const SMALL: usize = 2 * 1024;
+const LARGE: usize = 128 * 1024;
+/// Words of a record, and the words of a page that an erasure goes through one by one.
+const WORDS: usize = SLOT / 4;
+
+/// NOR flash of four pages whose power goes after so many words: writing clears bits, erasing sets a page's.
+#[derive(Clone)]
+pub struct Nor<const PAGE: usize> {
+    pub bytes: Vec<u8>,
+    /// Words that the power lasts for.
+    power: usize,
+    touched: usize,
+    erasures: [u32; 4],
+}
+
+#[derive(Debug)]
+pub struct PowerCut;
+
+impl NorFlashError for PowerCut {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl<const PAGE: usize> Nor<PAGE> {
+    pub fn new() -> Self {
+        Self {
+            bytes: std::vec![0xff; 4 * PAGE],
+            power: usize::MAX,
+            touched: 0,
+            erasures: [0; 4],
+        }
+    }
+
+    fn powered(&self, words: usize) -> Self {
+        Self {
+            power: words,
+            touched: 0,
+            ..self.clone()
+        }
+    }
+
+    fn touch(&mut self) -> Result<(), PowerCut> {
+        if self.touched == self.power {
+            return Err(PowerCut);
+        }
+        self.touched += 1;
+        Ok(())
+    }
+}
+
+impl<const PAGE: usize> ErrorType for Nor<PAGE> {
+    type Error = PowerCut;
+}
+
+impl<const PAGE: usize> ReadNorFlash for Nor<PAGE> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerCut> {
+        let at = offset as usize;
+        bytes.copy_from_slice(&self.bytes[at..at + bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const PAGE: usize> NorFlash for Nor<PAGE> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerCut> {
+        self.erasures[from as usize / PAGE] += 1;
+        for at in (from as usize..to as usize).step_by(4) {
+            if let Err(cut) = self.touch() {
+                // What is half erased reads as anything.
+                let mut noise = Noise::new(at as u64 + 1);
+                for byte in &mut self.bytes[at..(at + 3 * SLOT).min(to as usize)] {
+                    *byte |= noise.bits() as u8;
+                }
+                return Err(cut);
+            }
+            self.bytes[at..at + 4].fill(0xff);
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerCut> {
+        assert!(offset.is_multiple_of(8) && bytes.len().is_multiple_of(8));
+        for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks_exact(4)) {
+            self.touch()?;
+            for (old, new) in self.bytes[at..].iter_mut().zip(word) {
+                // Memories with a check of their own take each word once, and zeros always.
+                assert!(*old == 0xff || *new == 0);
+                *old &= new;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn records<const PAGE: usize>(nor: Nor<PAGE>) -> Records<Nor<PAGE>> {
+    let page = PAGE as u32;
+    Records::new(nor, 0..2 * page, 2 * page..4 * page).unwrap()
+}
+
+/// Settings that differ from the defaults in every key that `change` may halve, and from each other.
+fn changed(factor: f32) -> Settings {
+    let mut settings = Settings::default();
+    for known in Settings::KEYS {
+        let value = settings.get(known.name).unwrap();
+        // Some stand at the end of their range, and the two bounds have to keep their order.
+        let _ = settings.set(known.name, value * factor);
+    }
+    settings.check().unwrap();
+    settings
+}
+
+const TARGETS: [Target; 6] = [
+    Target::Locked { order: 3 },
+    Target::Chaotic,
+    Target::K(0.41),
+    Target::Amplitude(0.0),
+    Target::Speed(-12.5),
+    Target::Identify,
+];
+
+#[test]
+fn settings_and_target_come_back_as_saved_and_never_saved_is_told() {
+    let mut store = records(Nor::<SMALL>::new());
+    let found = block_on(store.load());
+    assert_eq!(found, Found::default());
+    assert_eq!(found.condition, Condition::Never);
+    for (n, target) in TARGETS.into_iter().enumerate() {
+        let settings = changed(0.9 + 0.01 * n as f32);
+        block_on(store.save(&settings, target)).unwrap();
+        store = records(store.flash);
+        let wanted = Found {
+            settings,
+            target,
+            condition: Condition::Whole,
+        };
+        assert_eq!(block_on(store.load()), wanted);
+    }
+}
+
+#[test]
+fn saving_the_same_again_writes_nothing() {
+    let mut store = records(Nor::<SMALL>::new());
+    block_on(store.save(&changed(0.95), Target::Chaotic)).unwrap();
+    let mut store = records(store.flash.powered(0));
+    block_on(store.save(&changed(0.95), Target::Chaotic)).unwrap();
+    assert!(block_on(store.save(&changed(0.95), Target::K(0.5))).is_err());
+}
+
+/// A save cut after every word, with `before` saves in the memory: what is found is what was kept before or what
+/// was to be kept, or is told to be lost; what was cut is taken up again. How often it was lost.
+fn cuts<const PAGE: usize>(before: u32, words: impl Iterator<Item = usize>) -> u32 {
+    let mut store = records(Nor::<PAGE>::new());
+    let (mut old, mut lost, mut whole) = (Found::default(), 0, false);
+    for n in 0..before {
+        let settings = changed(0.9 + 0.001 * (n % 50) as f32);
+        block_on(store.save(&settings, Target::K(0.4))).unwrap();
+        old = block_on(store.load());
+    }
+    let base = store.flash;
+    let new = Found {
+        settings: changed(0.99),
+        target: Target::Locked { order: 2 },
+        condition: Condition::Whole,
+    };
+    for power in words {
+        let mut cut = records(base.powered(power));
+        let saved = block_on(cut.save(&new.settings, new.target)).is_ok();
+        let mut again = records(cut.flash.powered(usize::MAX));
+        let found = block_on(again.load());
+        if found.condition == Condition::Lost {
+            assert_eq!(found, Found::none(Condition::Lost));
+            lost += 1;
+        } else {
+            assert!(found == old || found == new, "{before}, {power}: {found:?}");
+        }
+        assert!(!saved || found == new, "{before}, {power}: told to be kept");
+        whole |= saved;
+        block_on(again.save(&new.settings, new.target)).unwrap();
+        assert_eq!(block_on(records(again.flash).load()), new);
+    }
+    assert!(whole, "the last one was not cut");
+    lost
+}
+
+#[test]
+fn a_cut_after_any_word_leaves_old_or_new() {
+    for before in 0..20 {
+        let page = SMALL / 4;
+        // With an erasure before, after, or none.
+        assert_eq!(cuts::<SMALL>(before, 0..=2 * page + WORDS), 0, "{before}");
+    }
+    // The sector is full, the next record begins the other one, and the full one is erased after it.
+    for before in [1, 511, 512, 513] {
+        let erasure = (WORDS..LARGE / 4).step_by(797);
+        let all = (0..=WORDS).chain(erasure).chain([2 * LARGE]);
+        assert_eq!(cuts::<LARGE>(before, all), 0, "{before}");
+    }
+}
+
+#[test]
+fn any_flipped_bit_leaves_the_settings_or_is_told() {
+    let mut store = records(Nor::<SMALL>::new());
+    for n in 0..11 {
+        block_on(store.save(&changed(0.9 + 0.005 * n as f32), TARGETS[0])).unwrap();
+    }
+    let kept = block_on(store.load());
+    let (mut held, mut lost) = (0, 0);
+    for bit in 0..8 * 2 * SMALL {
+        let mut nor = store.flash.clone();
+        nor.bytes[bit / 8] ^= 1 << (bit % 8);
+        let found = block_on(records(nor).load());
+        if found == kept {
+            held += 1;
+        } else {
+            assert_eq!(found, Found::none(Condition::Lost), "bit {bit}");
+            lost += 1;
+        }
+    }
+    assert_eq!((held, lost), (8 * (2 * SMALL - SLOT + 8), 8 * (SLOT - 8)));
+}
+
+/// 100 000 saves with a cut of power in one of sixteen: each page is erased less often than it bears, no record is
+/// lost, and none takes more words than a record has, but for the erasures.
+fn years<const PAGE: usize>(most_erasures: u32) {
+    let mut store = records(Nor::<PAGE>::new());
+    let mut noise = Noise::new(3);
+    let (mut words, mut most) = (0, 0);
+    let mut last = None;
+    for n in 0..100_000_u32 {
+        let settings = Settings {
+            gain: 1.0 + (n % 1000) as f32 * 1e-3,
+            ..Settings::default()
+        };
+        let target = Target::K(0.3 + (n % 7) as f32 * 0.1);
+        if noise.bits().is_multiple_of(16) {
+            let mut cut = records(store.flash.powered(noise.bits() as usize % WORDS));
+            assert!(block_on(cut.save(&settings, target)).is_err());
+            store = records(cut.flash.powered(usize::MAX));
+            let found = block_on(store.load());
+            assert!(
+                last.is_none_or(|last| found == last) || found.settings == settings,
+                "save {n}: {found:?}"
+            );
+        }
+        let erased: u32 = store.flash.erasures.iter().sum();
+        words = store.flash.touched.max(words);
+        store.flash.touched = 0;
+        block_on(store.save(&settings, target)).unwrap();
+        if store.flash.erasures.iter().sum::<u32>() == erased {
+            most = store.flash.touched.max(most);
+        }
+        last = Some(Found {
+            settings,
+            target,
+            condition: Condition::Whole,
+        });
+    }
+    assert_eq!(Some(block_on(store.load())), last);
+    assert_eq!(most, WORDS);
+    let erasures = store.flash.erasures;
+    assert!(
+        erasures.iter().all(|times| *times <= most_erasures),
+        "{erasures:?}"
+    );
+}
+
+#[test]
+fn a_hundred_thousand_saves_wear_no_page_out() {
+    // A page bears 10 000 erasures.
+    years::<SMALL>(7_000);
+    years::<LARGE>(120);
+}
+
+#[test]
+fn settings_out_of_range_or_of_another_firmware_are_told() {
+    let sound = write(&Settings::default(), Target::Chaotic);
+    assert_eq!(read(&sound).unwrap().settings, Settings::default());
+    let spoilt = |word: usize, value: u32| {
+        let mut content = sound;
+        content[4 * word..][..4].copy_from_slice(&value.to_le_bytes());
+        let mut store = records(Nor::<SMALL>::new());
+        block_on(store.settings.append(&mut store.flash, &content)).unwrap();
+        block_on(store.load())
+    };
+    for (word, value) in [
+        (0, SCHEMA ^ 1),
+        (1, f32::NAN.to_bits()),
+        (1, 1e6_f32.to_bits()),
+        (1 + COUNT, 6),
+    ] {
+        assert_eq!(spoilt(word, value), Found::none(Condition::Lost));
+    }
+    assert_eq!(
+        spoilt(1, 60_f32.to_bits()).condition,
+        Condition::Whole,
+        "a sound record is taken"
+    );
+}
+
+#[test]
+fn the_last_faults_are_kept_and_come_back() {
+    let mut store = records(Nor::<SMALL>::new());
+    assert_eq!(block_on(store.fault(0)), None);
+    let fault = |n: u32| KeptFault {
+        number: n,
+        seconds: 1000 * n,
+        fault: 4,
+        state: 2,
+        amplitude: n as f32 * 1e-6,
+        expected: 2e-3,
+        output: 0.5,
+        low: 17,
+        high: 4095,
+    };
+    for n in 0..200 {
+        block_on(store.keep_fault(&fault(n))).unwrap();
+    }
+    let mut store = records(store.flash);
+    for back in 0..FAULTS {
+        assert_eq!(block_on(store.fault(back)), Some(fault(199 - back)));
+    }
+}
