@@ -6,6 +6,7 @@
 
 use core::f64::consts::TAU;
 
+use super::fixed::Fixed;
 use super::twofold::Twofold;
 
 /// Nodes in a turn.
@@ -72,11 +73,14 @@ pub(crate) static SINGLE: [[f32; 2]; COUNT] = {
 };
 
 /// (sine, cosine) at each node, nearest step of 2^-30.
-pub(crate) static FIXED: [[i32; 2]; COUNT] = {
-    let mut table = [[0; 2]; COUNT];
+pub(crate) static FIXED: [[Fixed<30>; 2]; COUNT] = {
+    let mut table = [[Fixed::<30>::ZERO; 2]; COUNT];
     let mut j = 0;
     while j < COUNT {
-        table[j] = [fixed(NODES[j][0].high), fixed(NODES[j][1].high)];
+        table[j] = [
+            Fixed::<30>::of(NODES[j][0].high),
+            Fixed::<30>::of(NODES[j][1].high),
+        ];
         j += 1;
     }
     table
@@ -86,10 +90,10 @@ pub(crate) static FIXED: [[i32; 2]; COUNT] = {
 pub(crate) struct Fine {
     /// Sine and cosine, nearest f32.
     pub single: [f32; 2],
-    /// Sine and cosine, nearest step of 2^-30.
-    pub fixed: [i32; 2],
-    /// Cosine, nearest step of 2^-48.
-    pub cosine: i64,
+    /// Sine and cosine, nearest.
+    pub fixed: [Fixed<30>; 2],
+    /// Cosine, nearest.
+    pub cosine: Fixed<48, i64>,
 }
 
 /// Everything of one node side by side.
@@ -97,37 +101,22 @@ pub(crate) static FINE: [Fine; COUNT] = {
     let mut table = [const {
         Fine {
             single: [0.0; 2],
-            fixed: [0; 2],
-            cosine: 0,
+            fixed: [Fixed::<30>::ZERO; 2],
+            cosine: Fixed::<48, i64>::ZERO,
         }
     }; COUNT];
     let mut j = 0;
     while j < COUNT {
         let [sine, cosine] = [NODES[j][0].high, NODES[j][1].high];
-        let scaled = cosine * 281_474_976_710_656.0;
         table[j] = Fine {
             single: [sine as f32, cosine as f32],
-            fixed: [fixed(sine), fixed(cosine)],
-            cosine: if scaled < 0.0 {
-                (scaled - 0.5) as i64
-            } else {
-                (scaled + 0.5) as i64
-            },
+            fixed: [Fixed::<30>::of(sine), Fixed::<30>::of(cosine)],
+            cosine: Fixed::<48, i64>::of(cosine),
         };
         j += 1;
     }
     table
 };
-
-/// Nearest step of 2^-30 to `value` in -1..=1.
-const fn fixed(value: f64) -> i32 {
-    let scaled = value * 1_073_741_824.0;
-    (if scaled < 0.0 {
-        scaled - 0.5
-    } else {
-        scaled + 0.5
-    }) as i32
-}
 
 /// Sine and cosine of `x` in 0..=pi/4 by their Taylor series.
 const fn series(x: Twofold) -> [Twofold; 2] {
@@ -193,7 +182,7 @@ mod tests {
             assert!((node[1] - libm::cos(angle)).abs() < 7e-16);
             for i in 0..2 {
                 assert!((f64::from(SINGLE[j][i]) - node[i]).abs() <= 3e-8);
-                assert!((f64::from(FIXED[j][i]) / 1_073_741_824.0 - node[i]).abs() <= 4.7e-10);
+                assert!((f64::from(FIXED[j][i].0) / f64::from(1 << 30) - node[i]).abs() <= 4.7e-10);
             }
         }
     }

@@ -23,6 +23,12 @@ impl Phase {
 
     /// Steps in a turn: 2^32.
     pub const TURN: f64 = 4_294_967_296.0;
+    /// The same as an integer.
+    pub(crate) const STEPS: i64 = 1 << 32;
+    /// Radians in a step.
+    pub(crate) const RADIANS_PER_STEP: f64 = TAU / Self::TURN;
+    /// Steps in a radian.
+    pub(crate) const STEPS_PER_RADIAN: f64 = Self::TURN / TAU;
 
     /// The phase with these bits, in units of 2^-32 turns.
     #[must_use]
@@ -50,7 +56,7 @@ impl Phase {
     /// The angle in rad, in 0..2 pi; error at most 4.5e-16 rad.
     #[must_use]
     pub fn radians(self) -> f64 {
-        f64::from(self.0) * (TAU / Self::TURN)
+        f64::from(self.0) * Self::RADIANS_PER_STEP
     }
 }
 

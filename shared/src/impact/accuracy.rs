@@ -171,7 +171,7 @@ fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64,
         } else {
             0.5 * core::f64::consts::PI
         };
-        let step = TAU / 4_294_967_296.0;
+        let step = Phase::RADIANS_PER_STEP;
         let phase = match i % 5 {
             0 => entry + step * libm::round(6.0 * random.uniform() - 3.0),
             1 => core::f64::consts::PI - entry + step * libm::round(6.0 * random.uniform() - 3.0),

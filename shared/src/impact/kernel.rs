@@ -1,5 +1,6 @@
 //! What the arithmetics have in common: the state of a part, its impact, and the map as a trait.
 
+use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
 
@@ -24,9 +25,9 @@ pub struct HybridState {
 impl HybridState {
     /// The state with at most this velocity.
     #[inline(always)]
-    pub(super) fn held_below(self, top: u32) -> Self {
+    pub(super) fn held_below(self, top: Fixed<26, u32>) -> Self {
         Self {
-            velocity: Velocity::from_bits(self.velocity.bits().min(top)),
+            velocity: Velocity::from_fixed(self.velocity.fixed().min(top)),
             ..self
         }
     }
@@ -59,7 +60,7 @@ impl<S> Landing<S> {
     /// The flight time in rad.
     #[must_use]
     pub fn flight(&self) -> f64 {
-        self.steps as f64 * (core::f64::consts::TAU / 4_294_967_296.0)
+        self.steps as f64 * Phase::RADIANS_PER_STEP
     }
 }
 

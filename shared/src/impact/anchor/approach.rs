@@ -1,6 +1,6 @@
 //! Steps on nodes from the fall of the parabola.
 
-use super::flight::{Flight, Launch, PER_RADIAN, SPACING, abs, nearest, sine_cosine_at};
+use super::flight::{Flight, Launch, NODES_PER_RADIAN, SPACING, abs, nearest, sine_cosine_at};
 use super::shape::Shape;
 use crate::arithmetic::square_root_single;
 
@@ -70,7 +70,7 @@ pub(super) fn approach<F: Flight>(
         let square = u1 * u1;
         let product = b2 * u0;
         let step = householder(u0, u1, square, product, -cosine);
-        let (jump, count) = nearest(step * PER_RADIAN);
+        let (jump, count) = nearest(step * NODES_PER_RADIAN);
         let next = node.wrapping_add(jump);
         // Householder's step is short as well where it leads to no root, but not Newton's. The steps may
         // have led back to launch, where the part rises over the track.

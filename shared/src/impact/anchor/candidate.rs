@@ -1,7 +1,9 @@
 //! Where the first impact of a low flight may be, without a search.
 
+use core::f32::consts::TAU;
+
 use super::approach::{Approach, approach};
-use super::flight::{Flight, Launch, STEP, TURN, root};
+use super::flight::{Flight, Launch, RADIANS_PER_STEP, root};
 use super::shape::Shape;
 use super::short::{hop, near_top};
 use crate::arithmetic::square_root_single;
@@ -83,8 +85,8 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
         speed = square_root_single(square);
         origin = (rise + speed) * shape.inverse;
         // No flight that ends after the hump after the next one is told here.
-        let to_entry = shape.entry.wrapping_sub(launch.phase) as f32 * STEP;
-        if origin > to_entry + (TURN + 0.5) {
+        let to_entry = shape.entry.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
+        if origin > to_entry + (TAU + 0.5) {
             return Candidate::Unknown;
         }
         near = origin;

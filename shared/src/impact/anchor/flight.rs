@@ -1,18 +1,12 @@
 //! A launch and its flight in f32, as the search asks a kernel for them.
 
-use core::f64::consts::TAU;
+use crate::arithmetic::{Phase, node, square_root_single};
 
-use crate::arithmetic::{node, square_root_single};
-
-/// Node spacing in rad, and nodes in a rad.
-pub(crate) const SPACING: f32 = node::SPACING as f32;
-pub(super) const PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
-/// Radians in a step of a phase, and steps in a radian.
-pub(crate) const STEP: f32 = (TAU / 4_294_967_296.0) as f32;
-pub(crate) const PER_STEP: f32 = (4_294_967_296.0 / TAU) as f32;
-pub(super) const TURN: f32 = TAU as f32;
-/// A turn in steps of a phase.
-pub(super) const WHOLE: i64 = 1 << 32;
+/// Distance of two nodes in rad.
+pub(super) const SPACING: f32 = node::SPACING as f32;
+pub(super) const NODES_PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
+pub(super) const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
+pub(super) const STEPS_PER_RADIAN: f32 = Phase::STEPS_PER_RADIAN as f32;
 /// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer, which then stands in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
@@ -103,8 +97,8 @@ pub(super) fn nearest(x: f32) -> (i32, f32) {
 /// The node nearest to flight time `x` (rad) and the distance of `x` from it.
 #[inline(always)]
 pub(super) fn node_of(phase: u32, x: f32) -> (i32, f32) {
-    let angle = phase as f32 * STEP + x;
-    let (node, count) = nearest(angle * PER_RADIAN);
+    let angle = phase as f32 * RADIANS_PER_STEP + x;
+    let (node, count) = nearest(angle * NODES_PER_RADIAN);
     (node, angle - count * SPACING)
 }
 
@@ -112,8 +106,8 @@ pub(super) fn node_of(phase: u32, x: f32) -> (i32, f32) {
 #[inline(always)]
 pub(crate) fn node_from_near(phase: u32, x: f32) -> (i32, f32) {
     let first = ((phase >> 23) + 1) >> 1;
-    let angle = phase.wrapping_sub(first << 24) as i32 as f32 * STEP + x;
-    let (jump, count) = nearest(angle * PER_RADIAN);
+    let angle = phase.wrapping_sub(first << 24) as i32 as f32 * RADIANS_PER_STEP + x;
+    let (jump, count) = nearest(angle * NODES_PER_RADIAN);
     (first as i32 + jump, angle - count * SPACING)
 }
 

@@ -2,13 +2,14 @@
 
 use super::approach::fall;
 use super::candidate::{Candidate, candidate};
-use super::flight::{Flight, Launch, Local, PER_STEP};
+use super::flight::{Flight, Launch, Local, STEPS_PER_RADIAN};
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
 use super::shape::Shape;
 use super::solve::Found;
+use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
-use crate::arithmetic::trigonometry::sine_cosine_fine;
+use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, sine_cosine_fine};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
 use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, accept_phase};
@@ -29,7 +30,7 @@ use crate::impact::set_up::SetUp;
 ///
 /// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
 /// hump, at any flight time; nearer it is flagged. About 320 instructions an
-/// impact on a Cortex-M4F, at most 443 on any locked or chaotic orbit tried.
+/// impact on a Cortex-M4F, at most 446 on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
 /// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it,
@@ -37,45 +38,41 @@ use crate::impact::set_up::SetUp;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hybrid {
     shape: Shape,
-    /// The lesser of k and 1, steps of 2^-30.
-    threshold: i32,
+    /// The lesser of k and 1.
+    threshold: Fixed<30>,
     /// What of k is above 1.
     excess: f32,
-    /// k pi, steps of 2^-48.
-    half_turn_fall: u64,
-    /// Restitution, steps of 2^-32, 1 as 2^32 - 1.
-    restitution: u32,
+    /// k pi.
+    half_turn_fall: Fixed<48, i64>,
+    /// Restitution, 1 as 1 - 2^-32.
+    restitution: Fixed<32, u32>,
 }
 
 const TOP: f64 = 60.0;
-const TOP_BITS: u32 = 60 << 26;
+const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
 /// A launch at the top arrives at most 2 faster.
-const FASTEST: u32 = 63 << 26;
-const PER_30: f32 = 1.0 / 1_073_741_824.0;
-const PER_26: f32 = 1.0 / 67_108_864.0;
-const PER_24: f32 = 1.0 / 16_777_216.0;
-/// 2 pi, steps of 2^-28.
-const TURN: i32 = 1_686_629_713;
+const FASTEST: Fixed<26, u32> = Fixed::<26, u32>::of(TOP + 3.0);
 
 impl Hybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
     #[inline]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
-        let state = state.held_below(TOP_BITS);
+        let state = state.held_below(TOP_VELOCITY);
         let (sine, fine) = sine_cosine_fine(state.phase);
         let phase = state.phase.bits();
+        let velocity = state.velocity.fixed();
         let flight = Ballistic {
             kernel: self,
             phase,
             sine,
-            rise: (i64::from(state.velocity.bits()) << 22) + fine,
+            rise: Fixed::<26, i64>(i64::from(velocity.0)).to::<48>() + fine,
         };
         let mut launch = Launch {
             phase,
-            velocity: state.velocity.bits() as f32 * PER_26,
-            sine: sine as f32 * PER_30,
-            cosine: (fine >> 18) as i32 as f32 * PER_30,
+            velocity: velocity.single(),
+            sine: sine.single(),
+            cosine: fine.narrow::<30>().single(),
             pull: 0.0,
         };
         if let Some(approach) = fall::<Ballistic<'_>>(&self.shape, &launch) {
@@ -96,8 +93,12 @@ impl Hybrid {
         }
         // At lift-off itself the pull must not be rounded against the phase, nor to 0.
         let pull = self.threshold.saturating_sub(sine);
-        let pull = if throws { pull.min(-1) } else { pull.max(1) };
-        launch.pull = pull as f32 * PER_30 + self.excess;
+        let pull = if throws {
+            pull.min(-Fixed::<30>::STEP)
+        } else {
+            pull.max(Fixed::<30>::STEP)
+        };
+        launch.pull = pull.single() + self.excess;
         self.low(&flight, &launch)
     }
 
@@ -129,8 +130,8 @@ impl Hybrid {
         arrival: f32,
         grazes: bool,
     ) -> Landing<HybridState> {
-        let steps = (flight * PER_STEP) as u32;
-        let speed = (arrival * 67_108_864.0) as u32;
+        let steps = (flight * STEPS_PER_RADIAN) as u32;
+        let speed = Fixed::<26, u32>::from_single(arrival);
         self.landing(launch.phase, i64::from(steps), speed, grazes)
     }
 
@@ -157,9 +158,9 @@ impl Hybrid {
                 let grazes = grazes || doubtful;
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
-                    let steps =
-                        flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32);
-                    return self.landing(flight.phase, steps.max(0), 0, true);
+                    let steps = flight.steps_to(node)
+                        + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
+                    return self.landing(flight.phase, steps.max(0), Fixed(0), true);
                 }
                 self.impact_at(&flight, node, slope, settled, grazes)
             }
@@ -171,7 +172,7 @@ impl Hybrid {
         &self,
         flight: &Ballistic<'_>,
         node: i32,
-        slope: u32,
+        slope: Fixed<26, u32>,
         settled: Settled,
         grazes: bool,
     ) -> Landing<HybridState> {
@@ -179,36 +180,43 @@ impl Hybrid {
         let steps = steps_at(flight, node, &settled);
         // No arrival is so fast: it was rounded below 0 at a graze.
         if speed > FASTEST {
-            return self.landing(flight.phase, steps, 0, true);
+            return self.landing(flight.phase, steps, Fixed(0), true);
         }
         self.landing(flight.phase, steps, speed, grazes)
     }
 
-    /// The state after an impact at `speed`, steps of 2^-26.
+    /// The state after an impact at `speed`.
     #[inline(always)]
-    fn landing(&self, phase: u32, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
-        let product = u64::from(speed) * u64::from(self.restitution) + (1 << 31);
-        let velocity = (product >> 32) as u32;
+    fn landing(
+        &self,
+        phase: u32,
+        steps: i64,
+        speed: Fixed<26, u32>,
+        grazes: bool,
+    ) -> Landing<HybridState> {
+        let product = u64::from(speed.0) * u64::from(self.restitution.0) + (1 << 31);
+        let velocity = Fixed((product >> 32) as u32);
         Landing {
             steps,
             next: HybridState {
                 phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
-                velocity: Velocity::from_bits(velocity),
+                velocity: Velocity::from_fixed(velocity),
             },
             grazes,
         }
     }
 }
 
-/// Arrival speed, steps of 2^-26, above [`FASTEST`] for one below 0.
+/// Arrival speed, above [`FASTEST`] for one below 0.
 #[inline(always)]
-fn speed(settled: &Settled, slope: u32) -> u32 {
-    ((settled.speed_gain * 67_108_864.0) as i32 as u32).wrapping_sub(slope)
+fn speed(settled: &Settled, slope: Fixed<26, u32>) -> Fixed<26, u32> {
+    let Fixed(gain) = Fixed::<26>::from_single(settled.speed_gain);
+    Fixed::<26, u32>(gain as u32).wrapping_sub(slope)
 }
 
 #[inline(always)]
 fn steps_at(flight: &Ballistic<'_>, node: i32, settled: &Settled) -> i64 {
-    flight.steps_to(node) + i64::from((settled.offset * PER_STEP) as i32)
+    flight.steps_to(node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32)
 }
 
 /// A flight in integers.
@@ -216,10 +224,10 @@ fn steps_at(flight: &Ballistic<'_>, node: i32, settled: &Settled) -> i64 {
 struct Ballistic<'a> {
     kernel: &'a Hybrid,
     phase: u32,
-    /// Sine of the phase of launch, steps of 2^-30.
-    sine: i32,
-    /// Launch velocity in the frame of the feeder, psi + cos t, steps of 2^-48.
-    rise: i64,
+    /// Sine of the phase of launch.
+    sine: Fixed<30>,
+    /// Launch velocity in the frame of the feeder, psi + cos t.
+    rise: Fixed<48, i64>,
 }
 
 impl Ballistic<'_> {
@@ -228,22 +236,27 @@ impl Ballistic<'_> {
         (i64::from(node) << 24) - i64::from(self.phase)
     }
 
-    /// Mean velocity `v - k d / 2` and velocity `v - k d` after `steps`, steps of 2^-48.
+    /// Mean velocity `v - k d / 2` and velocity `v - k d` after `steps`.
     #[inline(always)]
-    fn velocities(&self, steps: i64) -> (i64, i64) {
-        let fall = product_32(steps, self.kernel.half_turn_fall as i64);
+    fn velocities(&self, steps: i64) -> (Fixed<48, i64>, Fixed<48, i64>) {
+        let fall = product_32(steps, self.kernel.half_turn_fall);
         let mean = self.rise.wrapping_sub(fall);
         (mean, mean.wrapping_sub(fall))
     }
 
-    /// The flight at a node, with its slope downwards in steps of 2^-26 modulo 2^32.
+    /// Rise of the parabola `steps` after launch, modulo 4: near an impact it is within 2.
     #[inline(always)]
-    fn exact(&self, node: i32) -> (Local, u32) {
+    fn rise_after(&self, steps: i64, mean: Fixed<48, i64>) -> Fixed<30> {
+        let turns = product_32(steps, mean).narrow::<32>();
+        turns.product(RADIANS_PER_TURN)
+    }
+
+    /// The flight at a node, with its slope downwards modulo 2^6.
+    #[inline(always)]
+    fn exact(&self, node: i32) -> (Local, Fixed<26, u32>) {
         let steps = self.steps_to(node);
         let (mean, velocity) = self.velocities(steps);
-        // Near an impact the height is within 2, so that only these bits of it matter.
-        let turns = (product_32(steps, mean) >> 16) as i32;
-        let rise = ((i64::from(turns) * i64::from(TURN)) >> 30) as i32;
+        let rise = self.rise_after(steps, mean);
         let Fine {
             single,
             fixed,
@@ -252,19 +265,20 @@ impl Ballistic<'_> {
         let slope = velocity.wrapping_sub(*cosine);
         (
             Local {
-                height: rise.wrapping_add(self.sine).wrapping_sub(fixed[0]) as f32 * PER_30,
-                slope: (slope >> 24) as i32 as f32 * PER_24,
+                height: rise.wrapping_add(self.sine).wrapping_sub(fixed[0]).single(),
+                slope: slope.narrow::<24>().single(),
                 sine: single[0],
                 cosine: single[1],
             },
-            (slope >> 22) as u32,
+            Fixed(slope.narrow::<26>().0 as u32),
         )
     }
 }
 
-/// `a b / 2^32`, modulo 2^64.
+/// `turns b` for turns in steps of a phase, modulo 2^64 steps.
 #[inline(always)]
-fn product_32(a: i64, b: i64) -> i64 {
+fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
+    let a = turns;
     let (a_low, a_high) = (a as u32, (a >> 32) as u32);
     let (b_low, b_high) = (b as u32, (b >> 32) as u32);
     let product = |a: u32, b: u32| u64::from(a) * u64::from(b);
@@ -275,7 +289,7 @@ fn product_32(a: i64, b: i64) -> i64 {
     let high = ((sum >> 32) as u32)
         .wrapping_add(a_high.wrapping_mul(b_high))
         .wrapping_sub(signs);
-    (u64::from(high) << 32 | u64::from(sum as u32)) as i64
+    Fixed((u64::from(high) << 32 | u64::from(sum as u32)) as i64)
 }
 
 impl Flight for Ballistic<'_> {
@@ -291,16 +305,16 @@ impl Flight for Ballistic<'_> {
     fn local(&self, node: i32) -> Local {
         let local = self.exact(node).0;
         let steps = self.steps_to(node);
-        let turns = product_32(steps, self.velocities(steps).0) >> 16;
+        let turns = product_32(steps, self.velocities(steps).0).to::<32>();
         // Beyond a height of 2 the bits of the exact one wrap.
-        let height = if turns > 3 << 29 {
+        const FAR: Fixed<32, i64> = Fixed::<32, i64>::of(0.375);
+        let height = if turns > FAR {
             2.0
-        } else if turns < -(3 << 29) {
+        } else if turns < -FAR {
             -2.0
         } else {
-            // 2 pi in steps of 2^-28, to steps of 2^-26.
-            let coarse = ((turns * i64::from(TURN)) >> 34) as i32 + (self.sine >> 4);
-            let coarse = (coarse as f32) * PER_26 - local.sine;
+            let rise: Fixed<26> = turns.product(RADIANS_PER_TURN);
+            let coarse = (rise + self.sine.to::<26>()).single() - local.sine;
             if !(-1.9..=1.9).contains(&coarse) {
                 coarse
             } else {
@@ -312,12 +326,11 @@ impl Flight for Ballistic<'_> {
 
     #[inline(never)]
     fn above_k(&self, steps: i64, _: f32) -> f32 {
-        let turns = (product_32(steps, self.velocities(steps).0) >> 16) as i32;
-        let rise = ((i64::from(turns) * i64::from(TURN)) >> 30) as i32;
+        let rise = self.rise_after(steps, self.velocities(steps).0);
         // Within rounding of k, far from the ends of i32.
         rise.wrapping_add(self.sine)
-            .wrapping_sub(self.kernel.threshold) as f32
-            * PER_30
+            .wrapping_sub(self.kernel.threshold)
+            .single()
     }
 }
 
@@ -330,10 +343,10 @@ impl Kernel for Hybrid {
         let set_up = SetUp::build(k, restitution)?;
         Ok(Self {
             shape: Shape::new(&set_up),
-            threshold: libm::round(k.min(1.0) * 1_073_741_824.0) as i32,
+            threshold: Fixed::<30>::nearest(k.min(1.0)),
             excess: (k - 1.0).max(0.0) as f32,
-            half_turn_fall: libm::round(k * core::f64::consts::PI * 281_474_976_710_656.0) as u64,
-            restitution: libm::round(restitution * 4_294_967_296.0) as u32,
+            half_turn_fall: Fixed::<48, i64>::nearest(k * core::f64::consts::PI),
+            restitution: Fixed::<32, u32>::nearest(restitution),
         })
     }
 
@@ -347,7 +360,7 @@ impl Kernel for Hybrid {
 
     #[inline]
     fn flies(state: HybridState) -> bool {
-        state.velocity.bits() <= TOP_BITS
+        state.velocity.fixed() <= TOP_VELOCITY
     }
 
     fn observe(state: HybridState) -> State {

@@ -1,9 +1,10 @@
 //! The segment of convex or concave height that holds the first impact.
 
+use core::f32::consts::TAU;
 use core::f64::consts::PI;
 
 use super::flight::{
-    Flight, Launch, PER_STEP, STEP, TURN, WHOLE, abs, larger, node_of, root, smaller,
+    Flight, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
 };
 use super::settle::expand;
 use super::shape::Shape;
@@ -69,8 +70,8 @@ fn segment<F: Flight>(
     let over_flank = |x: f32| v - k * x - flank;
     // From the very entry of a hump the next one is a whole turn away.
     let (to_entry, entry) = match shape.entry.wrapping_sub(launch.phase) {
-        0 => (WHOLE, TURN),
-        steps => (i64::from(steps), steps as f32 * STEP),
+        0 => (Phase::STEPS, TAU),
+        steps => (i64::from(steps), steps as f32 * RADIANS_PER_STEP),
     };
     // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's own precision decides.
     let mut at_entry = over_k(entry);
@@ -79,7 +80,7 @@ fn segment<F: Flight>(
     }
     if at_entry <= 0.0 && !clears {
         let low = if shape.throws(launch.phase) {
-            entry - (TURN - hump_length)
+            entry - (TAU - hump_length)
         } else {
             0.0
         };
@@ -112,7 +113,7 @@ fn segment<F: Flight>(
     };
     let mut grazes = false;
     let (mut begin, mut begin_steps) = if clears {
-        (entry + TURN, to_entry + WHOLE)
+        (entry + TAU, to_entry + Phase::STEPS)
     } else {
         (entry, to_entry)
     };
@@ -174,10 +175,10 @@ fn segment<F: Flight>(
             }
         }
         let mut turns = 1;
-        if begin + hump_length < through - 3.0 * TURN {
-            turns += skip(shape, *launch, begin + TURN);
+        if begin + hump_length < through - 3.0 * TAU {
+            turns += skip(shape, *launch, begin + TAU);
         }
-        begin += turns as f32 * TURN;
+        begin += turns as f32 * TAU;
         begin_steps += i64::from(turns) << 32;
     }
     let bracket = Bracket {
@@ -198,7 +199,7 @@ fn skip(shape: &Shape, launch: Launch, begin: f32) -> i32 {
     let (rises, sinks) = ((v - speed) * shape.inverse, (v + speed) * shape.inverse);
     let last = begin + shape.hump_length;
     if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
-        ((sinks - last) * (1.0 / TURN)) as i32
+        ((sinks - last) * (1.0 / TAU)) as i32
     } else {
         0
     }
@@ -220,7 +221,7 @@ fn lowest<F: Flight>(
     let mut d = smaller(larger(-slope / (1.0 - k), low), high);
     for _ in 0..40 {
         // sin and cos of d: the track is cos(d) around the middle of its hump.
-        let (s, c) = sine_cosine_single(Phase::from_bits((d * PER_STEP) as i32 as u32));
+        let (s, c) = sine_cosine_single(Phase::from_bits((d * STEPS_PER_RADIAN) as i32 as u32));
         let rate = slope - k * d + s;
         if rate > 0.0 {
             high = d;

@@ -1,8 +1,7 @@
 //! A track as the search knows it: which flights a comparison tells, in f32.
 
-use core::f64::consts::TAU;
-
-use super::flight::{Flight, Launch, PER_STEP, STEP, WHOLE, abs, larger};
+use super::flight::{Flight, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger};
+use crate::arithmetic::Phase;
 use crate::impact::set_up::SetUp;
 
 /// What the search needs to know of the track, in f32.
@@ -33,7 +32,7 @@ impl Shape {
             inverse: (1.0 / set_up.k) as f32,
             excess: (set_up.k - 1.0).max(0.0) as f32,
             flank: set_up.flank as f32,
-            hump_length: (f64::from(set_up.hump) * (TAU / 4_294_967_296.0)) as f32,
+            hump_length: (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32,
             high: set_up.high() as f32,
             skim: (0.4 * set_up.flank * reach * reach) as f32,
             entry: set_up.entry.bits(),
@@ -52,7 +51,7 @@ impl Shape {
     #[inline(always)]
     pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
         let to_entry = self.entry.wrapping_sub(phase).wrapping_sub(1);
-        steps >= (0.8 * F::SHORT * PER_STEP) as i64
+        steps >= (0.8 * F::SHORT * STEPS_PER_RADIAN) as i64
             && steps <= i64::from(to_entry) + i64::from(self.hump)
     }
 
@@ -65,7 +64,7 @@ impl Shape {
     #[inline(never)]
     pub fn clears(&self, launch: &Launch, steps: i64) -> bool {
         let to_entry = self.entry.wrapping_sub(launch.phase).wrapping_sub(1);
-        let x = to_entry as f32 * STEP;
+        let x = to_entry as f32 * RADIANS_PER_STEP;
         let v = launch.velocity + launch.cosine;
         let height = x * (v - self.half_k * x) - launch.pull - 1e-4;
         let fall = larger(self.flank + self.k * x - v, 0.0) + 1e-5;
@@ -73,16 +72,16 @@ impl Shape {
             && fall < self.skim
             && 0.8 * self.flank * height * height > (8.0 / 9.0) * fall * fall * fall
             && steps > 0
-            && steps <= i64::from(to_entry) + WHOLE
+            && steps <= i64::from(to_entry) + Phase::STEPS
     }
 
     /// `k - sin` where the difference of the rounded ones is small: by the distance from the nearer end
     /// of a hump, to which half a step of the phase is all that rounds.
     #[inline(never)]
     pub fn pull_near_edge(&self, phase: u32) -> f32 {
-        let after_begin = phase.wrapping_sub(self.entry) as i32 as f32 * STEP;
+        let after_begin = phase.wrapping_sub(self.entry) as i32 as f32 * RADIANS_PER_STEP;
         let before_end =
-            self.entry.wrapping_add(self.hump).wrapping_sub(phase) as i32 as f32 * STEP;
+            self.entry.wrapping_add(self.hump).wrapping_sub(phase) as i32 as f32 * RADIANS_PER_STEP;
         let d = if abs(after_begin) < abs(before_end) {
             after_begin
         } else {

@@ -2,7 +2,9 @@
 
 use super::approach::{Approach, fall};
 use super::candidate::{Candidate, candidate};
-use super::flight::{Flight, Launch, Local, PER_STEP, STEP, larger, node_from_near, smaller};
+use super::flight::{
+    Flight, Launch, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, larger, node_from_near, smaller,
+};
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
 use super::shape::Shape;
@@ -121,7 +123,7 @@ impl Single {
         arrival: f32,
         grazes: bool,
     ) -> Landing<SingleState> {
-        let steps = (flight * PER_STEP) as u32;
+        let steps = (flight * STEPS_PER_RADIAN) as u32;
         self.landing(launch.phase, i64::from(steps), arrival, grazes)
     }
 
@@ -147,7 +149,7 @@ impl Single {
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
                     let steps = steps_to(flight.phase, node)
-                        + i64::from((settled.offset * PER_STEP) as i32);
+                        + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
                     return self.landing(flight.phase, steps.max(0), 0.0, true);
                 }
                 self.impact_at(flight.phase, node, &local, settled, grazes)
@@ -165,7 +167,7 @@ impl Single {
         grazes: bool,
     ) -> Landing<SingleState> {
         let speed = settled.speed_gain - local.slope;
-        let steps = steps_to(phase, node) + i64::from((settled.offset * PER_STEP) as i32);
+        let steps = steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
         self.landing(phase, steps, speed, grazes)
     }
 
@@ -189,7 +191,7 @@ fn steps_to(phase: u32, node: i32) -> i64 {
 
 #[inline(always)]
 fn steps_after(phase: u32, approach: &Approach) -> i64 {
-    steps_to(phase, approach.node) + i64::from((approach.step * PER_STEP) as i32)
+    steps_to(phase, approach.node) + i64::from((approach.step * STEPS_PER_RADIAN) as i32)
 }
 
 /// A flight in f32.
@@ -221,7 +223,7 @@ impl Flight for Ballistic {
         let steps = steps_to(self.phase, node);
         // Whole turns and the rest, each rounded once.
         let turns = ((steps + (1 << 31)) >> 32) as i32;
-        let time = steps as i32 as f32 * STEP + turns as f32 * core::f32::consts::TAU;
+        let time = steps as i32 as f32 * RADIANS_PER_STEP + turns as f32 * core::f32::consts::TAU;
         let [sine, cosine] = node::SINGLE[(node & 255) as usize];
         Local {
             height: (self.sine - sine) + time * (self.rise - 0.5 * self.k * time),

@@ -2,7 +2,7 @@
 
 use super::approach::householder;
 use super::flight::{
-    Flight, Launch, Local, PER_RADIAN, SPACING, abs, nearest, node_of, sine_cosine_at,
+    Flight, Launch, Local, NODES_PER_RADIAN, SPACING, abs, nearest, node_of, sine_cosine_at,
 };
 use super::settle::down_crossing;
 use super::shape::Shape;
@@ -56,7 +56,7 @@ pub(super) fn solve<F: Flight>(
         if !(next >= bracket.low - 1e-4 && next <= bracket.high + 1e-4) {
             break;
         }
-        let (jump, count) = nearest(step * PER_RADIAN);
+        let (jump, count) = nearest(step * NODES_PER_RADIAN);
         node = node.wrapping_add(jump);
         if abs(step) < 0.15 {
             return Found::Near {
@@ -124,7 +124,7 @@ fn solve_safely<F: Flight>(
         round += 1;
         let near = (abs(step) < 0.1 * square && abs(step) < 0.15) || moved < 2e-3;
         if found && near || high - low < 1e-4 || round >= 32 {
-            let (jump, count) = nearest(step * PER_RADIAN);
+            let (jump, count) = nearest(step * NODES_PER_RADIAN);
             return (node.wrapping_add(jump), step - count * SPACING);
         }
     }

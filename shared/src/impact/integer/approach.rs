@@ -1,33 +1,61 @@
 //! Steps on nodes from the fall of the parabola or from the cubic near launch, in 15 bits.
 
+use core::f64::consts::{PI, TAU};
+
 use super::ballistic::Ballistic;
 use super::constants::HALF;
-use crate::arithmetic::fixed::{Reciprocal, high, square_root_scaled, wide};
+use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::node;
 
-/// Where steps on nodes start: a node `late` (steps of 2^-17 rad) after the part was at height `base` (steps
-/// of 2^-30), going down at `speed` (steps of 2^-13).
+/// Where steps on nodes start: a node `late` rad after the part was at height `base`, going down at `speed`.
 pub(super) struct Approach {
     node: i32,
-    late: i32,
-    speed: i32,
-    base: i32,
+    late: Fixed<17>,
+    speed: Fixed<13>,
+    base: Fixed<30>,
+}
+
+/// Distance of two nodes in rad.
+const SPACING: Fixed<17> = Fixed::<17>::of(node::SPACING);
+/// Nodes in a radian.
+const NODES_PER_RADIAN: Fixed<6> = Fixed::<6>::of(node::COUNT as f64 / TAU);
+/// The longest last step, in rad: from there on it is settled with all digits.
+const LAST: Fixed<16> = Fixed(2600);
+
+/// The node nearest to a time in turns, and how late it is.
+#[inline(always)]
+fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
+    let Fixed(node) = (time + Fixed::<18>(1 << 9)).to::<8>();
+    let half_turns = (Fixed::<8>(node).to::<18>() - time).scaled::<17>();
+    (node, half_turns.short_times(Fixed::<10>::of(PI)))
 }
 
 impl Ballistic<'_> {
     /// The impact of a high flight, nearly; see the search of the kernels with an FPU.
     #[inline(always)]
-    pub(super) fn fall(&self) -> Option<(i32, i32)> {
+    pub(super) fn fall(&self) -> Option<(i32, Fixed<34>)> {
         let crossing = self.crossing(self.constants.high)?;
         self.approach(crossing)
     }
 
-    /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
-    /// `high`, steps of 2^-27.
+    /// The velocity of launch in the frame of the feeder.
     #[inline(always)]
-    pub(super) fn crossing(&self, high_square: i32) -> Option<Approach> {
+    fn rise(&self) -> Fixed<26> {
+        self.velocity.signed() + self.cosine.to()
+    }
+
+    /// The phase of launch in turns.
+    #[inline(always)]
+    fn turns(&self) -> Fixed<18, u32> {
+        Fixed::<32, u32>(self.phase).to()
+    }
+
+    /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
+    /// `high`.
+    #[inline(always)]
+    pub(super) fn crossing(&self, high_square: Fixed<27>) -> Option<Approach> {
         let constants = self.constants;
-        let rise = self.velocity as i32 + (self.cosine >> 4);
+        let Fixed(rise) = self.rise();
         if rise <= 0 {
             return None;
         }
@@ -38,121 +66,130 @@ impl Ballistic<'_> {
         }
         let v = (rise >> (26 - scale)) as u32;
         let shift = 28 - 2 * scale;
-        // 2 k sin, steps of 2^-27, and so the square of the speed at the top of the track and at height 0.
-        let lift = high(constants.k, self.sine) << 2;
-        let needed = high_square.wrapping_sub(lift) as u32;
+        // 2 k sin, and so the square of the speed at the top of the track and at height 0.
+        let lift = constants.k.times::<30, 28>(self.sine).scaled::<27>();
+        let needed = high_square.wrapping_sub(lift).0 as u32;
         if lift < high_square && (v * v) >> 1 < needed >> shift {
             return None;
         }
-        let square = (v * v).wrapping_add(((lift >> shift) << 1) as u32);
-        // Steps of 2^-26.
-        let mut speed = square_root_scaled(square) >> (scale - 10);
-        let mut turns = (wide(rise as u32 + speed, constants.inverse) >> 32) as u32;
-        if turns > 3 << 18 {
+        let square = (v * v).wrapping_add(((lift.0 >> shift) << 1) as u32);
+        let rise = Fixed::<26, u32>(rise as u32);
+        let mut speed = Fixed::<26, u32>(square_root_scaled(square) >> (scale - 10));
+        let time_of = |speed: Fixed<26, u32>| -> Fixed<18, u32> {
+            let turns: Fixed<50, u64> = (rise + speed).wide(constants.inverse);
+            Fixed(turns.to::<18>().0 as u32)
+        };
+        let mut turns = time_of(speed);
+        if turns > Fixed::<18, u32>::of(3.0) {
             // So long a flight shows the error of the root: one step of Heron's.
-            let square = wide(rise as u32, rise as u32) as i64 + (i64::from(lift) << 25);
-            let rest = (square - wide(speed, speed) as i64) >> 22;
-            let gain = Reciprocal::coarse(speed).times(rest as i32, 21);
-            speed = speed.saturating_add_signed(gain);
-            turns = (wide(rise as u32 + speed, constants.inverse) >> 32) as u32;
+            let square = Fixed::<52, i64>(rise.wide::<26, 52>(rise).0 as i64)
+                + Fixed::<27, i64>(i64::from(lift.0)).to();
+            let reached = Fixed::<52, i64>(speed.wide::<26, 52>(speed).0 as i64);
+            let rest = (square - reached).narrow::<30>();
+            let gain: Fixed<25> = Reciprocal::coarse(speed).times(rest);
+            speed = Fixed(speed.0.saturating_add_signed(gain.scaled::<26>().0));
+            turns = time_of(speed);
         }
-        // Times in steps of 2^-18 turns; a node every 2^10.
-        let time = (self.phase >> 14).wrapping_add(turns) as i32;
-        let node = (time + (1 << 9)) >> 10;
-        // How late the node is: steps of 2^-17 rad; 3217 / 2^10 is pi.
-        let late = (((node << 10) - time) * 3217) >> 10;
+        let (node, late) = nearest_node(self.turns().wrapping_add(turns).signed());
         Some(Approach {
             node,
             late,
-            speed: (speed >> 13) as i32,
-            base: 0,
+            speed: speed.to::<13>().signed(),
+            base: Fixed(0),
         })
     }
 
-    /// Steps on nodes until they are short: a node and the distance from it in steps of 2^-34 rad.
+    /// Steps on nodes until they are short: a node and the distance from it in rad.
     #[inline(never)]
-    pub(super) fn approach(&self, from: Approach) -> Option<(i32, i32)> {
+    pub(super) fn approach(&self, from: Approach) -> Option<(i32, Fixed<34>)> {
         let Approach {
             mut node,
             mut late,
             speed,
             base,
         } = from;
-        let k = self.constants.k >> 16;
+        let k = self.constants.k.to::<12>();
         for _ in 0..8 {
             let [sine, cosine] = node::FIXED[(node & 255) as usize];
-            // Speed in steps of 2^-13, k of 2^-12, heights of 2^-16.
-            let fall = (k.wrapping_mul(late) >> 16) + speed;
+            let fall = k.wrapping_times::<17, 13>(late) + speed;
             // Below 8 in size.
-            let fallen = ((speed + fall) >> 1).wrapping_mul(late >> 2) >> 12;
-            let u0 = fallen + ((sine - base) >> 14);
-            let u1 = fall + (cosine >> 17);
-            if u1 < 1 << 8 {
+            let mean = (speed + fall).to::<12>().scaled::<13>();
+            let fallen: Fixed<16> = mean.wrapping_times(late.to::<15>());
+            let u0 = fallen + (sine - base).to();
+            let u1 = fall + cosine.to();
+            if u1 < Fixed::<13>::of(1.0 / 32.0) {
                 return None;
             }
-            // Newton's step and the quadratic correction b2 u0 / u1^2, steps of 2^-16 and 2^-15.
-            let reciprocal = Reciprocal::coarse(u1 as u32);
-            let newton = reciprocal.times(u0, 13).clamp(-(1 << 16), 1 << 16);
-            let ratio = reciprocal.times(newton, 13).clamp(-(1 << 17), 1 << 17);
-            let twice = (((self.constants.k >> 15) - (sine >> 17)) * (ratio >> 2)) >> 12;
-            let bend = (twice >> 1).clamp(-(1 << 14), 1 << 14);
-            let step = -(newton + ((newton * bend) >> 15));
-            // Nodes are 1608.5 steps apart; 2608 / 2^22 is the inverse.
-            let jump = (step * 2608 + (1 << 21)) >> 22;
+            // Newton's step and the quadratic correction b2 u0 / u1^2.
+            let reciprocal = Reciprocal::coarse(u1.unsigned());
+            let one = Fixed::<16>::ONE;
+            let newton: Fixed<16> = reciprocal.times(u0).clamp(-one, one);
+            let two = one + one;
+            let ratio: Fixed<16> = reciprocal.times(newton).clamp(-two, two);
+            let curvature = self.constants.k.to::<13>() - sine.to();
+            let twice: Fixed<15> = curvature.short_times(ratio.to::<14>());
+            let half = Fixed::<15>::of(0.5);
+            let bend = twice.to::<14>().scaled::<15>().clamp(-half, half);
+            let step = -(newton + newton.short_times(bend));
+            let nodes: Fixed<22> = step.short_times(NODES_PER_RADIAN);
+            let jump = (nodes + Fixed::<22>::of(0.5)).to::<0>().0;
             node += jump;
-            if step.unsigned_abs() < 2600 {
-                return Some((node, (step - ((jump * 3217) >> 1)) << 18));
+            let distance = Fixed::<17>(jump * SPACING.0);
+            if step.unsigned_abs() < LAST.unsigned() {
+                return Some((node, (step - distance.to::<16>()).to()));
             }
-            late += jump * 3217;
+            late = late + distance;
         }
         None
     }
 
     /// Where the first impact of a low flight may be, nearly; see the search of the kernels with an FPU.
     #[inline(always)]
-    pub(super) fn candidate(&self) -> Option<(i32, i32)> {
-        // Steps of 2^-15: half the pull, a sixth of the cosine, the velocity.
-        let a1 = (self.constants.k - (self.sine >> 2)) >> 14;
-        let a2 = ((self.cosine >> 15) * 10_923) >> 16;
-        if a1.unsigned_abs() < 1 << 15 && self.velocity < 3 << 25 {
-            let psi = (self.velocity >> 11) as i32;
-            // Steps of 2^-29.
-            let square = (a1 * a1) >> 1;
-            let discriminant = square - ((a2 * psi) << 1);
-            let falls = a1 > 0 && discriminant > -(square >> 4);
-            if falls || (a1 <= 0 && a2 < 0) {
-                // Steps of 2^-15.
-                let root = (square_root_scaled((discriminant.max(0) >> 1) as u32) >> 15) as i32;
+    pub(super) fn candidate(&self) -> Option<(i32, Fixed<34>)> {
+        // Half the pull, a sixth of the cosine, the velocity.
+        let pull: Fixed<28> = self.constants.k - self.sine.to();
+        let a1 = pull.to::<14>().scaled::<15>();
+        let a2: Fixed<15> = self
+            .cosine
+            .to::<15>()
+            .short_times(Fixed::<16>::of(1.0 / 6.0));
+        if a1.unsigned_abs() < Fixed::<15, u32>::of(1.0)
+            && self.velocity < Fixed::<26, u32>::of(1.5)
+        {
+            let psi = self.velocity.to::<15>().signed();
+            let square: Fixed<29> = a1.short_times(a1);
+            let product: Fixed<30> = a2.short_times(psi);
+            let discriminant = square - product.scaled::<28>().to::<29>();
+            let zero = Fixed::<15>::ZERO;
+            let falls = a1 > zero && discriminant > -square.to::<25>().scaled();
+            if falls || (a1 <= zero && a2 < zero) {
+                let positive = discriminant.max(Fixed::<29>::ZERO).to::<28>();
+                let root = positive.unsigned().root::<15>().signed();
                 let (over, under) = if falls {
-                    (psi << 1, a1 + root)
+                    (psi + psi, a1 + root)
                 } else {
-                    (root - a1, -(a2 << 1))
+                    (root - a1, -(a2 + a2))
                 };
-                if under <= 0 {
+                if under <= zero {
                     return None;
                 }
-                // Steps of 2^-17 rad.
-                let near = Reciprocal::coarse(under as u32).times(over, 17);
-                if near < 1 << 14 {
+                let near: Fixed<17> = Reciprocal::coarse(under.unsigned()).times(over);
+                if near < Fixed::<17>::of(1.0 / 8.0) {
                     return None;
                 }
-                if near < 4 << 17 {
-                    // Steps of 2^-18 turns: 2^-17 rad in 20861 / 2^16 of them.
-                    let turns = ((near >> 3) * 20_861) >> 13;
-                    let time = (self.phase >> 14) as i32 + turns;
-                    let node = (time + (1 << 9)) >> 10;
-                    let late = near + ((((node << 10) - time) * 3217) >> 10);
+                if near < Fixed::<17>::of(4.0) {
+                    let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
+                    let (node, late) = nearest_node(self.turns().signed() + turns);
                     return self.approach(Approach {
                         node,
-                        late,
-                        speed: -((self.velocity as i32 + (self.cosine >> 4)) >> 13),
+                        late: near + late,
+                        speed: -self.rise().to::<13>(),
                         base: self.sine,
                     });
                 }
             }
         }
-        // A tenth, steps of 2^-27.
-        let crossing = self.crossing(13_421_773)?;
+        let crossing = self.crossing(Fixed::<27>::of(0.1))?;
         // A root more than half a rad before the crossing is none of a fall.
         let limit = self.constants.limit(self.phase) + HALF;
         (self.steps_to(crossing.node) < limit)

@@ -1,10 +1,11 @@
 //! The map in integers: a launch, by the kind of its flight.
 
 use super::ballistic::Ballistic;
-use super::constants::{Constants, SLOW, TURNS};
+use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
 use super::short::Start;
-use crate::arithmetic::fixed::high;
-use crate::arithmetic::{Phase, Velocity, sine_cosine_integer};
+use crate::arithmetic::fixed::Fixed;
+use crate::arithmetic::trigonometry::sine_cosine_narrow;
+use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
 use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, accept_phase};
 use crate::impact::set_up::SetUp;
@@ -31,16 +32,16 @@ use crate::impact::set_up::SetUp;
 pub struct Integer(Constants);
 
 const TOP: f64 = 29.0;
-const TOP_BITS: u32 = 29 << 26;
+const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
 
 impl Integer {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
-        let state = state.held_below(TOP_BITS);
-        let (sine, cosine) = sine_cosine_integer(state.phase);
+        let state = state.held_below(TOP_VELOCITY);
+        let [sine, cosine] = sine_cosine_narrow(state.phase);
         let phase = state.phase.bits();
-        let velocity = state.velocity.bits();
+        let velocity = state.velocity.fixed();
         let constants = &self.0;
         let flight = Ballistic {
             constants,
@@ -48,17 +49,18 @@ impl Integer {
             sine,
             cosine,
             velocity,
-            rise: (i64::from(velocity) << 22) + (i64::from(cosine) << 18),
+            rise: Fixed::<26, i64>(i64::from(velocity.0)).to::<48>()
+                + Fixed::<30, i64>(i64::from(cosine.0)).to(),
         };
         if let Some((node, offset)) = flight.fall() {
             let settled = flight.settle(node, flight.local(node), offset);
             // The steps may have led back to launch, where the part rises over the track.
-            if settled.converged && settled.speed > 0 && settled.steps > 0 {
-                return flight.landing(settled.steps, settled.speed as u32, false);
+            if settled.converged && settled.speed > Fixed::<26>::ZERO && settled.steps > 0 {
+                return flight.landing(settled.steps, settled.speed, false);
             }
         }
         let throws = phase.wrapping_sub(constants.entry) < constants.hump;
-        if velocity == 0 && !throws {
+        if state.velocity == Velocity::ZERO && !throws {
             return Landing {
                 steps: 0,
                 next: state,
@@ -76,7 +78,7 @@ impl Integer {
             let settled = flight.settle(node, flight.local(node), offset);
             if settled.converged && settled.speed > SLOW && self.0.ends(flight.phase, settled.steps)
             {
-                return flight.landing(settled.steps, settled.speed as u32, false);
+                return flight.landing(settled.steps, settled.speed, false);
             }
         }
         let (clears, skims) = match flight.start(throws) {
@@ -85,8 +87,9 @@ impl Integer {
                 arrival,
                 grazes,
             } => {
-                let steps = (high(d, TURNS) + 2) >> 2;
-                return flight.landing(i64::from(steps), arrival.max(0) as u32, grazes);
+                let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
+                let steps = i64::from((turns + Fixed::<34>(2)).to::<32>().0);
+                return flight.landing(steps, arrival.max(Fixed::<26>::ZERO), grazes);
             }
             Start::Clears { grazes } => (true, grazes),
             Start::Open => (false, false),
@@ -118,7 +121,7 @@ impl Kernel for Integer {
 
     #[inline]
     fn flies(state: HybridState) -> bool {
-        state.velocity.bits() <= TOP_BITS
+        state.velocity.fixed() <= TOP_VELOCITY
     }
 
     fn observe(state: HybridState) -> State {

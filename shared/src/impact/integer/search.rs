@@ -1,13 +1,16 @@
 //! The segment of convex or concave height that holds the first impact.
 
 use super::ballistic::Ballistic;
-use super::constants::{ONE, TURN, TURNS, WHOLE};
-use crate::arithmetic::fixed::{Reciprocal, high, square_root_scaled, wide, wide_signed};
+use core::f64::consts::PI;
+
+use super::constants::{RADIANS_PER_TURN, TURNS_PER_RADIAN, turn_steps};
+use crate::arithmetic::Phase;
+use crate::arithmetic::fixed::{Fixed, Reciprocal};
 use crate::arithmetic::trigonometry::Powers;
 
-/// A height, steps of 2^-30, below which the lowest point over a hump is looked for, though its middle
-/// is under the track: the flight may graze.
-const BARELY: i32 = 1 << 17;
+/// A height below which the lowest point over a hump is looked for, though its middle is under the track:
+/// the flight may graze.
+const BARELY: Fixed<30> = Fixed::<30>::of(1.0 / 8192.0);
 
 /// A bracket with one down-crossing, where to begin in it, all in steps of a phase.
 pub(super) struct Bracket {
@@ -25,13 +28,13 @@ impl Ballistic<'_> {
             return (self.concave(), false);
         }
         let to_entry = match constants.entry.wrapping_sub(self.phase) {
-            0 => WHOLE,
+            0 => Phase::STEPS,
             steps => i64::from(steps),
         };
         let (over, velocity) = self.over(to_entry, constants.threshold);
-        if over <= 0 && !clears {
+        if over <= Fixed::<30>::ZERO && !clears {
             let low = if throws {
-                (to_entry - (WHOLE - i64::from(constants.hump))).max(0)
+                (to_entry - (Phase::STEPS - i64::from(constants.hump))).max(0)
             } else {
                 0
             };
@@ -47,13 +50,13 @@ impl Ballistic<'_> {
         let mut slope = velocity - constants.flank;
         let mut height = over;
         if clears {
-            begin += WHOLE;
+            begin += Phase::STEPS;
             (height, slope) = self.entry(begin);
         }
         let mut grazes = false;
         for _ in 0..16 {
-            if height <= 0 {
-                let low = begin - (WHOLE - i64::from(constants.hump));
+            if height <= Fixed::<30>::ZERO {
+                let low = begin - (Phase::STEPS - i64::from(constants.hump));
                 let start = from_entry(begin, height, slope, low);
                 let bracket = Bracket {
                     low,
@@ -64,22 +67,22 @@ impl Ballistic<'_> {
             }
             let end = begin + i64::from(constants.hump);
             let (over_end, end_velocity) = self.over(end, constants.threshold);
-            let high_end = if over_end <= 0 {
+            let high_end = if over_end <= Fixed::<30>::ZERO {
                 Some((end, end))
             } else {
                 let middle = begin + i64::from(constants.hump >> 1);
-                let (over_top, top_velocity) = self.over(middle, ONE);
+                let (over_top, top_velocity) = self.over(middle, Fixed::<30>::ONE);
                 if over_top <= -BARELY {
                     Some((middle, middle))
-                } else if slope < 0
-                    && end_velocity + constants.flank > 0
+                } else if slope < Fixed::<26>::ZERO
+                    && end_velocity + constants.flank > Fixed::<26>::ZERO
                     && !self.is_safe(over_top, top_velocity)
                 {
                     let (poke, touches) = self.lowest(begin, end);
                     grazes |= touches;
                     poke
                 } else {
-                    (over_top <= 0).then_some((middle, middle))
+                    (over_top <= Fixed::<30>::ZERO).then_some((middle, middle))
                 }
             };
             if let Some((high_end, farthest)) = high_end {
@@ -91,7 +94,7 @@ impl Ballistic<'_> {
                 };
                 return (bracket, grazes);
             }
-            begin = self.skip(begin) + WHOLE;
+            begin = self.skip(begin) + Phase::STEPS;
             (height, slope) = self.entry(begin);
         }
         let bracket = Bracket {
@@ -104,7 +107,7 @@ impl Ballistic<'_> {
 
     /// Height over k and slope over the track at the entry of a hump.
     #[inline(always)]
-    pub(super) fn entry(&self, begin: i64) -> (i32, i32) {
+    pub(super) fn entry(&self, begin: i64) -> (Fixed<30>, Fixed<26>) {
         let (height, velocity) = self.over(begin, self.constants.threshold);
         (height, velocity - self.constants.flank)
     }
@@ -112,14 +115,17 @@ impl Ballistic<'_> {
     /// The bracket where the track is concave throughout: up to where the parabola leaves height -1.
     #[inline(never)]
     pub(super) fn concave(&self) -> Bracket {
-        // v^2 + 2 k (1 + sin), steps of 2^-26; below 37 where the flight is not high.
-        let rise = (self.rise >> 22) as i32;
-        let v = rise >> 13;
-        let drop = high(self.constants.k, (self.sine >> 1) + (ONE >> 1)) << 2;
-        let square = ((v * v) as u32).wrapping_add(drop as u32);
-        let speed = square_root_scaled(square) >> 3;
-        let turns = wide(speed.saturating_add_signed(rise), self.constants.inverse) >> 32;
-        let high = ((turns as i64) << 14) + (1 << 18);
+        // v^2 + 2 k (1 + sin), below 37 where the flight is not high.
+        let rise = self.rise.narrow::<26>();
+        let v = rise.to::<13>();
+        let lift = self.sine.to::<29>() + Fixed::<29>::of(1.0);
+        let drop: Fixed<27> = self.constants.k.times(lift);
+        let square = Fixed::<26, u32>(v.short_times::<13, 26>(v).0 as u32)
+            .wrapping_add(Fixed(drop.scaled::<26>().0 as u32));
+        let speed = square.root::<26>();
+        let sum = Fixed::<26, u32>(speed.0.saturating_add_signed(rise.0));
+        let turns: Fixed<50, u64> = sum.wide(self.constants.inverse);
+        let high = Fixed::<18, i64>(turns.to::<18>().0 as i64).to::<32>().0 + (1 << 18);
         Bracket {
             low: 0,
             high,
@@ -130,26 +136,27 @@ impl Ballistic<'_> {
     /// Whether `1 - cos x >= 4 x^2 / pi^2` within the hump keeps the track below the parabola, from the
     /// height over 1 and the velocity at the middle of the hump.
     #[inline(always)]
-    pub(super) fn is_safe(&self, over_top: i32, velocity: i32) -> bool {
-        // 16 / pi^2, steps of 2^-28; below it k is below 1.
-        const BOUND: i32 =
-            (16.0 / (core::f64::consts::PI * core::f64::consts::PI) * 268_435_456.0) as i32;
-        let spare = BOUND - 2 * self.constants.k;
-        // Both products in steps of 2^-26, rounded to the careful side.
-        spare > 0
-            && i64::from(high(spare, over_top)) - 1 > (wide_signed(velocity, velocity) >> 26) + 1
+    pub(super) fn is_safe(&self, over_top: Fixed<30>, velocity: Fixed<26>) -> bool {
+        // Below it k is below 1.
+        const BOUND: Fixed<28> = Fixed::<28>::at_most(16.0 / (PI * PI));
+        let spare = BOUND - (self.constants.k + self.constants.k);
+        let height: Fixed<26> = spare.times(over_top);
+        let square: Fixed<52, i64> = velocity.wide(velocity);
+        // Both rounded to the careful side.
+        spare > Fixed::<28>::ZERO && i64::from(height.0) - 1 > square.to::<26>().0 + 1
     }
 
     /// The last hump at or after the one at `begin` under a ball above height 1, with all between them.
     #[inline(never)]
     pub(super) fn skip(&self, begin: i64) -> i64 {
-        let (over, velocity) = self.over(begin, ONE);
-        if over < ONE || velocity <= 0 {
+        let (over, velocity) = self.over(begin, Fixed::<30>::ONE);
+        if over < Fixed::<30>::ONE || velocity <= Fixed::<26>::ZERO {
             return begin;
         }
         // Rising above height 2: 2 velocity / k until it is there again.
-        let rounds = (wide(velocity as u32, self.constants.inverse) >> 49) as i64;
-        begin + (rounds - 2).max(0) * WHOLE
+        let turns: Fixed<50, u64> = velocity.unsigned().wide(self.constants.inverse);
+        let rounds = turns.scaled::<49>().to::<0>().0 as i64;
+        begin + (rounds - 2).max(0) * Phase::STEPS
     }
 
     /// The lowest point over the hump from `begin` to `end`: where it is, twice, if it is below the
@@ -161,7 +168,7 @@ impl Ballistic<'_> {
         let mut high_node = ((end + phase) >> 24) as i32 + 1;
         while high_node - low > 1 {
             let middle = (low + high_node) / 2;
-            if self.local(middle).slope > 0 {
+            if self.local(middle).slope > Fixed::<26>::ZERO {
                 high_node = middle;
             } else {
                 low = middle;
@@ -171,36 +178,39 @@ impl Ballistic<'_> {
         // Within the hump the slope rises, so that bisection finds its zero.
         let place = |steps: i64| {
             let steps = (steps - self.steps_to(node)).clamp(0, 1 << 24) as i32;
-            high(steps, TURN) << 6
+            Fixed::<32>(steps).times::<28, 34>(RADIANS_PER_TURN)
         };
         let (mut left, mut right) = (place(begin), place(end));
         for _ in 0..16 {
-            let middle = (left + right) / 2;
-            if local.slope + self.gain(&local, middle, &Powers::of(middle)) > 0 {
+            let middle = Fixed((left.0 + right.0) / 2);
+            if local.slope + self.gain(&local, middle, &Powers::of(middle)) > Fixed::<26>::ZERO {
                 right = middle;
             } else {
                 left = middle;
             }
         }
-        let d = (left + right) / 2;
+        let d = Fixed((left.0 + right.0) / 2);
         let powers = Powers::of(d);
         let height = self.height(&local, d, &powers);
         // The cosine at launch, rounded to 4e-9, moves the height by that times the flight.
         let drift = (self.steps_to(node) >> 27) as u32;
-        let touches = height.unsigned_abs() < 11 + drift;
-        let place = (self.steps_to(node) + i64::from(high(d, TURNS) >> 2)).clamp(begin, end);
-        ((height <= 0).then_some((place, place)), touches)
+        let touches = height.unsigned_abs().0 < 11 + drift;
+        let turns: Fixed<32> = d.times(TURNS_PER_RADIAN);
+        let place = (self.steps_to(node) + i64::from(turns.0)).clamp(begin, end);
+        (
+            (height <= Fixed::<30>::ZERO).then_some((place, place)),
+            touches,
+        )
     }
 }
 
 /// Where Newton's step leads from the entry of a hump, steps of a phase, not before `low`.
 #[inline(always)]
-fn from_entry(entry: i64, height: i32, slope: i32, low: i64) -> i64 {
-    if slope >= 0 {
+fn from_entry(entry: i64, height: Fixed<30>, slope: Fixed<26>, low: i64) -> i64 {
+    if slope >= Fixed::<26>::ZERO {
         return entry;
     }
-    let step = Reciprocal::coarse(slope.unsigned_abs()).times(height, 20);
-    // Steps of 2^-24 rad.
-    let step = step.clamp(-(3 << 24), 3 << 24);
-    (entry + (i64::from(high(step, TURNS)) << 8)).max(low)
+    let step: Fixed<24> = Reciprocal::coarse(slope.unsigned_abs()).times(height);
+    let farthest = Fixed::<24>::of(3.0);
+    (entry + turn_steps(step.clamp(-farthest, farthest))).max(low)
 }

@@ -1,33 +1,40 @@
 //! The root in a bracket that holds one, and an impact near a node to the precision of the constants.
 
 use super::ballistic::{Ballistic, Local};
-use super::constants::{REACH, SLOW, SPACING, TURN, TURNS};
+use super::constants::{RADIANS_PER_TURN, REACH, SLOW, SPACING, TURNS_PER_RADIAN, turn_steps};
 use super::search::Bracket;
-use crate::arithmetic::fixed::{
-    Reciprocal, high, high as product_high, square_root_scaled, wide, wide_signed,
-};
+use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::trigonometry::Powers;
 use crate::arithmetic::{Phase, Velocity};
 use crate::impact::kernel::{HybridState, Landing};
 
-/// An impact: steps of a phase after launch, arrival speed in steps of 2^-26, and whether it is a simple root.
+/// An impact: steps of a phase after launch, arrival speed, and whether it is a simple root.
 pub(super) struct Settled {
     pub(super) steps: i64,
-    pub(super) speed: i32,
+    pub(super) speed: Fixed<26>,
     pub(super) converged: bool,
 }
 
+/// A step in rad after which rounding is all that is left.
+const SMALL: Fixed<34> = Fixed::<34>::of(1.0 / 4096.0);
+
 impl Ballistic<'_> {
-    /// The state after an impact at `speed`, steps of 2^-26.
+    /// The state after an impact at `speed` of at least 0.
     #[inline(always)]
-    pub(super) fn landing(&self, steps: i64, speed: u32, grazes: bool) -> Landing<HybridState> {
-        let product = wide(speed, self.constants.restitution) + (1 << 31);
-        let velocity = (product >> 32) as u32;
+    pub(super) fn landing(
+        &self,
+        steps: i64,
+        speed: Fixed<26>,
+        grazes: bool,
+    ) -> Landing<HybridState> {
+        let product: Fixed<58, u64> = speed.unsigned().wide(self.constants.restitution);
+        let nearest = product + Fixed::<58, u64>(1 << 31);
+        let velocity = Fixed(nearest.to::<26>().0 as u32);
         Landing {
             steps,
             next: HybridState {
                 phase: Phase::from_bits(self.phase.wrapping_add(steps as u32)),
-                velocity: Velocity::from_bits(velocity),
+                velocity: Velocity::from_fixed(velocity),
             },
             grazes,
         }
@@ -35,7 +42,7 @@ impl Ballistic<'_> {
 
     /// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
     #[inline(never)]
-    pub(super) fn solve(&self, bracket: Bracket) -> (i32, Local, i32) {
+    pub(super) fn solve(&self, bracket: Bracket) -> (i32, Local, Fixed<34>) {
         let Bracket {
             mut low,
             mut high,
@@ -48,19 +55,20 @@ impl Ballistic<'_> {
             let local = self.local(node);
             // The bracket's middle if steps do not find the root in time: within the reach of the node.
             if round >= 60 {
-                let offset = (place - time) as i32;
-                return (node, local, product_high(offset, TURN) << 6);
+                let offset = Fixed::<32>((place - time) as i32);
+                return (node, local, offset.times(RADIANS_PER_TURN));
             }
             let (step, crosses) = down_crossing(&local);
-            let next = time + (i64::from(product_high(step, TURNS)) << 8);
+            let next = time + turn_steps(step);
             let inside = crosses && next >= low - (1 << 16) && next <= high + (1 << 16);
-            if inside && step.abs() < REACH >> 10 {
-                return (node, local, step << 10);
+            if inside && step.abs() < REACH.to::<24>() {
+                return (node, local, step.to());
             }
             if time > low && time < high {
                 // The one down-crossing is after every height above 0; near launch, on a concave rise,
                 // even one rounded below 0 is before it.
-                let before = local.height > 0 || (local.curvature < 0 && local.slope > 0);
+                let before = local.height > Fixed::<30>::ZERO
+                    || (local.curvature < Fixed::<28>::ZERO && local.slope > Fixed::<26>::ZERO);
                 if before {
                     low = time;
                 } else {
@@ -78,30 +86,32 @@ impl Ballistic<'_> {
 
     /// The impact at the root near `offset` from a node.
     #[inline(never)]
-    pub(super) fn settle(&self, mut node: i32, mut local: Local, offset: i32) -> Settled {
+    pub(super) fn settle(&self, mut node: i32, mut local: Local, offset: Fixed<34>) -> Settled {
         let mut d = offset.clamp(-REACH, REACH);
         let mut round = 0;
         loop {
             let powers = Powers::of(d);
             let height = self.height(&local, d, &powers);
             let slope = local.slope + self.gain(&local, d, &powers);
-            let curvature = local.curvature + (high(local.cosine, d) >> 4);
+            let curvature = local.curvature + local.cosine.times(d);
             round += 1;
-            // 2 (S - k) u0 below u1^2 / 4, steps of 2^-28, with the slope at most 4.
-            let bend = (curvature.unsigned_abs() >> 16) * (height.unsigned_abs() >> 14).min(0x7fff);
-            let square = (slope.unsigned_abs() >> 12).min(0xffff);
+            // 2 (S - k) u0 below u1^2 / 4, with the slope at most 4.
+            let low = height.unsigned_abs().to::<16>().min(Fixed(0x7fff));
+            let bend: Fixed<28, u32> = curvature.unsigned_abs().to::<12>().short_times(low);
+            let slow = slope.unsigned_abs().to::<14>().min(Fixed(0xffff));
+            let square: Fixed<28, u32> = slow.short_times(slow);
             let simple = if slope < -SLOW {
-                bend < (square * square) >> 3
+                bend.scaled::<25>() < square.to::<25>()
             } else {
                 let (square, bend) = squares(height, slope, curvature);
-                slope < 0 && bend.abs() < square >> 2
+                slope < Fixed::<26>::ZERO && bend.0.abs() < square.0 >> 2
             };
             let step = if simple {
                 let reciprocal = Reciprocal::fine(slope.unsigned_abs());
-                let newton = reciprocal.times(height, 30);
-                // (S - k) e / (2 |u'|), steps of 2^-30.
-                let bend = reciprocal.times(high(curvature, newton), 25);
-                newton.saturating_add(high(newton, bend) << 2)
+                let newton: Fixed<34> = reciprocal.times(height);
+                // (S - k) e / (2 |u'|).
+                let bend: Fixed<29> = reciprocal.times(curvature.times::<34, 30>(newton));
+                newton.saturating_add(newton.times(bend.scaled::<30>()))
             } else {
                 let nearly = Local {
                     height,
@@ -109,29 +119,36 @@ impl Ballistic<'_> {
                     curvature,
                     ..local
                 };
-                down_crossing(&nearly).0.clamp(-REACH >> 10, REACH >> 10) << 10
+                let farthest = REACH.to::<24>();
+                let step = down_crossing(&nearly).0;
+                step.clamp((-REACH).to(), farthest).to()
             };
             // What is left of a simple root is about 2 (b2 e / slope)^2 e.
-            let reach = match slope.unsigned_abs() >> 24 {
-                0 => 1 << 22,
-                1..4 => 1 << 23,
-                4..16 => 1 << 24,
-                _ => 3 << 24,
+            let reach = match slope.unsigned_abs().to::<2>().0 {
+                0 => SMALL,
+                1..4 => Fixed::<34>::of(2.0 / 4096.0),
+                4..16 => Fixed::<34>::of(4.0 / 4096.0),
+                _ => Fixed::<34>::of(12.0 / 4096.0),
             };
-            let converged = simple && step.unsigned_abs() < reach;
-            let small = step.unsigned_abs() < 1 << 22;
+            let size = step.unsigned_abs();
+            let converged = simple && size < reach.unsigned();
+            let small = size < SMALL.unsigned();
             d = d.saturating_add(step);
-            if d.unsigned_abs() > REACH as u32 && round < 10 {
+            if d.unsigned_abs() > REACH.unsigned() && round < 10 {
                 // From far along a long fall by several nodes at once.
-                let jump = (high(d, TURNS) + (1 << 25)) >> 26;
+                let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
+                let jump = (turns + Fixed::<34>(1 << 25)).to::<8>().0;
                 node += jump;
                 local = self.local(node);
-                d = (d - jump * SPACING).clamp(-REACH, REACH);
+                d = (d - Fixed::<34>(jump * SPACING.0)).clamp(-REACH, REACH);
             } else if converged || small || round >= 10 {
                 d = d.clamp(-REACH, REACH);
-                let last = high(curvature + (high(local.cosine, step) >> 5), step) >> 4;
+                let half: Fixed<27> = local.cosine.times(step);
+                let last = (curvature + half.scaled::<28>()).times(step);
+                let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
+                let steps = (turns + Fixed::<34>(2)).to::<32>();
                 return Settled {
-                    steps: self.steps_to(node) + i64::from((high(d, TURNS) + 2) >> 2),
+                    steps: self.steps_to(node) + i64::from(steps.0),
                     speed: -(slope + last),
                     converged,
                 };
@@ -143,47 +160,49 @@ impl Ballistic<'_> {
     #[inline(always)]
     pub(super) fn arrival(&self, settled: &Settled, grazes: bool) -> Landing<HybridState> {
         let steps = settled.steps.max(0);
-        if settled.speed <= 0 {
-            return self.landing(steps, 0, true);
+        if settled.speed <= Fixed::<26>::ZERO {
+            return self.landing(steps, Fixed::<26>::ZERO, true);
         }
-        self.landing(steps, settled.speed as u32, grazes)
+        self.landing(steps, settled.speed, grazes)
     }
 
-    /// Height at `d` (steps of 2^-34) from a node, steps of 2^-30, where it is small.
+    /// Height at `d`, below 2^-5, from a node, where it is small.
     #[inline(always)]
-    pub(super) fn height(&self, local: &Local, d: i32, powers: &Powers) -> i32 {
-        // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d), with |d| < 2^29.
-        let bent = (high(local.curvature, powers.versine) >> 2)
-            - (high(self.constants.k, powers.flat) >> 2);
+    pub(super) fn height(&self, local: &Local, d: Fixed<34>, powers: &Powers) -> Fixed<30> {
+        // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d).
+        let bent: Fixed<30> =
+            local.curvature.times(powers.versine) - self.constants.k.times(powers.flat);
         local
             .height
-            .saturating_add(high(local.slope, d << 2))
-            .saturating_add(bent + (high(local.cosine, powers.lag) >> 2))
+            .saturating_add(local.slope.times(d.to::<36>()))
+            .saturating_add(bent + local.cosine.times(powers.lag))
     }
 
-    /// Slope gained over `d` from a node, steps of 2^-26.
+    /// Slope gained over `d` from a node.
     #[inline(always)]
-    pub(super) fn gain(&self, local: &Local, d: i32, powers: &Powers) -> i32 {
+    pub(super) fn gain(&self, local: &Local, d: Fixed<34>, powers: &Powers) -> Fixed<26> {
         // (S - k) d - S (d - sin d) + C (1 - cos d).
-        (high(local.curvature, d) + (high(local.cosine, powers.versine) >> 4)
-            - (high(local.sine, powers.lag) >> 2))
-            >> 4
+        let gain: Fixed<30> = local.curvature.times(d) + local.cosine.times(powers.versine)
+            - local.sine.times(powers.lag);
+        gain.to()
     }
 }
 
-/// `u1^2` and `2 (S - k) u0`, whose difference is the discriminant of the local parabola; steps of 2^-52.
+/// `u1^2` and `2 (S - k) u0`, whose difference is the discriminant of the local parabola.
 #[inline(always)]
-fn squares(height: i32, slope: i32, curvature: i32) -> (i64, i64) {
-    (
-        wide_signed(slope, slope),
-        wide_signed(curvature, height) >> 5,
-    )
+fn squares(
+    height: Fixed<30>,
+    slope: Fixed<26>,
+    curvature: Fixed<28>,
+) -> (Fixed<52, i64>, Fixed<52, i64>) {
+    let bend: Fixed<58, i64> = curvature.wide(height);
+    (slope.wide(slope), bend.to::<53>().scaled())
 }
 
-/// Root of what is positive of `square`, from steps of 2^-52 to 2^-26, to about 2^-15 of it.
+/// Root of what is positive of `square`, to about 2^-15 of it.
 #[inline(always)]
-fn square_root(square: i64) -> u32 {
-    if square <= 0 {
+fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
+    Fixed(if square <= 0 {
         0
     } else if square >> 32 == 0 {
         square_root_scaled(square as u32) >> 16
@@ -191,13 +210,13 @@ fn square_root(square: i64) -> u32 {
         square_root_scaled((square >> 16) as u32) >> 8
     } else {
         square_root_scaled((square >> 32) as u32)
-    }
+    })
 }
 
-/// The step to the first down-crossing of the parabola at a node, steps of 2^-24 rad, at most 2.9 rad;
-/// to its extremum where there is none, which the second value tells.
+/// The step to the first down-crossing of the parabola at a node in rad, at most 2.9; to its extremum where
+/// there is none, which the second value tells.
 #[inline(always)]
-fn down_crossing(local: &Local) -> (i32, bool) {
+fn down_crossing(local: &Local) -> (Fixed<24>, bool) {
     let Local {
         height,
         slope,
@@ -206,33 +225,39 @@ fn down_crossing(local: &Local) -> (i32, bool) {
     } = *local;
     let (square, bend) = squares(height, slope, curvature);
     let discriminant = square - bend;
-    let step = if slope < 0 && bend.abs() < square >> 3 {
+    let step = if slope < Fixed::<26>::ZERO && bend.0.abs() < square.0 >> 3 {
         // u0 / |u1| (1 + b2 u0 / u1^2).
         let reciprocal = Reciprocal::coarse(slope.unsigned_abs());
-        let newton = reciprocal.times(height, 20);
-        let bend = reciprocal.times(product_high(curvature, newton), 35);
-        newton.saturating_add(product_high(newton, bend) << 2)
+        let newton: Fixed<24> = reciprocal.times(height);
+        let bend: Fixed<29> = reciprocal.times(curvature.times::<24, 20>(newton));
+        newton.saturating_add(newton.times(bend.scaled::<30>()))
     } else {
-        let root = square_root(discriminant) as i32;
-        if slope > 0 || discriminant <= 0 {
+        let root = square_root(discriminant);
+        if slope > Fixed::<26>::ZERO || discriminant <= Fixed::<52, i64>::ZERO {
             // -(u1 + r) / (S - k).
-            if curvature == 0 {
-                return (0, false);
+            if curvature == Fixed::<28>::ZERO {
+                return (Fixed(0), false);
             }
-            let step =
-                Reciprocal::coarse(curvature.unsigned_abs()).times(slope.saturating_add(root), 26);
-            if curvature > 0 { -step } else { step }
+            let reciprocal = Reciprocal::coarse(curvature.unsigned_abs());
+            let step = reciprocal.times(slope.saturating_add(root.signed()));
+            if curvature > Fixed::<28>::ZERO {
+                -step
+            } else {
+                step
+            }
         } else {
             // 2 u0 / (r - u1).
-            let sum = root as u32 + slope.unsigned_abs();
-            if sum == 0 {
-                return (0, false);
+            let sum = root + slope.unsigned_abs();
+            if sum == Fixed::<26, u32>::ZERO {
+                return (Fixed(0), false);
             }
-            Reciprocal::coarse(sum).times(height, 21)
+            let half: Fixed<25> = Reciprocal::coarse(sum).times(height);
+            half.scaled()
         }
     };
+    let farthest = Fixed::<24>::of(2.9);
     (
-        step.clamp(-(29 << 24) / 10, (29 << 24) / 10),
-        discriminant > 0,
+        step.clamp(-farthest, farthest),
+        discriminant > Fixed::<52, i64>::ZERO,
     )
 }

@@ -1,11 +1,13 @@
 //! Short hops, below 1/16 rad, in a form that keeps every digit.
 
 use super::ballistic::Ballistic;
-use super::constants::ONE;
-use crate::arithmetic::fixed::{Reciprocal, high, wide, wide_signed};
+use crate::arithmetic::fixed::{Fixed, Reciprocal, high, wide, wide_signed};
+
+/// The longest short hop, in rad.
+const LONGEST: Fixed<34> = Fixed::<34>::of(1.0 / 16.0);
 
 /// The flight near launch: its height is `d (2 psi - d G) / 2` with
-/// `G = pull - cos d / 3 + sin d^2 / 12`.
+/// `G = pull - cos d / 3 + sin d^2 / 12`. How many places its numbers have is known as it flies only.
 #[derive(Clone, Copy)]
 struct Near {
     /// `k - sin` and sine of the phase of launch, cosine / 3: steps of 2^(down - 30).
@@ -24,44 +26,43 @@ impl Near {
         Self {
             pull,
             sine,
-            // 1/3 in steps of 2^-32.
-            third: high(cosine, 1_431_655_765),
+            third: high(cosine, Fixed::<32>::of(1.0 / 3.0).0),
             cosine,
             twice: i64::from(velocity.min(1 << (23 + down))) << (39 - down),
             down,
         }
     }
 
-    /// `G` and the derivative of `d G` at `d`, below 1/16 in steps of 2^-34.
+    /// `G` and the derivative of `d G` at `d`, below [`LONGEST`].
     #[inline(always)]
-    fn mean_and_slope(&self, d: i32) -> (i32, i32) {
+    fn mean_and_slope(&self, Fixed(d): Fixed<34>) -> (i32, i32) {
         let linear = high(self.third, d) >> 2;
         let quadratic = high(self.sine, high(d, d)) >> 4;
         (
-            // 10923 / 2^17 is 1/12.
-            self.pull - linear + (((quadratic >> 5) * 10_923) >> 12),
+            self.pull - linear + (((quadratic >> 5) * Fixed::<17>::of(1.0 / 12.0).0) >> 12),
             self.pull - 2 * linear + (quadratic >> 2),
         )
     }
 
     /// Newton's step from `d` to where `d G` reaches 2 psi, for a slope above 0.
     #[inline(always)]
-    fn newton(&self, d: i32, mean: i32, slope: i32) -> i32 {
-        let reciprocal = Reciprocal::coarse(slope as u32);
-        let rest = self.twice - wide_signed(d, mean);
+    fn newton(&self, d: Fixed<34>, mean: i32, slope: i32) -> Fixed<34> {
+        // As if `down` were 0: what it is cancels.
+        let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(slope as u32));
+        let rest = self.twice - wide_signed(d.0, mean);
         // So that the shortest hops from rest keep their digits.
         if rest == i64::from(rest as i32) {
-            return reciprocal.times(rest as i32, 0);
+            return reciprocal.times(Fixed::<64>(rest as i32));
         }
-        // Steps of 2^-40; a saturated one still leads towards the root.
+        // A saturated one still leads towards the root.
         let rest = (rest >> 24).clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
-        reciprocal.times(rest, 24)
+        reciprocal.times(Fixed::<40>(rest))
     }
 
     /// The hop where `d G` reaches 2 psi, by Newton's steps from near it, or from its left on a concave
     /// or its right on a convex `d G`.
     #[inline(always)]
-    fn hop(&self, mut d: i32) -> Start {
+    fn hop(&self, mut d: Fixed<34>) -> Start {
         let mut round = 0;
         loop {
             let (mean, slope) = self.mean_and_slope(d);
@@ -69,22 +70,22 @@ impl Near {
                 return self.before_end();
             }
             let step = self.newton(d, mean, slope);
-            d = d.saturating_add(step).max(0);
-            if d >= ONE {
+            d = d.saturating_add(step).max(Fixed::<34>::ZERO);
+            if d >= LONGEST {
                 return self.before_end();
             }
             round += 1;
             // Or the steps go around the root by the resolution of a small pull.
-            if step.unsigned_abs() <= (d >> 12).unsigned_abs() || round == 24 {
+            if step.unsigned_abs() <= d.to::<22>().unsigned_abs().scaled() || round == 24 {
                 // u' = -d (d G)' / 2 at the root; half a step rounds.
-                let slope = slope - 2 * (high(self.third, step) >> 2);
+                let slope = slope - 2 * (high(self.third, step.0) >> 2);
                 let up = 7 - self.down;
-                let arrival = (high(d, slope) + (1 << (up - 1))) >> up;
+                let arrival = Fixed((high(d.0, slope) + (1 << (up - 1))) >> up);
                 // Rounding of the pull, some 2^-29, moves d G by what separates the root from the
                 // greatest value of d G: slope^2 / (4 cos / 3).
                 let grazes = self.down == 0
                     && slope.unsigned_abs() < 1 << 15
-                    && slope * slope < high(self.cosine, d);
+                    && slope * slope < high(self.cosine, d.0);
                 return Start::Hop {
                     flight: d,
                     arrival,
@@ -97,9 +98,9 @@ impl Near {
     /// The hop from the right end, 1/16 rad, if there is one before it.
     #[inline(never)]
     fn before_end(&self) -> Start {
-        let mut d = ONE - 1;
+        let mut d = LONGEST - Fixed::<34>::STEP;
         let (mean, _) = self.mean_and_slope(d);
-        if self.twice >= wide_signed(d, mean) {
+        if self.twice >= wide_signed(d.0, mean) {
             // So near to the throw d G has its greatest value, at 3 pull / (2 cos), before the right end,
             // and 2 psi is above it.
             let clears = self.down == 0 && self.pull > 0 && self.pull < self.cosine >> 5;
@@ -117,13 +118,13 @@ impl Near {
                 break;
             }
             let step = self.newton(d, mean, slope);
-            d = (d + step).max(0);
-            if step.unsigned_abs() <= (d >> 12).unsigned_abs() {
+            d = (d + step).max(Fixed::<34>::ZERO);
+            if step.unsigned_abs() <= d.to::<22>().unsigned_abs().scaled() {
                 break;
             }
         }
         let (_, slope) = self.mean_and_slope(d);
-        let arrival = high(d, slope.max(0)) >> (7 - self.down);
+        let arrival = Fixed(high(d.0, slope.max(0)) >> (7 - self.down));
         Start::Hop {
             flight: d,
             arrival,
@@ -134,27 +135,29 @@ impl Near {
     /// Whether 2 psi is above the greatest `d G` by rounding alone.
     #[inline(never)]
     fn skims(&self) -> bool {
-        let reciprocal = Reciprocal::coarse(self.cosine as u32);
-        let mut d = reciprocal.times(self.pull + self.pull / 2, 34).min(ONE - 1);
+        let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(self.cosine as u32));
+        let last = LONGEST - Fixed::<34>::STEP;
+        let top: Fixed<34> = reciprocal.times(Fixed::<30>(self.pull + self.pull / 2));
+        let mut d = top.min(last);
         for _ in 0..2 {
             let (_, slope) = self.mean_and_slope(d);
             // -(d G)'' = 2 cos / 3 - sin d / 2.
-            let bend = (2 * self.third - (high(self.sine, d) >> 3)).max(1);
-            let step = Reciprocal::coarse(bend as u32).times(slope, 34);
-            d = d.saturating_add(step).clamp(0, ONE - 1);
+            let bend = (2 * self.third - (high(self.sine, d.0) >> 3)).max(1);
+            let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(bend as u32));
+            let step = reciprocal.times(Fixed::<30>(slope));
+            d = d.saturating_add(step).clamp(Fixed::<34>::ZERO, last);
         }
-        let gap = self.twice - wide_signed(d, self.mean_and_slope(d).0);
-        gap < i64::from(d) << 3
+        let gap = self.twice - wide_signed(d.0, self.mean_and_slope(d).0);
+        gap < i64::from(d.0) << 3
     }
 }
 
 /// What the flight near launch says.
 pub(super) enum Start {
-    /// A short hop: flight in steps of 2^-34 rad and arrival speed in steps of 2^-26; whether it
-    /// clears the coming hump but for rounding.
+    /// A short hop: flight in rad and arrival speed; whether it clears the coming hump but for rounding.
     Hop {
-        flight: i32,
-        arrival: i32,
+        flight: Fixed<34>,
+        arrival: Fixed<26>,
         grazes: bool,
     },
     /// The flight clears the coming hump; whether by rounding alone.
@@ -168,41 +171,45 @@ impl Ballistic<'_> {
     #[inline(always)]
     pub(super) fn start(&self, throws: bool) -> Start {
         let constants = self.constants;
-        // Steps of 2^-28, or of 2^-30 where they have room.
-        let wide_pull = constants.k - (self.sine >> 2);
-        let near = if wide_pull < 1 << 28 {
+        // Steps of 2^-30 where they have room.
+        let wide_pull = constants.k - self.sine.to();
+        let near = if wide_pull < Fixed::<28>::ONE {
             let pull = constants.threshold.wrapping_sub(self.sine);
             // At lift-off itself the pull must not be rounded against the phase, nor to 0.
-            let pull = if throws { pull.min(-1) } else { pull.max(1) };
-            Near::new(pull, self.sine, self.cosine, self.velocity, 0)
+            let pull = if throws {
+                pull.0.min(-1)
+            } else {
+                pull.0.max(1)
+            };
+            Near::new(pull, self.sine.0, self.cosine.0, self.velocity.0, 0)
         } else {
             Near::new(
-                wide_pull.max(1),
-                self.sine >> 2,
-                self.cosine >> 2,
-                self.velocity,
+                wide_pull.0.max(1),
+                self.sine.to::<28>().0,
+                self.cosine.to::<28>().0,
+                self.velocity.0,
                 2,
             )
         };
         if throws {
             return near.before_end();
         }
-        let reciprocal = Reciprocal::fine(near.pull as u32);
-        // 2 psi / pull, steps of 2^-34.
-        let ratio = wide(self.velocity, reciprocal.mantissa);
+        let reciprocal = Reciprocal::fine(Fixed::<30, u32>(near.pull as u32));
+        // 2 psi / pull.
+        let ratio = wide(self.velocity.0, reciprocal.mantissa);
         let shift = (23 + near.down).checked_sub(reciprocal.shift);
         let Some(first) = shift
             .map(|shift| ratio >> shift)
-            .filter(|&z| z < ONE as u64)
+            .filter(|&z| z < LONGEST.unsigned().0.into())
         else {
             return near.before_end();
         };
-        let first = first as i32;
+        let first = Fixed::<34>(first as i32);
         // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
-        let bend = reciprocal.times(high(near.third, first), 28);
-        if bend.abs() < ONE >> 4 {
-            let square = high(bend, bend) << 2;
-            near.hop(first + (high(first, bend + 2 * square) << 2))
+        let bend: Fixed<30> = reciprocal.times(Fixed::<30>(near.third).times::<34, 32>(first));
+        if bend.abs() < Fixed::<30>::of(1.0 / 16.0) {
+            let square: Fixed<30> = bend.times(bend);
+            near.hop(first + first.times(bend + square + square))
         } else {
             near.hop(first)
         }

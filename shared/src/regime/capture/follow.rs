@@ -251,7 +251,7 @@ impl<K: Kernel> Follow<K> {
 }
 
 /// Steps of a phase in a radian.
-const STEPS_PER_RAD: f32 = 4_294_967_296.0 / TAU;
+const STEPS_PER_RAD: f32 = Phase::STEPS_PER_RADIAN as f32;
 
 /// Arcsine of 0..=1, error below 3e-7 (Abramowitz & Stegun 4.4.46 in f32).
 fn arcsine(x: f32) -> f32 {
