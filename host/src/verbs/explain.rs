@@ -78,22 +78,22 @@ fn topics() -> String {
 }
 
 fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
-    let (page, heading) = match topic {
-        Topic::K => (MODEL, "## k, "),
-        Topic::Restitution => (MODEL, "## Restitution"),
-        Topic::Band => (BANDS, "## Locked parts"),
-        Topic::Cascade => (BANDS, "## Doublings"),
-        Topic::Chaos => (BANDS, "## Chaos"),
-        Topic::Basin => (CAPTURE, "## Two regimes"),
-        Topic::Capture => (CAPTURE, "## The kick"),
-        Topic::State => (FAULTS, "## States"),
-        Topic::Fault => (FAULTS, "## Fault "),
-        Topic::Limit => (FAULTS, "## Limit "),
+    let (page, headings): (_, &[_]) = match topic {
+        Topic::K => (MODEL, &["## 1.2 "]),
+        Topic::Restitution => (MODEL, &["## 1.4 "]),
+        Topic::Band => (BANDS, &["## 5."]),
+        Topic::Cascade => (BANDS, &["## 6.1 ", "## 6.2 "]),
+        Topic::Chaos => (BANDS, &["## 6.3 "]),
+        Topic::Basin => (CAPTURE, &["## 7.1 ", "## 7.2 "]),
+        Topic::Capture => (CAPTURE, &["## 7.3 ", "## 7.4 ", "## 7.5 "]),
+        Topic::State => (FAULTS, &["## States"]),
+        Topic::Fault => (FAULTS, &["## Fault "]),
+        Topic::Limit => (FAULTS, &["## Limit "]),
     };
     let many = matches!(topic, Topic::Fault | Topic::Limit);
     match number {
-        None if many => Ok(sections(page, heading).join("\n")),
         Some(number) if many => {
+            let heading = headings.concat();
             let found = sections(page, &format!("{heading}{number}:"));
             found.into_iter().next().ok_or_else(|| {
                 Refusal::value(
@@ -106,7 +106,7 @@ fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
                         }
                     ),
                     number,
-                    numbers(page, heading),
+                    numbers(page, &heading),
                     "leave the number out to read about all of them",
                 )
             })
@@ -117,10 +117,11 @@ fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
             "a number after fault or limit only",
             "leave the number out",
         )),
-        None => sections(page, heading)
-            .into_iter()
-            .next()
-            .ok_or_else(|| Refusal::new("the manual has no such section", "look into docs/")),
+        None => Ok(headings
+            .iter()
+            .flat_map(|heading| sections(page, heading))
+            .collect::<Vec<_>>()
+            .join("\n")),
     }
 }
 
@@ -135,10 +136,15 @@ fn sections(page: &str, heading: &str) -> Vec<String> {
                 sections.push(String::new());
             }
         }
-        if let (true, Some(section)) = (within, sections.last_mut()) {
+        let shown = within && !line.starts_with("<a id=");
+        if let (true, Some(section)) = (shown, sections.last_mut()) {
             section.push_str(line.trim_start_matches("## "));
             section.push('\n');
         }
+    }
+    for section in &mut sections {
+        section.truncate(section.trim_end().len());
+        section.push('\n');
     }
     sections
 }
@@ -162,6 +168,24 @@ mod tests {
         for topic in Topic::value_variants() {
             let text = text(*topic, None).unwrap();
             assert!(text.len() > 100, "{topic:?}: {text}");
+            assert!(!text.contains("<a id="), "{topic:?}: {text}");
+        }
+    }
+
+    #[test]
+    fn every_section_of_the_theory_that_a_word_names_is_there() {
+        for (page, numbers) in [
+            (MODEL, &["1.2", "1.4"][..]),
+            (BANDS, &["5.1", "5.2", "5.3", "5.4", "6.1", "6.2", "6.3"]),
+            (CAPTURE, &["7.1", "7.2", "7.3", "7.4", "7.5"]),
+        ] {
+            for number in numbers {
+                assert_eq!(
+                    sections(page, &format!("## {number} ")).len(),
+                    1,
+                    "{number}"
+                );
+            }
         }
     }
 
