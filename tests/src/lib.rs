@@ -14,6 +14,7 @@ pub mod probe;
 pub mod soak;
 pub mod states;
 pub mod terminal;
+pub mod tones;
 pub mod verdict;
 
 use std::path::{Path, PathBuf};

@@ -3,7 +3,8 @@
 //! A part launched at phase t with velocity psi relative to the track, in units of `b w`, flies for
 //! the FIRST d > 0 with
 //! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0` and leaves again with
-//! `psi' = R s`, where `s = -u'(d)` is its arrival speed.
+//! `psi' = R s`, where `s = -u'(d)` is its arrival speed. On a track of several tones S stands for the sine
+//! and S' for the cosine ([`Wave`]).
 //!
 //! Where the first impact is found, for each arithmetic:
 //!
@@ -11,6 +12,7 @@
 //! |---|---|---|---|
 //! | [`Map`] | f64, at the desk | `double/first.rs`, by kind: `double/{tall,short,low}.rs` | `double/search.rs` |
 //! | [`Exact`] | f64, phases to their rounding | `double/exact.rs`: that of [`Map`], polished once | |
+//! | [`WaveMap`] | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
 //! | [`batch::Block`] | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
@@ -29,6 +31,7 @@ mod integer;
 mod kernel;
 mod orbit;
 mod set_up;
+mod tones;
 
 pub use anchor::{Hybrid, Single, SingleState};
 pub use double::{Envelope, Exact, Map, Refined};
@@ -38,3 +41,4 @@ pub use orbit::{
     Contact, Count, Ended, Event, Growth, Observer, Orbit, Skips, Tangent, Tangential,
     TangentialSettings,
 };
+pub use tones::{Tone, Wave, WaveContact, WaveMap};

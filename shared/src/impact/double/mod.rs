@@ -1,5 +1,6 @@
 //! The impact map in f64: [`map`] from state to state, [`first`] the first impact of a launch.
 
+pub(super) mod bracket;
 pub(super) mod first;
 pub(super) mod launch;
 pub(super) mod low;

@@ -6,25 +6,30 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use super::bracket::{Gap, Path, lowest, root};
 use super::launch::{Launch, Track};
 use super::short::{LONGEST, deflated};
 use super::step::{Landing, Local};
 use crate::arithmetic::lane::{Arc, floor};
 use crate::arithmetic::square_root;
 
-/// The gap at some time of the flight.
-#[derive(Clone, Copy)]
-struct Gap {
-    /// `u`.
-    value: f64,
-    /// `u'`.
-    slope: f64,
-    /// `u''`.
-    curvature: f64,
-    /// Phase there, in 0..2 pi.
-    phase: f64,
-    /// Bound of the rounding error of `value`.
-    rounding: f64,
+/// A flight on a track.
+struct Flight<'a> {
+    track: &'a Track<f64>,
+    launch: &'a Launch<f64>,
+}
+
+impl Path for Flight<'_> {
+    const LONGEST: f64 = LONGEST;
+
+    fn at(&self, d: f64) -> Gap {
+        gap(self.track, self.launch, d)
+    }
+
+    fn hop(&self) -> Option<f64> {
+        let pull = self.track.k - self.launch.sine;
+        (pull > 0.0).then(|| 2.0 * self.launch.velocity / pull)
+    }
 }
 
 fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
@@ -82,6 +87,7 @@ pub(crate) fn landing(
     launch: &Launch<f64>,
     envelope: Envelope,
 ) -> (Landing<f64>, bool) {
+    let path = Flight { track, launch };
     let v = launch.rise();
     let leaving = launch.leaving(track);
     // While the ball is above height 1 no hump reaches it.
@@ -108,7 +114,7 @@ pub(crate) fn landing(
         let begin = first + turns * TAU;
         let at_begin = gap_at_edge(track, launch, begin);
         if at_begin.value <= 0.0 {
-            return root(track, launch, low, begin, grazes);
+            return root(&path, low, begin, grazes);
         }
         let end = begin + width;
         if !(above_from <= begin && end <= above_to) && at_begin.slope < 0.0 {
@@ -116,11 +122,11 @@ pub(crate) fn landing(
             let (lowest, at_lowest) = if at_end.slope <= 0.0 {
                 (end, at_end)
             } else {
-                lowest(track, launch, begin, end)
+                lowest(&path, begin, end)
             };
             if at_lowest.value <= 0.0 {
                 grazes |= -at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
-                return root(track, launch, begin, lowest, grazes);
+                return root(&path, begin, lowest, grazes);
             }
             grazes |= at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
         }
@@ -146,109 +152,4 @@ fn gap_at_edge(track: &Track<f64>, launch: &Launch<f64>, begin: f64) -> Gap {
         at.slope = (launch.rise() - track.k * begin) - track.edge_cosine;
     }
     at
-}
-
-/// The lowest gap over the hump `begin..end`, where the slope changes from - to +.
-fn lowest(track: &Track<f64>, launch: &Launch<f64>, begin: f64, end: f64) -> (f64, Gap) {
-    let (mut low, mut high) = (begin, end);
-    let mut d = 0.5 * (low + high);
-    let mut at = gap(track, launch, d);
-    for round in 0..100 {
-        if at.slope > 0.0 {
-            high = d;
-        } else {
-            low = d;
-        }
-        // Below its value here less what the slope can take, or above zero no more: it is decided.
-        let least = at.value - at.slope.abs() * (high - low);
-        if at.value < -4.0 * at.rounding || least > 4.0 * at.rounding {
-            return (d, at);
-        }
-        let newton = d - at.slope / at.curvature;
-        let next = if newton > low && newton < high && round % 8 != 7 {
-            newton
-        } else {
-            0.5 * (low + high)
-        };
-        if (next - d).abs() <= 1e-9 * d {
-            // The minimum is flat: this changes the value by less than rounding.
-            return (next, gap(track, launch, next));
-        }
-        d = next;
-        at = gap(track, launch, d);
-    }
-    (d, at)
-}
-
-/// The impact in `low..high`, where the gap goes from + to - once; at `low` = 0 it leaves zero upwards.
-fn root(
-    track: &Track<f64>,
-    launch: &Launch<f64>,
-    low: f64,
-    high: f64,
-    grazes: bool,
-) -> (Landing<f64>, bool) {
-    let (mut below, mut above) = (low, high);
-    let pull = track.k - launch.sine;
-    let mut d = high;
-    if low == 0.0 && pull > 0.0 {
-        d = d.min(2.0 * launch.velocity / pull);
-    }
-    let mut at = gap(track, launch, d);
-    let mut close = false;
-    for round in 0..300 {
-        if at.value > 0.0 {
-            below = below.max(d);
-        } else {
-            above = above.min(d);
-        }
-        let step = if d < LONGEST {
-            // u/d has the same root without the one at launch.
-            let w = at.value / d;
-            let w1 = (at.slope - w) / d;
-            let w2 = (at.curvature - 2.0 * w1) / d;
-            down_crossing(w, w1, 0.5 * w2)
-        } else {
-            down_crossing(at.value, at.slope, 0.5 * at.curvature)
-        };
-        let next = d + step;
-        let next = if close && next > 0.0 {
-            next.max(below).min(above)
-        } else if next > below && next < above && round % 4 != 3 {
-            next
-        } else {
-            0.5 * (below + above)
-        };
-        let moved = (next - d).abs();
-        d = next;
-        at = gap(track, launch, d);
-        if close || above - below <= f64::EPSILON * above {
-            break;
-        }
-        // Third order: the step after this one is below rounding.
-        close = moved <= 1e-7 * d && round % 4 != 3;
-    }
-    let arrival = (-at.slope).max(0.0);
-    // Two roots within rounding of each other.
-    let double = arrival * arrival <= 4.0 * at.curvature.abs() * at.rounding && at.curvature > 0.0;
-    (
-        Landing {
-            flight: d,
-            phase: at.phase,
-            arrival,
-        },
-        grazes || double,
-    )
-}
-
-/// Step to where `f + g x + b x^2` crosses zero going down; to its extremum where it does not.
-fn down_crossing(f: f64, g: f64, b: f64) -> f64 {
-    let root = square_root((g * g - 4.0 * b * f).max(0.0));
-    if g > 0.0 {
-        -(g + root) / (2.0 * b)
-    } else if root > g {
-        2.0 * f / (root - g)
-    } else {
-        0.0
-    }
 }

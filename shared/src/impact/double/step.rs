@@ -20,7 +20,7 @@ pub(crate) struct Landing<L> {
 impl<L: Lane> Landing<L> {
     /// `self` where the mask holds, else `other`.
     #[inline(always)]
-    pub(super) fn or(self, mask: L::Mask, other: Self) -> Self {
+    pub(crate) fn or(self, mask: L::Mask, other: Self) -> Self {
         Self {
             flight: L::select(mask, self.flight, other.flight),
             phase: L::select(mask, self.phase, other.phase),
@@ -63,7 +63,7 @@ impl<L: Lane> Local<L> {
 /// `g`, `g2`, `g3` and `g4`: how far the root lies behind; one division. The sign of the whole function
 /// does not matter.
 #[inline(always)]
-pub(super) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
+pub(crate) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
     let (gg, ff, bent) = ((g * g).lone(), (f * f).lone(), (g2 * f).lone());
     let turned = ((g3 * L::splat(1.0 / 6.0)) * ff).lone();
     let top = g * (gg - bent) + turned;
@@ -177,7 +177,7 @@ impl<L: Lane> Near<L> {
 
 /// A phase in 0..2 pi from one that may be a hair below zero.
 #[inline(always)]
-pub(super) fn in_turn<L: Lane>(phase: L) -> L {
+pub(crate) fn in_turn<L: Lane>(phase: L) -> L {
     let below = phase.below(L::splat(0.0));
     if L::any(below) {
         // A hair below zero rounds up to the whole turn.

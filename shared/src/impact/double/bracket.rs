@@ -1,0 +1,131 @@
+//! What every certified search in f64 does in a stretch where the gap is convex, or has one root.
+
+use super::step::Landing;
+use crate::arithmetic::square_root;
+
+/// The gap at some time of the flight.
+#[derive(Clone, Copy)]
+pub(crate) struct Gap {
+    /// `u`.
+    pub value: f64,
+    /// `u'`.
+    pub slope: f64,
+    /// `u''`.
+    pub curvature: f64,
+    /// Phase there, in 0..2 pi.
+    pub phase: f64,
+    /// Bound of the rounding error of `value`.
+    pub rounding: f64,
+}
+
+/// A flight of which the gap is known at any time.
+pub(crate) trait Path {
+    /// Up to this time the gap is computed as `d (u/d)`, which keeps its digits, in rad.
+    const LONGEST: f64;
+
+    /// The gap `d` after the launch.
+    fn at(&self, d: f64) -> Gap;
+
+    /// `2 psi` over the pull at launch: where a short hop ends; `None` where the part is not pulled.
+    fn hop(&self) -> Option<f64>;
+}
+
+/// The lowest gap over the hump `begin..end`, where the slope changes from - to +.
+pub(crate) fn lowest(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
+    let (mut low, mut high) = (begin, end);
+    let mut d = 0.5 * (low + high);
+    let mut at = path.at(d);
+    for round in 0..100 {
+        if at.slope > 0.0 {
+            high = d;
+        } else {
+            low = d;
+        }
+        // Below its value here less what the slope can take, or above zero no more: it is decided.
+        let least = at.value - at.slope.abs() * (high - low);
+        if at.value < -4.0 * at.rounding || least > 4.0 * at.rounding {
+            return (d, at);
+        }
+        let newton = d - at.slope / at.curvature;
+        let next = if newton > low && newton < high && round % 8 != 7 {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
+        if (next - d).abs() <= 1e-9 * d {
+            // The minimum is flat: this changes the value by less than rounding.
+            return (next, path.at(next));
+        }
+        d = next;
+        at = path.at(d);
+    }
+    (d, at)
+}
+
+/// The impact in `low..high`, where the gap goes from + to - once; at `low` = 0 it leaves zero upwards.
+pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Landing<f64>, bool) {
+    let (mut below, mut above) = (low, high);
+    let mut d = high;
+    if low == 0.0
+        && let Some(hop) = path.hop()
+    {
+        d = d.min(hop);
+    }
+    let mut at = path.at(d);
+    let mut close = false;
+    for round in 0..300 {
+        if at.value > 0.0 {
+            below = below.max(d);
+        } else {
+            above = above.min(d);
+        }
+        let step = if d < P::LONGEST {
+            // u/d has the same root without the one at launch.
+            let w = at.value / d;
+            let w1 = (at.slope - w) / d;
+            let w2 = (at.curvature - 2.0 * w1) / d;
+            down_crossing(w, w1, 0.5 * w2)
+        } else {
+            down_crossing(at.value, at.slope, 0.5 * at.curvature)
+        };
+        let next = d + step;
+        let next = if close && next > 0.0 {
+            next.max(below).min(above)
+        } else if next > below && next < above && round % 4 != 3 {
+            next
+        } else {
+            0.5 * (below + above)
+        };
+        let moved = (next - d).abs();
+        d = next;
+        at = path.at(d);
+        if close || above - below <= f64::EPSILON * above {
+            break;
+        }
+        // Third order: the step after this one is below rounding.
+        close = moved <= 1e-7 * d && round % 4 != 3;
+    }
+    let arrival = (-at.slope).max(0.0);
+    // Two roots within rounding of each other.
+    let double = arrival * arrival <= 4.0 * at.curvature.abs() * at.rounding && at.curvature > 0.0;
+    (
+        Landing {
+            flight: d,
+            phase: at.phase,
+            arrival,
+        },
+        grazes || double,
+    )
+}
+
+/// Step to where `f + g x + b x^2` crosses zero going down; to its extremum where it does not.
+fn down_crossing(f: f64, g: f64, b: f64) -> f64 {
+    let root = square_root((g * g - 4.0 * b * f).max(0.0));
+    if g > 0.0 {
+        -(g + root) / (2.0 * b)
+    } else if root > g {
+        2.0 * f / (root - g)
+    } else {
+        0.0
+    }
+}

@@ -1,0 +1,63 @@
+//! Contact with a track of several tones: chatter, rest and lift-off.
+
+use super::map::WaveMap;
+use super::track::Track;
+use crate::impact::State;
+use crate::impact::double::launch::{CHANGE, REMAINDER};
+
+/// When contact of a part with a track of several tones begins and ends: [`Contact`](crate::impact::Contact)
+/// with the track's push A for the sine, A' for the cosine and -A'' for the sine of its curvature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaveContact {
+    track: Track,
+    restitution: f64,
+}
+
+impl WaveContact {
+    /// Contact on the track of `map`; a chatter is summed at its restitution.
+    #[must_use]
+    pub fn new(map: &WaveMap) -> Self {
+        Self {
+            track: *map.track(),
+            restitution: map.restitution(),
+        }
+    }
+
+    /// Duration of the infinitely many hops that end at rest, in rad, where `state` chatters to rest
+    /// so closely that the closure is exact to f64; else `None`, and the part goes on hopping.
+    ///
+    /// With the pull `P = k - A` and `z = psi / (P (1 - R))` it is `2 z + (4/3) (A'/P) z^2`; the third order is
+    /// at most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A velocity of 0 rests at once where the track does not
+    /// throw the part.
+    #[must_use]
+    pub fn time_to_rest(&self, state: State) -> Option<f64> {
+        let hop = state.velocity;
+        let at = self.track.wave.at(state.phase);
+        let pull = self.track.k - at.push;
+        let least = if at.surge > 0.0 {
+            -16.0 * f64::EPSILON
+        } else {
+            0.0
+        };
+        if hop <= 0.0 {
+            return (pull >= least).then_some(0.0);
+        }
+        let lost = 1.0 - self.restitution;
+        if pull <= 0.0 || lost <= 0.0 {
+            return None;
+        }
+        let (c, s) = (at.surge.abs(), at.bend.abs());
+        let z = hop / (pull * lost);
+        let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
+        let exact = third <= REMAINDER;
+        let steady = 2.0 * z * c <= CHANGE * pull && 2.0 * z * z * s <= CHANGE * pull;
+        (exact && steady).then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
+    }
+
+    /// The wait from `phase`, where the part rests, to lift-off, in rad, and the phase of it; 0 and `phase`
+    /// where the track throws it at once; `None` where it rests for ever.
+    #[must_use]
+    pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
+        self.track.throw(phase)
+    }
+}

@@ -1,0 +1,159 @@
+//! The impact map in f64 on a track of several tones.
+
+use super::first::first_impact;
+use super::launch::Launch;
+use super::search;
+use super::track::Track;
+use super::wave::Wave;
+use crate::arithmetic::lane::Lane;
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::double::step::Landing;
+use crate::impact::{Impact, Kernel, Map, State};
+
+/// The impact map in f64 for one [`Wave`], one k and one restitution; with the sine alone it is the map of
+/// [`Map`], to rounding.
+///
+/// The track is evaluated on the nodes of a sine table, its harmonics from there by their addition theorems:
+/// no impact needs a trigonometric call. Which stretch of the track a flight meets is decided at the edges
+/// where the push passes k, and never by stepping. Certified are flights for |S| <= 1 + e + e3 with up to
+/// three humps in a turn; an impact is missed only where a touch before it is within rounding, and then it
+/// is flagged.
+///
+/// ```
+/// use kband::impact::{Kernel, Tone, Wave, WaveMap};
+/// let wave = Wave::build(Tone { amplitude: 0.15, angle: 2.356 }, Tone::default())?;
+/// let map = WaveMap::on(wave, 0.35, 0.2)?;
+/// let mut state = WaveMap::state(0.5, 0.45)?;
+/// for _ in 0..100 {
+///     state = map.impact(state).next;
+/// }
+/// // Locked: once in every period, at psi = 2 pi k R/(1 + R).
+/// assert!((state.velocity - 0.366_519_142_918_809).abs() < 1e-12);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaveMap {
+    track: Track,
+    restitution: f64,
+}
+
+impl WaveMap {
+    /// The map for a wave, k within 0.001..=1000 and a restitution.
+    pub fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Map::build(k, restitution)?;
+        Ok(Self {
+            track: Track::new(wave, k),
+            restitution,
+        })
+    }
+
+    /// The same track for another restitution.
+    pub fn with_restitution(&self, restitution: f64) -> Result<Self, OutOfRange> {
+        accept(
+            "restitution",
+            restitution,
+            (0.0..=1.0).contains(&restitution),
+            "0..1",
+        )?;
+        Ok(Self {
+            restitution,
+            ..*self
+        })
+    }
+
+    /// Its wave.
+    #[must_use]
+    pub fn wave(&self) -> &Wave {
+        &self.track.wave
+    }
+
+    /// k of this map.
+    #[must_use]
+    pub fn k(&self) -> f64 {
+        self.track.k
+    }
+
+    /// Restitution of this map.
+    #[must_use]
+    pub fn restitution(&self) -> f64 {
+        self.restitution
+    }
+
+    /// The first impact by the certified search alone, without the closed forms: slower, the same root
+    /// to rounding.
+    #[must_use]
+    pub fn search(&self, state: State) -> Impact<State> {
+        if self.track.wave.is_of_two() {
+            self.searched::<2>(state)
+        } else {
+            self.searched::<3>(state)
+        }
+    }
+
+    fn searched<const N: usize>(&self, state: State) -> Impact<State> {
+        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
+        let rests = f64::any(launch.rests(&self.track));
+        self.impact_of(
+            state,
+            (!rests).then(|| search::landing::<N>(&self.track, &launch)),
+        )
+    }
+
+    #[inline(always)]
+    fn flown<const N: usize>(&self, state: State) -> Impact<State> {
+        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
+        self.impact_of(state, first_impact::<N>(&self.track, &launch))
+    }
+
+    /// What a landing means; without one the part rests.
+    #[inline(always)]
+    fn impact_of(&self, state: State, landing: Option<(Landing<f64>, bool)>) -> Impact<State> {
+        let Some((landing, grazes)) = landing else {
+            return Impact {
+                flight: 0.0,
+                next: state,
+                grazes: false,
+            };
+        };
+        Impact {
+            flight: landing.flight,
+            next: State {
+                phase: landing.phase,
+                velocity: self.restitution * landing.arrival,
+            },
+            grazes,
+        }
+    }
+
+    pub(super) fn track(&self) -> &Track {
+        &self.track
+    }
+}
+
+impl Kernel for WaveMap {
+    type State = State;
+
+    const NAME: &'static str = "f64-tones";
+
+    /// The map of the sine alone; [`WaveMap::on`] takes a wave.
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Self::on(Wave::sine(), k, restitution)
+    }
+
+    fn state(phase: f64, velocity: f64) -> Result<State, OutOfRange> {
+        Map::state(phase, velocity)
+    }
+
+    fn observe(state: State) -> State {
+        state
+    }
+
+    #[inline]
+    fn impact(&self, state: State) -> Impact<State> {
+        if self.track.wave.is_of_two() {
+            self.flown::<2>(state)
+        } else {
+            self.flown::<3>(state)
+        }
+    }
+}

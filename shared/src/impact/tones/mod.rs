@@ -1,0 +1,21 @@
+//! The impact map in f64 on a track of two or three tones, `S = sin t + e sin(2 t + th) + e3 sin(3 t + th3)`.
+//!
+//! Everything of the map holds with S for the sine and S' for the cosine. What a sine gives in closed form,
+//! where the track's acceleration passes k, is found once per track: [`wave`] knows every extremum of S and
+//! its derivatives, [`track`] the humps for one k, of which a turn may hold up to three. From there
+//! [`first`] finds the first impact over lanes, and [`search`] what closed forms leave open.
+//!
+//! A track of one tone has its own kernel, [`Map`](super::Map), which pays nothing for this one.
+
+mod contact;
+mod first;
+mod launch;
+mod map;
+mod search;
+mod short;
+mod track;
+mod wave;
+
+pub use contact::WaveContact;
+pub use map::WaveMap;
+pub use wave::{Tone, Wave};

@@ -1,0 +1,150 @@
+//! Short hops on a track of several tones: the gap divided by the flight time, as in
+//! [`double::short`](super::super::double), one term for each tone.
+
+use core::f64::consts::TAU;
+
+use super::launch::Launch;
+use super::track::Track;
+use crate::arithmetic::lane::Lane;
+use crate::impact::double::step::{Landing, householder};
+
+/// Longest short hop in rad of the highest tone, about.
+pub(super) const LONGEST: f64 = 0.5;
+
+/// `u/d` and `u'` at some flight time.
+pub(super) struct Deflated<L> {
+    /// `u/d`.
+    pub value: L,
+    /// `u'`.
+    pub slope: L,
+    /// `u''`.
+    pub curvature: L,
+}
+
+/// `u/d` and `u'` after `d` <= 0.55/N rad, each exact relative to its terms.
+#[inline(always)]
+pub(super) fn deflated<L: Lane, const N: usize>(
+    track: &Track,
+    launch: &Launch<L>,
+    d: L,
+) -> Deflated<L> {
+    let pull = launch.pull(track);
+    let mut value = pull * L::splat(0.5);
+    let mut slope = launch.velocity - pull * d;
+    let mut curvature = -pull;
+    for (n, &[s, c]) in launch.parts.iter().enumerate().take(N) {
+        let q = L::splat((n + 1) as f64);
+        let x = q * d;
+        let z = x * x;
+        // (x - sin x)/x^3 and (x^2/2 - 1 + cos x)/x^4.
+        let third = L::splat(1.0 / 6.0)
+            - z * (L::splat(1.0 / 120.0)
+                - z * (L::splat(1.0 / 5040.0)
+                    - z * (L::splat(1.0 / 362_880.0)
+                        - z * (L::splat(1.0 / 39_916_800.0)
+                            - z * (L::splat(1.0 / 6_227_020_800.0)
+                                - z * L::splat(1.0 / 1_307_674_368_000.0))))));
+        let fourth = L::splat(1.0 / 24.0)
+            - z * (L::splat(1.0 / 720.0)
+                - z * (L::splat(1.0 / 40_320.0)
+                    - z * (L::splat(1.0 / 3_628_800.0)
+                        - z * (L::splat(1.0 / 479_001_600.0)
+                            - z * L::splat(1.0 / 87_178_291_200.0)))));
+        let versine = z * (L::splat(0.5) - z * fourth);
+        let sagitta = x * z * third;
+        let square = q * q;
+        value = value - (square * x) * (c * third - (s * x) * fourth);
+        slope = slope + q * (c * versine - s * sagitta);
+        curvature = curvature + square * (c * (x - sagitta) - s * versine);
+    }
+    Deflated {
+        value: launch.velocity - d * value,
+        slope,
+        curvature,
+    }
+}
+
+/// The end of a short hop; the mask says where it is certain to be the first impact. The last step is
+/// taken up to twice more where it falls short, for those lanes alone.
+#[inline(always)]
+pub(super) fn landing<L: Lane, const N: usize>(
+    track: &Track,
+    launch: &Launch<L>,
+) -> (Landing<L>, L::Mask) {
+    let d = closer(track, launch, launch.over_after(track));
+    let (mut landing, mut settled) = settle::<L, N>(track, launch, d);
+    for _ in 0..2 {
+        if L::any(!settled) {
+            let (again, then) = settle::<L, N>(track, launch, landing.flight);
+            landing = landing.or(settled, again);
+            settled = settled | then;
+        }
+    }
+    (landing, settled & holds::<L, N>(track, launch, &landing))
+}
+
+/// Whether a landing is the first: u is concave from the launch, or convex and then concave, up to the
+/// next hump, so it has one root there.
+#[inline(always)]
+fn holds<L: Lane, const N: usize>(
+    track: &Track,
+    launch: &Launch<L>,
+    landing: &Landing<L>,
+) -> L::Mask {
+    let (d, zero) = (landing.flight, L::splat(0.0));
+    let mut wait = L::splat(f64::MAX);
+    for hump in track.humps() {
+        wait = wait.min(launch.ahead(hump.begin.phase));
+    }
+    zero.below(d)
+        & d.below(L::splat(1.1 * LONGEST / N as f64))
+        & d.below(wait)
+        & zero.below(landing.arrival)
+}
+
+/// One step of fourth order on the first terms of `u/d`.
+#[inline(always)]
+fn closer<L: Lane>(track: &Track, launch: &Launch<L>, d: L) -> L {
+    let (c, s) = (launch.at.surge, launch.at.bend);
+    let first = launch.pull(track) * L::splat(0.5);
+    let second = c * L::splat(1.0 / 6.0);
+    let third = s * L::splat(1.0 / 24.0);
+    let w = launch.velocity - d * (first - d * (second - d * third));
+    let w1 = d * (second + second - L::splat(3.0) * (d * third)) - first;
+    let w2 = second + second - L::splat(6.0) * (d * third);
+    d - householder(w, w1, w2, -(L::splat(6.0) * third), L::splat(0.0))
+}
+
+/// The last step, of third order; the mask says where it was so short that what it leaves is below
+/// rounding.
+#[inline(always)]
+fn settle<L: Lane, const N: usize>(
+    track: &Track,
+    launch: &Launch<L>,
+    d: L,
+) -> (Landing<L>, L::Mask) {
+    let at = deflated::<L, N>(track, launch, d);
+    let per_slope = L::splat(1.0) / at.slope;
+    let newton = (d * at.value) * per_slope;
+    let turn = ((at.curvature * L::splat(0.5)) * per_slope) * newton;
+    let back = newton + newton * turn;
+    let flight = d - back;
+    let third = launch.at.surge - d * launch.at.bend;
+    let arrival = back * (at.curvature - back * (third * L::splat(0.5))) - at.slope;
+    let ahead = launch.phase + flight;
+    let phase = L::select(
+        ahead.below(L::splat(TAU)),
+        ahead,
+        ((launch.phase - L::splat(TAU)) + flight).max(L::splat(0.0)),
+    );
+    let landing = Landing {
+        flight,
+        phase,
+        arrival,
+    };
+    (landing, newton.abs().below(d * L::splat(NEAR)))
+}
+
+/// Largest Newton step of a last step of third order, relative to the flight: it leaves less than
+/// rounding.
+const NEAR: f64 = 2e-7;

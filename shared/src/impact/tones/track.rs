@@ -1,0 +1,163 @@
+//! A track of several tones with one k: where it pushes harder than k.
+
+use core::f64::consts::TAU;
+
+use super::wave::{MOST, Motion, Wave, crossing};
+
+/// The track where its push passes k.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Edge {
+    /// Phase in rad, 0..2 pi.
+    pub phase: f64,
+    /// S there.
+    pub height: f64,
+    /// S' there.
+    pub speed: f64,
+    /// A' there.
+    pub surge: f64,
+    /// -A'' there.
+    pub bend: f64,
+}
+
+/// A stretch on which the track pushes harder than k: there the gap is convex, elsewhere concave.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Hump {
+    /// Where it begins: a resting part is thrown off here.
+    pub begin: Edge,
+    /// Where it ends.
+    pub end: Edge,
+    /// Its length in rad.
+    pub width: f64,
+    /// Length of the concave stretch before it, back to the end of the hump before.
+    pub before: f64,
+}
+
+/// Most humps in a turn.
+const HUMPS: usize = MOST / 2;
+
+/// The set-up constants of one track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Track {
+    pub wave: Wave,
+    /// k.
+    pub k: f64,
+    /// `1/k`.
+    pub per_k: f64,
+    humps: [Hump; HUMPS],
+    count: usize,
+    /// Square of the track's highest speed.
+    pub fastest: f64,
+}
+
+impl Track {
+    /// The track of a wave for `k`.
+    pub fn new(wave: Wave, k: f64) -> Self {
+        let mut track = Self {
+            wave,
+            k,
+            per_k: 1.0 / k,
+            humps: [Hump::default(); HUMPS],
+            count: 0,
+            fastest: wave.steepest() * wave.steepest(),
+        };
+        // A is monotone from one of its extrema to the next.
+        let mut extrema = [[0.0; 2]; MOST];
+        let mut count = 0;
+        for (place, extremum) in extrema.iter_mut().zip(wave.extrema()) {
+            *place = extremum;
+            count += 1;
+        }
+        let (mut begins, mut ends) = ([Edge::default(); HUMPS], [Edge::default(); HUMPS]);
+        let (mut rising, mut falling) = (0, 0);
+        for n in 0..count {
+            let [low, push] = extrema[n];
+            let [high, then] = extrema[(n + 1) % count];
+            let high = if n + 1 == count { high + TAU } else { high };
+            if (push < k) == (then < k) {
+                continue;
+            }
+            let phase = crossing(
+                &|phase| {
+                    let at = wave.at(if phase < TAU { phase } else { phase - TAU });
+                    [at.push - k, at.surge]
+                },
+                low,
+                high,
+            );
+            let phase = if phase < TAU { phase } else { phase - TAU };
+            let Motion {
+                height,
+                speed,
+                surge,
+                bend,
+                ..
+            } = wave.at(phase);
+            let edge = Edge {
+                phase,
+                height,
+                speed,
+                surge,
+                bend,
+            };
+            if push < k {
+                begins[rising] = edge;
+                rising += 1;
+            } else {
+                ends[falling] = edge;
+                falling += 1;
+            }
+        }
+        // Both are in the order of their phases, but for those that crossed the turn.
+        begins[..rising].sort_unstable_by(|a, b| a.phase.total_cmp(&b.phase));
+        for (n, begin) in begins.iter().enumerate().take(rising) {
+            let nearest = ends[..falling]
+                .iter()
+                .min_by(|a, b| ahead(begin.phase, a.phase).total_cmp(&ahead(begin.phase, b.phase)));
+            let last = ends[..falling]
+                .iter()
+                .min_by(|a, b| ahead(a.phase, begin.phase).total_cmp(&ahead(b.phase, begin.phase)));
+            if let (Some(end), Some(last)) = (nearest, last) {
+                track.humps[n] = Hump {
+                    begin: *begin,
+                    end: *end,
+                    width: ahead(begin.phase, end.phase),
+                    before: ahead(last.phase, begin.phase),
+                };
+                track.count = n + 1;
+            }
+        }
+        track
+    }
+
+    /// Its humps in the order of the phases where they begin.
+    #[inline(always)]
+    pub fn humps(&self) -> &[Hump] {
+        &self.humps[..self.count.min(HUMPS)]
+    }
+
+    /// The wait from a phase at which a part rests until the track throws it, and the phase at which it
+    /// does; `None` where it rests for ever.
+    pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
+        self.humps()
+            .iter()
+            .map(|hump| {
+                let past = ahead(hump.begin.phase, phase);
+                // Within rounding of the falling edge a resting part stays: the track has thrown what it throws.
+                if past < hump.width * (1.0 - 1e-9) {
+                    (0.0, phase)
+                } else {
+                    (ahead(phase, hump.begin.phase), hump.begin.phase)
+                }
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+/// How far `to` lies ahead of `from` in its turn, in 0..2 pi.
+pub(super) fn ahead(from: f64, to: f64) -> f64 {
+    if to < from {
+        to - from + TAU
+    } else {
+        to - from
+    }
+}

@@ -1,0 +1,425 @@
+//! The shape of the track's motion: a sine and its second and third harmonic.
+
+use core::f64::consts::TAU;
+
+use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::feeder::{OutOfRange, accept};
+
+/// One harmonic of the track's motion: `amplitude sin(n t + angle)`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tone {
+    /// Amplitude over that of the fundamental (symbol e), 0..=0.5.
+    pub amplitude: f64,
+    /// Phase angle (symbol th) in rad, -2 pi..=2 pi.
+    pub angle: f64,
+}
+
+/// What the track does at a phase, over lanes.
+#[derive(Clone, Copy)]
+pub(super) struct Motion<L> {
+    /// Displacement S.
+    pub height: L,
+    /// S'.
+    pub speed: L,
+    /// `A = -S''`: the part leaves where it rises through k.
+    pub push: L,
+    /// A'.
+    pub surge: L,
+    /// -A''.
+    pub bend: L,
+}
+
+/// Displacement and velocity of each tone over its frequency, at a phase.
+pub(super) type Parts<L> = [[L; 2]; 3];
+
+/// The shape of the track's motion in units of the fundamental's amplitude b,
+/// `S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3)` (Hongler & Figour 1989, reference 19 there, for two
+/// tones).
+///
+/// ```
+/// use kband::impact::{Tone, Wave};
+/// let wave = Wave::build(Tone { amplitude: 0.15, angle: 2.356 }, Tone::default())?;
+/// // The price of the second tone: the track is pushed harder by this factor.
+/// assert!((wave.peak_acceleration() - 1.56).abs() < 0.01);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    second: Tone,
+    third: Tone,
+    /// `e cos th` and `e sin th` of each harmonic.
+    mixed: [[f64; 2]; 2],
+    /// Every extremum of A, in the order of their phases: phase and value.
+    extrema: [[f64; 2]; MOST],
+    count: usize,
+    top: f64,
+    bottom: f64,
+    steepest: f64,
+}
+
+/// Most zeros of a trigonometric polynomial of three tones in a turn.
+pub(super) const MOST: usize = 6;
+
+/// What rounding may take from a bound of S or S'.
+const SPARE: f64 = 1e-12;
+
+impl Wave {
+    /// The wave with these second and third harmonics; the refusal names the one out of range.
+    pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
+        let names = [
+            ("second tone, amplitude", "second tone, angle"),
+            ("third tone, amplitude", "third tone, angle"),
+        ];
+        for (tone, (amplitude, angle)) in [second, third].into_iter().zip(names) {
+            let held = (0.0..=0.5).contains(&tone.amplitude);
+            accept(amplitude, tone.amplitude, held, "0..0.5 of the first")?;
+            let held = (-TAU..=TAU).contains(&tone.angle);
+            accept(angle, tone.angle, held, "-6.2832..6.2832 rad")?;
+        }
+        Ok(Self::of(second, third))
+    }
+
+    /// The wave of tones that are within their ranges.
+    fn of(second: Tone, third: Tone) -> Self {
+        let mixed = [second, third].map(|tone| {
+            let turned = if tone.angle < 0.0 {
+                tone.angle + TAU
+            } else {
+                tone.angle
+            };
+            let (sine, cosine) = sine_cosine(turned);
+            [tone.amplitude * cosine, tone.amplitude * sine]
+        });
+        let mut wave = Self {
+            second,
+            third,
+            mixed,
+            extrema: [[0.0; 2]; MOST],
+            count: 0,
+            top: 0.0,
+            bottom: 0.0,
+            steepest: 0.0,
+        };
+        let largest = |power: i32| {
+            1.0 + second.amplitude * libm::pow(2.0, power.into())
+                + third.amplitude * libm::pow(3.0, power.into())
+        };
+        for phase in wave.zeros(|m| [m.speed, -m.push], largest(3)).iter() {
+            let height = wave.at(phase).height;
+            wave.top = wave.top.max(height + SPARE);
+            wave.bottom = wave.bottom.max(SPARE - height);
+        }
+        for phase in wave.zeros(|m| [m.push, m.surge], largest(4)).iter() {
+            wave.steepest = wave.steepest.max(wave.at(phase).speed.abs() + SPARE);
+        }
+        let crests = wave.zeros(|m| [m.surge, -m.bend], largest(5));
+        for (extremum, phase) in wave.extrema.iter_mut().zip(crests.iter()) {
+            *extremum = [phase, 0.0];
+        }
+        wave.count = crests.count;
+        for n in 0..wave.count {
+            wave.extrema[n][1] = wave.at(wave.extrema[n][0]).push;
+        }
+        wave
+    }
+
+    /// One tone: the sine itself.
+    #[must_use]
+    pub fn sine() -> Self {
+        Self::of(Tone::default(), Tone::default())
+    }
+
+    /// The second harmonic.
+    #[must_use]
+    pub fn second(&self) -> Tone {
+        self.second
+    }
+
+    /// The third harmonic.
+    #[must_use]
+    pub fn third(&self) -> Tone {
+        self.third
+    }
+
+    /// Whether it is the sine alone.
+    #[must_use]
+    pub fn is_sine(&self) -> bool {
+        self.second.amplitude == 0.0 && self.third.amplitude == 0.0
+    }
+
+    /// Largest acceleration of the track in units of `b w^2`, max |S''|; over k it is in units of
+    /// `g cos(alpha)`. Within 1e-14.
+    #[must_use]
+    pub fn peak_acceleration(&self) -> f64 {
+        self.extrema()
+            .fold(0.0, |peak, [_, push]| peak.max(push.abs()))
+    }
+
+    /// Largest k at which the track throws a resting part, max(-S'').
+    #[must_use]
+    pub fn highest_throw(&self) -> f64 {
+        self.extrema()
+            .fold(0.0, |highest, [_, push]| highest.max(push))
+    }
+
+    /// Displacement S, velocity S' and upward push A = -S'' at a phase in rad, and A': each within 4e-15.
+    #[must_use]
+    pub fn motion(&self, phase: f64) -> [f64; 4] {
+        let turned = phase - TAU * libm::floor(phase / TAU);
+        let m = self.at(if turned < TAU { turned } else { 0.0 });
+        [m.height, m.speed, m.push, m.surge]
+    }
+
+    /// The track at a phase in 0..2 pi.
+    pub(super) fn at(&self, phase: f64) -> Motion<f64> {
+        let (sine, cosine) = sine_cosine(phase);
+        if self.is_of_two() {
+            motion::<f64, 2>(&self.parts::<f64, 2>(sine, cosine))
+        } else {
+            motion::<f64, 3>(&self.parts::<f64, 3>(sine, cosine))
+        }
+    }
+
+    /// Whether it has no third harmonic.
+    #[inline(always)]
+    pub(super) fn is_of_two(&self) -> bool {
+        self.third.amplitude == 0.0
+    }
+
+    /// max S.
+    pub(super) fn top(&self) -> f64 {
+        self.top
+    }
+
+    /// -min S.
+    pub(super) fn bottom(&self) -> f64 {
+        self.bottom
+    }
+
+    /// max |S'|.
+    pub(super) fn steepest(&self) -> f64 {
+        self.steepest
+    }
+
+    /// Every extremum of A: phase and value, in the order of their phases.
+    pub(super) fn extrema(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        self.extrema.iter().take(self.count).copied()
+    }
+
+    /// The tones at a phase, from its sine and cosine; N of them.
+    #[inline(always)]
+    pub(super) fn parts<L: Lane, const N: usize>(&self, sine: L, cosine: L) -> Parts<L> {
+        let mixed = |[a, b]: [f64; 2], s: L, c: L| {
+            let (a, b) = (L::splat(a), L::splat(b));
+            [a * s + b * c, a * c - b * s]
+        };
+        let double = (sine + sine) * cosine;
+        let turned = (cosine - sine) * (cosine + sine);
+        let second = mixed(self.mixed[0], double, turned);
+        let third = if N > 2 {
+            mixed(
+                self.mixed[1],
+                double * cosine + turned * sine,
+                turned * cosine - double * sine,
+            )
+        } else {
+            [L::splat(0.0); 2]
+        };
+        [[sine, cosine], second, third]
+    }
+
+    /// The zeros of a derivative of S that is given with its own, of which the second derivative is at most
+    /// `bound`: from where it is large in steps that can pass none, but for pairs of them within 1e-7 rad,
+    /// between which it is below 1e-14 of that bound.
+    fn zeros(&self, of: impl Fn(&Motion<f64>) -> [f64; 2], bound: f64) -> Zeros {
+        const SHORTEST: f64 = 1e-7;
+        let turned = |phase: f64| {
+            let turned = phase - TAU * libm::floor(phase / TAU);
+            if turned < TAU { turned } else { 0.0 }
+        };
+        let at = |phase: f64| of(&self.at(turned(phase)));
+        let mut start = 0.0;
+        for n in 1..16 {
+            let phase = f64::from(n) * TAU / 16.0;
+            if at(phase)[0].abs() > at(start)[0].abs() {
+                start = phase;
+            }
+        }
+        let mut zeros = Zeros {
+            phases: [0.0; MOST],
+            count: 0,
+        };
+        let (mut phase, mut value) = (start, at(start));
+        while phase < start + TAU {
+            // Up to the root of |value| - slope h - bound h^2/2 its sign is the same.
+            let (size, slope) = if value[0] < 0.0 {
+                (-value[0], -value[1])
+            } else {
+                (value[0], value[1])
+            };
+            let step = (slope + libm::sqrt(slope * slope + 2.0 * bound * size)) / bound;
+            let next = phase + step.max(SHORTEST);
+            let then = at(next);
+            if (then[0] < 0.0) != (value[0] < 0.0) && zeros.count < MOST && next < start + TAU {
+                zeros.phases[zeros.count] = turned(crossing(&at, phase, next));
+                zeros.count += 1;
+            }
+            (phase, value) = (next, then);
+        }
+        let found = zeros.count;
+        zeros.phases[..found].sort_unstable_by(f64::total_cmp);
+        zeros
+    }
+}
+
+/// The zeros of a derivative of S in a turn, in order.
+struct Zeros {
+    phases: [f64; MOST],
+    count: usize,
+}
+
+impl Zeros {
+    fn iter(&self) -> impl Iterator<Item = f64> + '_ {
+        self.phases.iter().take(self.count).copied()
+    }
+}
+
+/// What the tones do together.
+#[inline(always)]
+pub(super) fn motion<L: Lane, const N: usize>(parts: &Parts<L>) -> Motion<L> {
+    let [[s, c], [s2, c2], [s3, c3]] = *parts;
+    let times = |factor: f64, x: L| L::splat(factor) * x;
+    let two = Motion {
+        height: s + s2,
+        speed: c + (c2 + c2),
+        push: s + times(4.0, s2),
+        surge: c + times(8.0, c2),
+        bend: s + times(16.0, s2),
+    };
+    if N < 3 {
+        return two;
+    }
+    Motion {
+        height: two.height + s3,
+        speed: two.speed + times(3.0, c3),
+        push: two.push + times(9.0, s3),
+        surge: two.surge + times(27.0, c3),
+        bend: two.bend + times(81.0, s3),
+    }
+}
+
+/// Where a function, given with its derivative, crosses zero between two places at which it has two signs.
+pub(super) fn crossing(at: &impl Fn(f64) -> [f64; 2], low: f64, high: f64) -> f64 {
+    let (mut low, mut high) = (low, high);
+    let negative = at(low)[0] < 0.0;
+    let mut x = 0.5 * (low + high);
+    for round in 0..120 {
+        let [value, slope] = at(x);
+        if (value < 0.0) == negative {
+            low = x;
+        } else {
+            high = x;
+        }
+        let newton = x - value / slope;
+        let next = if newton > low && newton < high && round % 8 != 7 {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
+        if value == 0.0 || (next - x).abs() <= 0.25 * f64::EPSILON * x.abs() {
+            break;
+        }
+        x = next;
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn waves() -> impl Iterator<Item = Wave> {
+        (0..400).map(|n| {
+            let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
+            let tone = |a: f64, b: f64| Tone {
+                amplitude: 0.5 * spread(a),
+                angle: TAU * (2.0 * spread(b) - 1.0),
+            };
+            let third = if n % 2 == 0 {
+                tone(0.732_051, 0.236_068)
+            } else {
+                Tone::default()
+            };
+            Wave::build(tone(0.618_034, 0.414_214), third).unwrap()
+        })
+    }
+
+    /// Sines where they stand, and no extremum searched for: bounds hold on a fine grid and are reached on
+    /// it to its second order.
+    #[test]
+    fn bounds_hold_and_are_reached() {
+        for wave in waves() {
+            let direct = |phase: f64, derivative: i32| {
+                let tones = [
+                    (1.0, 1.0, 0.0),
+                    (2.0, wave.second.amplitude, wave.second.angle),
+                    (3.0, wave.third.amplitude, wave.third.angle),
+                ];
+                tones
+                    .map(|(q, amplitude, angle)| {
+                        let (s, c) = (q * phase + angle).sin_cos();
+                        amplitude * q.powi(derivative) * [s, c, -s][derivative as usize]
+                    })
+                    .iter()
+                    .sum::<f64>()
+            };
+            let (mut top, mut bottom, mut steepest, mut peak, mut highest) =
+                (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+            for n in 0..20_000 {
+                let phase = f64::from(n) * TAU / 20_000.0;
+                let at = wave.at(phase);
+                // The direct form rounds angles of up to 25 rad.
+                assert!((at.height - direct(phase, 0)).abs() < 6e-15);
+                assert!((at.speed - direct(phase, 1)).abs() < 2e-14);
+                assert!((at.push + direct(phase, 2)).abs() < 4e-14);
+                top = top.max(direct(phase, 0));
+                bottom = bottom.max(-direct(phase, 0));
+                steepest = steepest.max(direct(phase, 1).abs());
+                peak = peak.max(direct(phase, 2).abs());
+                highest = highest.max(-direct(phase, 2));
+            }
+            // Half a step of the grid, squared, times half the largest second derivative there.
+            for (bound, seen) in [
+                (wave.top, top),
+                (wave.bottom, bottom),
+                (wave.steepest, steepest),
+                (wave.peak_acceleration(), peak),
+                (wave.highest_throw(), highest),
+            ] {
+                assert!((-1e-13..2e-6).contains(&(bound - seen)), "{wave:?} {seen}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_sine_is_a_wave() {
+        let sine = Wave::sine();
+        assert!(sine.is_sine() && sine.count == 2);
+        assert!((sine.peak_acceleration() - 1.0).abs() < 1e-15);
+        assert!((sine.top - 1.0).abs() < 2e-12 && (sine.steepest - 1.0).abs() < 2e-12);
+    }
+
+    #[test]
+    fn a_tone_out_of_range_is_named() {
+        let tone = |amplitude, angle| Tone { amplitude, angle };
+        for (second, third, parameter) in [
+            (tone(0.6, 0.0), Tone::default(), "second tone, amplitude"),
+            (tone(-0.1, 0.0), Tone::default(), "second tone, amplitude"),
+            (tone(0.1, 135.0), Tone::default(), "second tone, angle"),
+            (tone(0.1, 2.0), tone(f64::NAN, 0.0), "third tone, amplitude"),
+            (tone(0.1, 2.0), tone(0.1, -7.0), "third tone, angle"),
+        ] {
+            assert_eq!(Wave::build(second, third).unwrap_err().parameter, parameter);
+        }
+    }
+}
