@@ -38,7 +38,7 @@ pub use double::{Envelope, Exact, Map, Refined};
 pub use integer::Integer;
 pub use kernel::{HybridState, Impact, Kernel, Landing, State};
 pub use orbit::{
-    Contact, Count, Ended, Event, Growth, Observer, Orbit, Skips, Tangent, Tangential,
-    TangentialSettings,
+    Contact, Count, Ended, Event, Growth, LATE, Observer, Orbit, Release, Skips, Tangent,
+    Tangential, TangentialSettings,
 };
 pub use tones::{Tone, Wave, WaveContact, WaveMap};

@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use super::drive::Swing;
 use crate::arithmetic::Phase;
-use crate::impact::{Contact, Impact, Kernel, Map, State, Tangential, TangentialSettings};
+use crate::impact::{Contact, Impact, Kernel, Map, Release, State, Tangential, TangentialSettings};
 
 /// A part's motion between two events.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,18 +111,11 @@ impl Part {
         // The sample comes up to one sample late; the throw itself is at arcsin k.
         let late = turned(swing.phase.radians() - lift_off);
         let start = time.saturating_sub((late / TAU * Phase::TURN) as u64);
-        let mut state = State {
-            phase: lift_off,
-            velocity: 0.0,
+        let Some(Release { launch, impact }) = Release::of(&map, lift_off, 0.0) else {
+            return;
         };
-        let mut impact = map.impact(state);
-        if impact.flight <= 0.0 {
-            // arcsin k rounded down: the next double after it is thrown.
-            state.phase += 1e-12;
-            impact = map.impact(state);
-        }
         self.along = 0.0;
-        self.fly(&map, state.phase, &impact, amplitude, track, start);
+        self.fly(&map, launch.phase, &impact, amplitude, track, start);
     }
 
     /// Takes the event that is due: the strike, if it is one, and the part's next motion. `swing` is

@@ -2,12 +2,10 @@
 
 use core::f32::consts::TAU;
 
-use crate::impact::{Hybrid, Kernel};
+use crate::impact::{Hybrid, Kernel, LATE, Release};
 
 /// Impacts that are followed; what is left of a chatter then is not heard.
 pub const IMPACTS: usize = 16;
-/// Delay of lift-off in rad, so that rounding of arcsin k never leaves the part on the track.
-const LEAVING: f64 = 1e-4;
 
 /// The impacts of one part from its first landing until it rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,9 +29,8 @@ impl Chatter {
             return None;
         }
         let lift_off = libm::asin(k);
-        let mut state = Hybrid::state(lift_off + LEAVING, 0.0).ok()?;
-        let mut impact = map.impact(state);
-        let landing = (lift_off + LEAVING + impact.flight) as f32;
+        let Release { mut impact, .. } = Release::of(&map, lift_off, LATE)?;
+        let landing = (lift_off + LATE + impact.flight) as f32;
         let first = Hybrid::observe(impact.next).velocity as f32;
         if first <= 0.0 {
             return None;
@@ -43,8 +40,7 @@ impl Chatter {
         for slot in &mut impacts {
             let speed = Hybrid::observe(impact.next).velocity as f32 / first;
             *slot = (time, speed);
-            state = impact.next;
-            impact = map.impact(state);
+            impact = map.impact(impact.next);
             let flight = impact.flight as f32;
             time += flight;
             if time > TAU {

@@ -2,6 +2,7 @@
 
 use super::contact::{Contact, turned};
 use super::observe::Observer;
+use super::release::Release;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, State};
 
@@ -81,10 +82,8 @@ pub struct Orbit<'a, K: Kernel<State = State> = Map> {
     skips: Skips,
     state: State,
     stage: Stage,
-    /// State and first flight of a part thrown off at `arcsin k`, once known.
-    release: Option<(State, Impact<State>)>,
-    /// Whether the part has ever been thrown off.
-    lifted: bool,
+    /// The release of the part, once known.
+    release: Option<Release<State>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,7 +127,6 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
             state: start,
             stage: Stage::Hopping,
             release: None,
-            lifted: false,
         }
     }
 
@@ -143,12 +141,6 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
     #[must_use]
     pub fn state(&self) -> State {
         self.state
-    }
-
-    /// Whether the part has been thrown off from rest: from then on the orbit is periodic.
-    #[must_use]
-    pub fn has_lifted_off(&self) -> bool {
-        self.lifted
     }
 
     /// Runs the orbit until `impacts` more impacts have been seen, showing every event to `observer`.
@@ -179,33 +171,13 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
         Ended::Counted
     }
 
-    /// State of a part thrown off at `arcsin k` and its first flight; `None` where the kernel sees no
-    /// flight at all, which is k within rounding of 1.
-    fn released(&mut self) -> Option<(State, Impact<State>)> {
-        if let (true, Some(known)) = (self.skips.release, self.release) {
-            return Some(known);
+    /// The release of this orbit's part; `None` where the kernel sees no flight at all, which is k within
+    /// rounding of 1.
+    fn released(&mut self) -> Option<Release<State>> {
+        if !self.skips.release || self.release.is_none() {
+            self.release = Release::of(self.kernel, self.contact.lift_off()?, 0.0);
         }
-        // Rounding may put arcsin k before the crossing as the kernel sees it, where the part still
-        // rests; the flat top of the sine near k = 1 needs more than an ulp.
-        let lift_off = self.contact.lift_off()?;
-        let mut nudge = 0.0;
-        for _ in 0..30 {
-            let start = State {
-                phase: lift_off + nudge,
-                velocity: 0.0,
-            };
-            let impact = self.kernel.impact(start);
-            if impact.flight > 0.0 {
-                self.release = Some((start, impact));
-                return self.release;
-            }
-            nudge = if nudge == 0.0 {
-                f64::EPSILON * lift_off
-            } else {
-                2.0 * nudge
-            };
-        }
-        None
+        self.release
     }
 
     fn settle(&mut self, chatter: f64) -> Event {
@@ -224,13 +196,11 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
         } else {
             self.contact.wait_by_polling(self.state.phase)?
         };
-        let (start, _) = self.released()?;
-        self.state = start;
+        self.state = self.released()?.launch;
         self.stage = Stage::Released;
-        self.lifted = true;
         Some(Event::LiftOff {
             wait,
-            phase: start.phase,
+            phase: self.state.phase,
         })
     }
 }
@@ -241,7 +211,7 @@ impl<K: Kernel<State = State>> Iterator for Orbit<'_, K> {
     fn next(&mut self) -> Option<Event> {
         let impact = match self.stage {
             Stage::Resting => return self.lift_off(),
-            Stage::Released => self.released()?.1,
+            Stage::Released => self.released()?.impact,
             Stage::Hopping => {
                 if let Some(chatter) = self.contact.time_to_rest(self.state) {
                     return Some(self.settle(chatter));

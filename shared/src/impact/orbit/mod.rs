@@ -3,11 +3,13 @@
 mod contact;
 mod events;
 mod observe;
+mod release;
 mod tangent;
 mod tangential;
 
 pub use contact::Contact;
 pub use events::{Ended, Event, Orbit, Skips};
 pub use observe::{Count, Observer};
+pub use release::{LATE, Release};
 pub use tangent::{Growth, Tangent};
 pub use tangential::{Tangential, TangentialSettings};

@@ -5,7 +5,7 @@ use core::f32::consts::{PI, TAU};
 use super::{Drive, Envelope, Kick};
 use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::feeder::OutOfRange;
-use crate::impact::{Kernel, State};
+use crate::impact::{Kernel, LATE, State};
 use crate::regime::Lock;
 
 /// One part on one drive: what a kick is tried on.
@@ -37,10 +37,6 @@ const CHATTER: f32 = 0.01;
 
 /// Amplitude over target below which rests after the kick are counted.
 const NEARLY: f32 = 1.02;
-
-/// Delay of a lift-off in rad, so that rounding of `arcsin k` never leaves the part on the track; the
-/// launch velocity that it omits is 5e-9.
-const LEAVING: f32 = 1e-4;
 
 /// Distance to the locked orbit, in rad and `b w`, within which the orbit has the part.
 const HELD: f32 = 0.03;
@@ -239,9 +235,9 @@ impl<K: Kernel> Follow<K> {
             leaves = if k < 1.0 { arcsine(k) } else { PI };
             phase = phase.max(leaves);
         }
-        if phase + LEAVING < PI - leaves {
+        phase += LATE as f32;
+        if phase < PI - leaves {
             self.tune(amplitude);
-            phase += LEAVING;
             self.time = cycle + phase / TAU;
             return K::state(f64::from(phase), 0.0).ok();
         }

@@ -1,0 +1,83 @@
+//! The flight of a part that the track throws off from rest.
+
+use crate::impact::kernel::{Impact, Kernel};
+
+/// A part thrown off from rest: its launch and the flight that follows.
+///
+/// It leaves where `sin t = k` going up with velocity 0, whatever it did before
+/// (docs/theory-impacts.md#t4.2), so both depend on k and the restitution alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Release<S> {
+    /// The state that it is thrown off with.
+    pub launch: S,
+    /// The flight from there.
+    pub impact: Impact<S>,
+}
+
+/// Delay of a lift-off in rad for arithmetics coarser than f64: more than the rounding of `arcsin k` and
+/// of a phase there, so that the part is never left on the track. The launch velocity that it omits is at
+/// most half its square, 5e-9 `b w`.
+pub const LATE: f64 = 1e-4;
+
+impl<S: Copy> Release<S> {
+    /// The release `delay` rad (0, or [`LATE`]) after `lift_off`, which is `arcsin k` in rad; `None` where
+    /// the kernel sees no flight there.
+    #[must_use]
+    pub fn of<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
+        let launch = K::state(lift_off + delay, 0.0).ok()?;
+        let impact = kernel.impact(launch);
+        (impact.flight > 0.0).then_some(Self { launch, impact })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Exact, Hybrid, Integer, Map, Single};
+
+    /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is flat.
+    fn flights<K: Kernel>(delay: f64) -> impl Iterator<Item = (f64, Option<f64>)> {
+        (0..40_000).map(move |step| {
+            let part = (f64::from(step) * 0.618_034).rem_euclid(1.0);
+            let k = if step % 2 == 0 {
+                0.005 + 0.994 * part
+            } else {
+                1.0 - libm::exp10(-15.9 * part)
+            };
+            let k = k.max(0.005);
+            let kernel = K::build(k, 0.3).unwrap();
+            let release = Release::of(&kernel, libm::asin(k), delay);
+            (k, release.map(|release| release.impact.flight))
+        })
+    }
+
+    #[test]
+    fn a_part_at_rest_is_thrown_off_in_every_arithmetic() {
+        for (k, flight) in flights::<Map>(0.0).chain(flights::<Exact>(0.0)) {
+            assert!(flight.is_some(), "{k:e}");
+        }
+        let coarse = flights::<Hybrid>(LATE)
+            .chain(flights::<Single>(LATE))
+            .chain(flights::<Integer>(LATE));
+        for (k, flight) in coarse {
+            // Within LATE of the top of the sine it is past the track's push by then.
+            assert!(flight.is_some() || k > 1.0 - LATE * LATE, "{k:e}");
+        }
+    }
+
+    #[test]
+    fn the_delay_changes_the_flight_by_no_more_than_it_says() {
+        for (k, restitution) in [(0.43, 0.2), (0.6, 0.3), (0.9, 0.5)] {
+            let map = Map::build(k, restitution).unwrap();
+            let lift_off = libm::asin(k);
+            let prompt = Release::of(&map, lift_off, 0.0).unwrap().impact;
+            let late = Release::of(&map, lift_off, LATE).unwrap().impact;
+            // The flight ends where it did, but for the launch velocity omitted times the time since,
+            // over an arrival speed of 0.1 at least.
+            let apart = late.flight + LATE - prompt.flight;
+            assert!(apart.abs() < 10.0 * 5e-9 * prompt.flight, "{k} {apart:e}");
+            let slower = late.next.velocity - prompt.next.velocity;
+            assert!(slower.abs() < 10.0 * 5e-9 * prompt.flight, "{k} {slower:e}");
+        }
+    }
+}
