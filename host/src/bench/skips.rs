@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::impact::{
-    Count, Envelope, Impact, Kernel, Map, Observer, Orbit, Skips, State, Tangential,
+    Count, Impact, Kernel, Map, Observer, Orbit, PassedHumps, Skips, State, Tangential,
     TangentialSettings,
 };
 
@@ -48,8 +48,8 @@ pub fn lines(turns: usize) -> Vec<Line> {
     lines.extend(pair(
         "envelope",
         turns,
-        || search(Envelope::Skip),
-        || search(Envelope::Walk),
+        || search(PassedHumps::Skip),
+        || search(PassedHumps::Walk),
     ));
 
     // Rests in every cycle (k = 0.43, R = 0.1), and hops for ever (R = 0.8).

@@ -13,7 +13,9 @@ use kband::feeder::Restitution;
 use kband::impact::Hybrid;
 use kband::regime::Band;
 use kband::regime::band::BandError;
-use kband::regime::capture::{Drive, DriveSettings, Lot, Plan, PlanSettings, Planner, Progress};
+use kband::regime::capture::{
+    DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner, Progress,
+};
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
@@ -113,9 +115,9 @@ struct Task<'a> {
     arguments: &'a Arguments,
     band: Band,
     lot: Lot,
-    drive: Drive,
+    drive: DriveLag,
     /// The same drive for another attempt: the parts hop and rest at the target amplitude.
-    again: Drive,
+    again: DriveLag,
 }
 
 impl<'a> Task<'a> {
@@ -142,7 +144,7 @@ impl<'a> Task<'a> {
             ));
         }
         let drive = |start| {
-            Drive::build(DriveSettings {
+            DriveLag::build(DriveLagSettings {
                 time_constant: arguments.time_constant,
                 start,
                 limit: arguments.limit,

@@ -7,7 +7,7 @@ mod speed;
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{Kernel, Map, State, TangentialSettings};
 use kband::regime::Lock;
-use kband::transport::{Effort, Start};
+use kband::transport::{Effort, Origin};
 
 use crate::arguments::{self, Drawn, Drive, Printed, Range};
 use crate::desk::Desk;
@@ -230,18 +230,18 @@ fn locks(k: f64, restitution: f64) -> Vec<Lock> {
 /// Where parts start at `k`: at rest, on each lock that attracts, and `count` starts that fill phase
 /// and velocity evenly (the additive recurrence of the plastic number), up to the launch velocity of the
 /// highest bounces, `2.5 R/(1-R)`, and a little more.
-fn starts(k: f64, restitution: f64, count: usize) -> Vec<Start> {
+fn starts(k: f64, restitution: f64, count: usize) -> Vec<Origin> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
     let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
-    let mut starts = vec![Start::Rest];
+    let mut starts = vec![Origin::Rest];
     starts.extend(
         locks(k, restitution)
             .iter()
-            .map(|lock| Start::Hop(lock.state())),
+            .map(|lock| Origin::Hop(lock.state())),
     );
     starts.extend((0..count).map(|n| {
         let n = n as f64 + 1.0;
-        Start::Hop(State {
+        Origin::Hop(State {
             phase: (0.5 + n / PLASTIC).fract() * std::f64::consts::TAU,
             velocity: (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest,
         })

@@ -34,7 +34,7 @@ mod set_up;
 mod tones;
 
 pub use anchor::{Hybrid, Single, SingleState};
-pub use double::{Envelope, Exact, Map, Refined};
+pub use double::{Exact, Map, PassedHumps, Refined};
 pub use integer::Integer;
 pub use kernel::{HybridState, Impact, Kernel, Landing, State};
 pub use orbit::{

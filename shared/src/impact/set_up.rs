@@ -9,11 +9,11 @@ pub(crate) struct SetUp {
     /// k.
     pub k: f64,
     /// Phase where a hump begins, `arcsin k`; a quarter turn where k >= 1.
-    pub entry: Phase,
+    pub lift_off: Phase,
     /// Length of a hump, `pi - 2 arcsin k`, in steps of a phase; 0 where k >= 1.
     pub hump: u32,
-    /// Slope of the sine at `entry`, `sqrt(1 - k^2)`.
-    pub flank: f64,
+    /// Slope of the sine at `lift_off`, `sqrt(1 - k^2)`.
+    pub lift_off_cosine: f64,
 }
 
 impl SetUp {
@@ -30,9 +30,9 @@ impl SetUp {
         Ok(Self::new(k))
     }
 
-    /// The least square of the speed at height 0 of a high flight, with what rounding may take: from
+    /// The least square of the speed at height 0 of a tall flight, with what rounding may take: from
     /// there on the speed at every height h is above `sqrt(1 - h^2)`, the track's.
-    pub fn high(&self) -> f64 {
+    pub fn tall(&self) -> f64 {
         let k = self.k;
         0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k }
     }
@@ -41,17 +41,17 @@ impl SetUp {
         if k >= 1.0 {
             return Self {
                 k,
-                entry: Phase::from_bits(1 << 30),
+                lift_off: Phase::from_bits(1 << 30),
                 hump: 0,
-                flank: 0.0,
+                lift_off_cosine: 0.0,
             };
         }
-        let entry = Phase::from_radians(libm::asin(k));
+        let lift_off = Phase::from_radians(libm::asin(k));
         Self {
             k,
-            entry,
-            hump: (1_u32 << 31) - 2 * entry.bits(),
-            flank: libm::sqrt((1.0 - k) * (1.0 + k)),
+            lift_off,
+            hump: (1_u32 << 31) - 2 * lift_off.bits(),
+            lift_off_cosine: libm::sqrt((1.0 - k) * (1.0 + k)),
         }
     }
 }

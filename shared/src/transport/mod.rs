@@ -30,4 +30,4 @@ pub use inelastic::Inelastic;
 pub use interval::Intervals;
 pub use sensitivity::Sensitivity;
 pub use spread::Spread;
-pub use survey::{Effort, Measured, Motion, Start, measure};
+pub use survey::{Effort, Measured, Motion, Origin, measure};

@@ -35,7 +35,7 @@ impl Sensitivity {
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Map, Tangential, TangentialSettings};
-    use crate::transport::{Effort, Motion, Spread, Start, measure};
+    use crate::transport::{Effort, Motion, Origin, Spread, measure};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
@@ -60,7 +60,7 @@ mod tests {
                     settle: 300,
                     impacts,
                 };
-                let run = measure(&map, tangential, Start::Hop(state), effort, &mut ());
+                let run = measure(&map, tangential, Origin::Hop(state), effort, &mut ());
                 assert_eq!(run.motion, Motion::Hopping);
                 run.conveyed.time_mean().unwrap()
             }));

@@ -17,7 +17,7 @@ pub struct Effort {
 
 /// Where an orbit begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Start {
+pub enum Origin {
     /// The part lies on the track.
     Rest,
     /// The part has just struck the track.
@@ -51,13 +51,13 @@ pub struct Measured {
 pub fn measure(
     map: &Map,
     tangential: Tangential,
-    start: Start,
+    start: Origin,
     effort: Effort,
     also: &mut impl Observer,
 ) -> Measured {
     let mut orbit = match start {
-        Start::Rest => Orbit::from_rest(map),
-        Start::Hop(state) => Orbit::new(map, state),
+        Origin::Rest => Orbit::from_rest(map),
+        Origin::Hop(state) => Orbit::new(map, state),
     };
     let mut conveying = Conveying::new(tangential, Contact::new(map));
     orbit.watch(effort.settle, &mut conveying);
@@ -111,7 +111,7 @@ mod tests {
                 settle: 300,
                 impacts,
             };
-            measure(&map, tangential, Start::Hop(start), effort, &mut ())
+            measure(&map, tangential, Origin::Hop(start), effort, &mut ())
         })
     }
 
@@ -146,21 +146,21 @@ mod tests {
         };
         // docs/theory-capture.md#t7.1: at k = 0.43 a part from rest chatters to rest every cycle, one that
         // starts on the lock stays there.
-        let lying = measure(&map, tangential, Start::Rest, effort, &mut ());
+        let lying = measure(&map, tangential, Origin::Rest, effort, &mut ());
         assert_eq!(lying.motion, Motion::HopAndRest);
-        let locked = Start::Hop(Map::state(0.457, 0.45).unwrap());
+        let locked = Origin::Hop(Map::state(0.457, 0.45).unwrap());
         assert_eq!(
             measure(&map, tangential, locked, effort, &mut ()).motion,
             Motion::Hopping
         );
         let heavy = Map::build(1.5, 0.5).unwrap();
         let tangential = Tangential::build(1.5, settings).unwrap();
-        let dead = measure(&heavy, tangential, Start::Rest, effort, &mut ());
+        let dead = measure(&heavy, tangential, Origin::Rest, effort, &mut ());
         assert_eq!(
             (dead.motion, dead.conveyed.time_mean()),
             (Motion::Rest, None)
         );
-        let thrown = Start::Hop(Map::state(1.0, 2.0).unwrap());
+        let thrown = Origin::Hop(Map::state(1.0, 2.0).unwrap());
         assert_eq!(
             measure(&heavy, tangential, thrown, effort, &mut ()).motion,
             Motion::Rest

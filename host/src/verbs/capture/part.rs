@@ -1,7 +1,7 @@
 //! One part and one kick: whether it captures the part.
 
 use kband::impact::Kernel;
-use kband::regime::capture::{Drive, Follow, Kick, Outcome, Trial};
+use kband::regime::capture::{DriveLag, Follow, Kick, Outcome, Trial};
 
 use crate::refusal::Refusal;
 
@@ -9,7 +9,11 @@ use crate::refusal::Refusal;
 const LONGEST: u32 = 20_000;
 
 /// Whether `kick` captures a part.
-pub(super) fn captures<K: Kernel>(part: Trial, drive: Drive, kick: Kick) -> Result<bool, Refusal> {
+pub(super) fn captures<K: Kernel>(
+    part: Trial,
+    drive: DriveLag,
+    kick: Kick,
+) -> Result<bool, Refusal> {
     let mut follow = Follow::<K>::new(part, drive, kick)?;
     while follow.steps() < LONGEST {
         if let Some(outcome) = follow.step() {

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use kband::impact::{Impact, Kernel, Map, Observer, Orbit, State, Tangential, TangentialSettings};
 use kband::regime::band;
 use kband::regime::exponent::{self, ExponentSettings};
-use kband::transport::{Conveyed, Effort, Inelastic, Sensitivity, Spread, Start, locked, measure};
+use kband::transport::{Conveyed, Effort, Inelastic, Origin, Sensitivity, Spread, locked, measure};
 
 use super::row::{Cases, Row, Work, Worst};
 use crate::refusal::Refusal;
@@ -107,7 +107,7 @@ fn wide_chaos(k: f64, runs: u32, impacts: u64) -> Result<Vec<Conveyed>, Refusal>
     (0..runs)
         .map(|n| {
             let n = f64::from(n);
-            let start = Start::Hop(Map::state(0.5 + 0.37 * n, 3.0 + 0.41 * n)?);
+            let start = Origin::Hop(Map::state(0.5 + 0.37 * n, 3.0 + 0.41 * n)?);
             let effort = Effort {
                 settle: 300,
                 impacts,

@@ -1,7 +1,7 @@
 //! The times between impacts at one k: F(z), mean, autocorrelation.
 
 use kband::impact::{Kernel, Map, Tangential};
-use kband::transport::{Intervals, Motion, Spread, Start, measure};
+use kband::transport::{Intervals, Motion, Origin, Spread, measure};
 use serde_json::json;
 
 use super::{Arguments, Computed, Feeder, effort, starts};
@@ -42,7 +42,7 @@ fn found(feeder: &Feeder, k: f64, arguments: &Arguments, desk: &Desk) -> Result<
     let tangential = Tangential::build(k, feeder.settings)?;
     // More starts than for a speed: each gives one independent value of every correlation.
     let starts = starts(k, feeder.restitution, arguments.starts.max(24));
-    let watch = |start: Start, seen: &mut Seen| {
+    let watch = |start: Origin, seen: &mut Seen| {
         measure(&map, tangential, start, effort(arguments), seen).motion == Motion::Hopping
             && seen.count() > LAGS as u64
     };
@@ -56,7 +56,7 @@ fn found(feeder: &Feeder, k: f64, arguments: &Arguments, desk: &Desk) -> Result<
         .flatten()
         .map(|found| found.0)
         .fold(0.0, f64::max);
-    let kept: Vec<(Start, f64)> = starts
+    let kept: Vec<(Origin, f64)> = starts
         .iter()
         .zip(&first)
         .filter_map(|(start, found)| found.map(|found| (*start, found.1)))

@@ -9,7 +9,7 @@ use page::{picture, report};
 use kband::impact::{Growth, Kernel, Map, Tangential};
 use kband::regime::band;
 use kband::regime::classify::Regime;
-use kband::transport::{Sensitivity, Spread, Start, measure};
+use kband::transport::{Origin, Sensitivity, Spread, measure};
 
 use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::arguments::Range;
@@ -192,7 +192,7 @@ fn rows(
     over: &Over,
     desk: &Desk,
 ) -> Result<Vec<Row>, Refusal> {
-    let mut tasks: Vec<(usize, Start)> = Vec::new();
+    let mut tasks: Vec<(usize, Origin)> = Vec::new();
     for (n, k) in over.k.iter().enumerate() {
         let starts = starts(*k, feeder.restitution, arguments.starts);
         tasks.extend(starts.into_iter().map(|start| (n, start)));
@@ -228,18 +228,18 @@ fn measured(
     feeder: &Feeder,
     k: f64,
     endings: &Endings,
-    start: Start,
+    start: Origin,
     arguments: &Arguments,
 ) -> Result<Run, Refusal> {
     let map = Map::build(k, feeder.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     let regime = match start {
-        Start::Rest => endings.from_rest(),
-        Start::Hop(state) => endings.of(state),
+        Origin::Rest => endings.from_rest(),
+        Origin::Hop(state) => endings.of(state),
     };
     // Every part that rests forgets how it started; from rest the period is measured without the way to it.
     let start = match regime {
-        Regime::HopAndRest { .. } => Start::Rest,
+        Regime::HopAndRest { .. } => Origin::Rest,
         _ => start,
     };
     let mut growth = Growth::new(&map);
@@ -257,7 +257,7 @@ fn measured(
     })
 }
 
-fn grouped(k: f64, tasks: &[(usize, Start)], runs: &[Run]) -> Vec<Row> {
+fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
     let mut regimes: Vec<Regime> = Vec::new();
     for run in runs {
         if !regimes.iter().any(|known| alike(*known, run.regime)) {
@@ -275,7 +275,7 @@ fn grouped(k: f64, tasks: &[(usize, Start)], runs: &[Run]) -> Vec<Row> {
                 from_rest: tasks
                     .iter()
                     .zip(runs)
-                    .any(|(task, run)| task.1 == Start::Rest && alike(run.regime, regime)),
+                    .any(|(task, run)| task.1 == Origin::Rest && alike(run.regime, regime)),
                 time_mean: Spread::of(of().map(|run| run.time_mean)),
                 impact_mean: Spread::of(of().filter_map(|run| run.impact_mean)),
                 interval: Spread::of(of().filter_map(|run| run.interval)),

@@ -5,7 +5,7 @@ use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::impact::Hybrid;
 use crate::regime::capture::{
-    Drive, DriveSettings, Lot, Plan, PlanSettings, Planner, Progress as Planning,
+    DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner, Progress as Planning,
 };
 
 /// Impacts that one slice of planning computes: at most 0.2 million instructions, which 300 drive cycles a
@@ -50,7 +50,7 @@ impl Search {
                 order: u32::from(lock.order),
                 amplitude_error: f64::from(settings.amplitude_error),
             },
-            drive: Drive::build(DriveSettings {
+            drive: DriveLag::build(DriveLagSettings {
                 time_constant: envelope,
                 start: 1.0,
                 limit: f64::from(reserve.clamp(1.0, HIGHEST)),

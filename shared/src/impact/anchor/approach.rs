@@ -4,10 +4,10 @@ use super::flight::{Flight, Launch, NODES_PER_RADIAN, SPACING, abs, nearest, sin
 use super::shape::Shape;
 use crate::arithmetic::square_root_single;
 
-/// The impact of a high flight, nearly: node and offset; `None` where the flight is not high or the
+/// The impact of a tall flight, nearly: node and offset; `None` where the flight is not tall or the
 /// steps do not converge soon.
 ///
-/// High is a flight that passes every height h of the track faster than the track ever does there, which
+/// Tall is a flight that passes every height h of the track faster than the track ever does there, which
 /// is at most `sqrt(1 - h^2)`: on the rise it cannot meet the track, on the fall it crosses it once. The
 /// square of its speed, `v^2 + 2 k (sin - h)`, is above `1 - h^2` for all of them where that at height 0
 /// is above `1 + k^2`, or `2 k` where k >= 1.
@@ -15,7 +15,7 @@ use crate::arithmetic::square_root_single;
 pub(crate) fn fall<F: Flight>(shape: &Shape, launch: &Launch) -> Option<Approach> {
     let rise = launch.velocity + launch.cosine;
     let square = rise * rise + 2.0 * shape.k * launch.sine;
-    if !(rise > 0.0 && square >= shape.high) {
+    if !(rise > 0.0 && square >= shape.tall) {
         return None;
     }
     let speed = square_root_single(square);

@@ -26,7 +26,7 @@ pub(crate) enum Candidate {
 /// A candidate from the flight near launch or the fall of the parabola.
 ///
 /// Up to the end of the next hump a down-crossing is the first impact: it may lie in that hump, where `u`
-/// is convex and so above it from the entry on, and where `u` is above 0 at the entry it is above 0 on
+/// is convex and so above it from its begin on, and where `u` is above 0 at its begin it is above 0 on
 /// the concave stretch from launch; or it lies on that stretch, which it ends. From within a hump `u`
 /// rises to the stretch. See [`Shape::ends`].
 #[inline(always)]
@@ -85,8 +85,8 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
         speed = square_root_single(square);
         origin = (rise + speed) * shape.inverse;
         // No flight that ends after the hump after the next one is told here.
-        let to_entry = shape.entry.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
-        if origin > to_entry + (TAU + 0.5) {
+        let to_lift_off = shape.lift_off.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
+        if origin > to_lift_off + (TAU + 0.5) {
             return Candidate::Unknown;
         }
         near = origin;

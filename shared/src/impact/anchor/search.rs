@@ -8,24 +8,24 @@ use super::flight::{
 };
 use super::settle::expand;
 use super::shape::Shape;
-use super::short::{Start, hop, start};
+use super::short::{ShortFlight, hop, short_flight};
 use super::solve::{Bracket, Found, solve};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
 pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
-    let first = start::<F>(launch);
+    let first = short_flight::<F>(launch);
     let (mut guess, mut clears, mut skims) = (0.0, false, false);
     match first {
-        Start::Hop { near, grazes } if near > 0.0 => {
+        ShortFlight::Hop { near, grazes } if near > 0.0 => {
             if near < F::SHORT {
                 let (flight, arrival) = hop(launch, near);
                 return (Found::Short { flight, arrival }, grazes);
             }
             guess = near;
         }
-        Start::Clears { grazes } => (clears, skims) = (true, grazes),
+        ShortFlight::Clears { grazes } => (clears, skims) = (true, grazes),
         _ => {}
     }
     let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
@@ -44,7 +44,7 @@ fn segment<F: Flight>(
         k,
         half_k,
         inverse,
-        flank,
+        lift_off_cosine,
         hump_length,
         ..
     } = *shape;
@@ -65,29 +65,29 @@ fn segment<F: Flight>(
         };
         return (bracket, false);
     }
-    // Ballistic height over k, and slope over that of the track at a hump's entry.
+    // Ballistic height over k, and slope over that of the track at a hump's begin.
     let over_k = |x: f32| x * (v - half_k * x) - pull;
-    let over_flank = |x: f32| v - k * x - flank;
-    // From the very entry of a hump the next one is a whole turn away.
-    let (to_entry, entry) = match shape.entry.wrapping_sub(launch.phase) {
+    let over_flank = |x: f32| v - k * x - lift_off_cosine;
+    // From the very begin of a hump the next one is a whole turn away.
+    let (to_lift_off, lift_off) = match shape.lift_off.wrapping_sub(launch.phase) {
         0 => (Phase::STEPS, TAU),
         steps => (i64::from(steps), steps as f32 * RADIANS_PER_STEP),
     };
     // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's own precision decides.
-    let mut at_entry = over_k(entry);
+    let mut at_entry = over_k(lift_off);
     if abs(at_entry) < 3e-5 {
-        at_entry = flight.above_k(to_entry, at_entry);
+        at_entry = flight.above_k(to_lift_off, at_entry);
     }
     if at_entry <= 0.0 && !clears {
         let low = if shape.throws(launch.phase) {
-            entry - (TAU - hump_length)
+            lift_off - (TAU - hump_length)
         } else {
             0.0
         };
-        let start = if guess > 0.0 && guess < entry && guess < 1.2 {
+        let start = if guess > 0.0 && guess < lift_off && guess < 1.2 {
             guess
         } else {
-            let newton = entry - at_entry / over_flank(entry);
+            let newton = lift_off - at_entry / over_flank(lift_off);
             if guess > 0.0 && guess < newton {
                 0.5 * (guess + newton)
             } else {
@@ -96,7 +96,7 @@ fn segment<F: Flight>(
         };
         let bracket = Bracket {
             low,
-            high: entry,
+            high: lift_off,
             start,
         };
         return (bracket, false);
@@ -113,15 +113,15 @@ fn segment<F: Flight>(
     };
     let mut grazes = false;
     let (mut begin, mut begin_steps) = if clears {
-        (entry + TAU, to_entry + Phase::STEPS)
+        (lift_off + TAU, to_lift_off + Phase::STEPS)
     } else {
-        (entry, to_entry)
+        (lift_off, to_lift_off)
     };
     // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
     // above height 1 are looked at, and the rounds are bounded by their count with room for rounding.
     for _ in 0..16 {
-        // Newton's step from the entry does not overshoot, on the convex side nor on the concave one.
-        let from_entry = || {
+        // Newton's step from the begin of a hump does not overshoot, on the convex side nor on the concave one.
+        let from_begin = || {
             let slope = over_flank(begin);
             let step = if slope < 0.0 {
                 over_k(begin) / slope
@@ -134,7 +134,7 @@ fn segment<F: Flight>(
             let bracket = Bracket {
                 low: smaller(through, begin) - 1e-4,
                 high: begin,
-                start: from_entry(),
+                start: from_begin(),
             };
             return (bracket, grazes);
         }
@@ -143,7 +143,7 @@ fn segment<F: Flight>(
             let bracket = Bracket {
                 low: begin,
                 high: through + 1e-4,
-                start: from_entry(),
+                start: from_begin(),
             };
             return (bracket, grazes);
         }
@@ -155,7 +155,7 @@ fn segment<F: Flight>(
                 let bracket = Bracket {
                     low: begin,
                     high: middle,
-                    start: from_entry(),
+                    start: from_begin(),
                 };
                 return (bracket, grazes);
             }
@@ -164,7 +164,7 @@ fn segment<F: Flight>(
             let safe =
                 spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
-            if !safe && slope + k * half < flank && slope - k * half > -flank {
+            if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
                 let (poke, touches) = lowest(shape, *launch, flight, middle, slope);
                 grazes |= touches;
                 if let Some(mut bracket) = poke {
@@ -182,7 +182,7 @@ fn segment<F: Flight>(
         begin_steps += i64::from(turns) << 32;
     }
     let bracket = Bracket {
-        low: entry,
+        low: lift_off,
         high: through,
         start: through,
     };

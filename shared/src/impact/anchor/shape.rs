@@ -12,30 +12,30 @@ pub(crate) struct Shape {
     pub(super) inverse: f32,
     /// What of k is above 1.
     pub(super) excess: f32,
-    pub(super) flank: f32,
+    pub(super) lift_off_cosine: f32,
     pub(super) hump_length: f32,
-    /// The least square of the speed at height 0 of a high flight.
-    pub(super) high: f32,
-    /// The steepest slope down to a hump's entry from which its near side is told by the cubic.
+    /// The least square of the speed at height 0 of a tall flight.
+    pub(super) tall: f32,
+    /// The steepest slope down to a hump's begin from which its near side is told by the cubic.
     pub(super) skim: f32,
-    pub entry: u32,
+    pub lift_off: u32,
     pub hump: u32,
 }
 
 impl Shape {
     pub fn new(set_up: &SetUp) -> Self {
         // How far into a hump the cubic of [`Shape::clears`] holds.
-        let reach = (0.48 * set_up.flank / set_up.k).min(1.26);
+        let reach = (0.48 * set_up.lift_off_cosine / set_up.k).min(1.26);
         Self {
             k: set_up.k as f32,
             half_k: (0.5 * set_up.k) as f32,
             inverse: (1.0 / set_up.k) as f32,
             excess: (set_up.k - 1.0).max(0.0) as f32,
-            flank: set_up.flank as f32,
+            lift_off_cosine: set_up.lift_off_cosine as f32,
             hump_length: (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32,
-            high: set_up.high() as f32,
-            skim: (0.4 * set_up.flank * reach * reach) as f32,
-            entry: set_up.entry.bits(),
+            tall: set_up.tall() as f32,
+            skim: (0.4 * set_up.lift_off_cosine * reach * reach) as f32,
+            lift_off: set_up.lift_off.bits(),
             hump: set_up.hump,
         }
     }
@@ -43,52 +43,53 @@ impl Shape {
     /// Whether the track throws a part at `phase`: `sin > k`.
     #[inline(always)]
     pub fn throws(&self, phase: u32) -> bool {
-        phase.wrapping_sub(self.entry) < self.hump
+        phase.wrapping_sub(self.lift_off) < self.hump
     }
 
     /// Whether a down-crossing `steps` after launch at `phase` comes before the end of the next hump, and
     /// not so soon that it may be launch itself or is settled with more digits as a short hop.
     #[inline(always)]
     pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
-        let to_entry = self.entry.wrapping_sub(phase).wrapping_sub(1);
+        let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
         steps >= (0.8 * F::SHORT * STEPS_PER_RADIAN) as i64
-            && steps <= i64::from(to_entry) + i64::from(self.hump)
+            && steps <= i64::from(to_lift_off) + i64::from(self.hump)
     }
 
     /// Whether a down-crossing `steps` after launch comes before the hump after the next one, and the flight
     /// clears the next one.
     ///
-    /// From its entry, where `u` has the height `h` and falls at `p`, `u` is above `h - p x + f x^3 / 6`
-    /// with `f = 0.8 flank`, as far as `k x / (4 flank) + x^2 / 20 <= 0.2`. The least of that, at
+    /// From its begin, where `u` has the height `h` and falls at `p`, `u` is above `h - p x + f x^3 / 6`
+    /// with `f = 0.8 lift_off_cosine`, as far as `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The least of that, at
     /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; from there on `u` rises.
     #[inline(never)]
     pub fn clears(&self, launch: &Launch, steps: i64) -> bool {
-        let to_entry = self.entry.wrapping_sub(launch.phase).wrapping_sub(1);
-        let x = to_entry as f32 * RADIANS_PER_STEP;
+        let to_lift_off = self.lift_off.wrapping_sub(launch.phase).wrapping_sub(1);
+        let x = to_lift_off as f32 * RADIANS_PER_STEP;
         let v = launch.velocity + launch.cosine;
         let height = x * (v - self.half_k * x) - launch.pull - 1e-4;
-        let fall = larger(self.flank + self.k * x - v, 0.0) + 1e-5;
+        let fall = larger(self.lift_off_cosine + self.k * x - v, 0.0) + 1e-5;
         height > 0.0
             && fall < self.skim
-            && 0.8 * self.flank * height * height > (8.0 / 9.0) * fall * fall * fall
+            && 0.8 * self.lift_off_cosine * height * height > (8.0 / 9.0) * fall * fall * fall
             && steps > 0
-            && steps <= i64::from(to_entry) + Phase::STEPS
+            && steps <= i64::from(to_lift_off) + Phase::STEPS
     }
 
     /// `k - sin` where the difference of the rounded ones is small: by the distance from the nearer end
     /// of a hump, to which half a step of the phase is all that rounds.
     #[inline(never)]
-    pub fn pull_near_edge(&self, phase: u32) -> f32 {
-        let after_begin = phase.wrapping_sub(self.entry) as i32 as f32 * RADIANS_PER_STEP;
-        let before_end =
-            self.entry.wrapping_add(self.hump).wrapping_sub(phase) as i32 as f32 * RADIANS_PER_STEP;
+    pub fn pull_near_ends(&self, phase: u32) -> f32 {
+        let after_begin = phase.wrapping_sub(self.lift_off) as i32 as f32 * RADIANS_PER_STEP;
+        let before_end = self.lift_off.wrapping_add(self.hump).wrapping_sub(phase) as i32 as f32
+            * RADIANS_PER_STEP;
         let d = if abs(after_begin) < abs(before_end) {
             after_begin
         } else {
             before_end
         };
         let z = d * d;
-        let rise = self.flank * d * (1.0 - z * (1.0 / 6.0)) - self.k * z * (0.5 - z * (1.0 / 24.0));
+        let rise = self.lift_off_cosine * d * (1.0 - z * (1.0 / 6.0))
+            - self.k * z * (0.5 - z * (1.0 / 24.0));
         self.excess - rise
     }
 }

@@ -26,7 +26,7 @@ fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
 }
 
 /// What the cubic near launch says of the first impact.
-pub(super) enum Start {
+pub(super) enum ShortFlight {
     /// Nothing.
     Open,
     /// The first impact is `near` this flight time, as far as the cubic holds; whether the flight clears
@@ -37,33 +37,33 @@ pub(super) enum Start {
 }
 
 #[inline(always)]
-pub(super) fn start<F: Flight>(launch: &Launch) -> Start {
+pub(super) fn short_flight<F: Flight>(launch: &Launch) -> ShortFlight {
     let (limit, rounding) = (F::SHORT, F::PULL);
     if launch.sine > 0.96 && near_top::<F>(launch) {
-        return flat_start(*launch, limit, rounding);
+        return flat_hop(*launch, limit, rounding);
     }
     // u/d = psi - a1 d + a2 d^2 - ...
     let a1 = 0.5 * launch.pull;
     let a2 = launch.cosine * (1.0 / 6.0);
     if a1 <= 0.0 && a2 >= 0.0 {
-        return Start::Open;
+        return ShortFlight::Open;
     }
     let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
     if a1 > 0.0 {
         if a2 > 0.0 && discriminant < 0.2 * a1 * a1 {
-            return double_start(*launch, a1, a2, rounding);
+            return double_hop(*launch, a1, a2, rounding);
         }
         simple_hop(2.0 * launch.velocity / (a1 + root(discriminant)))
     } else if discriminant >= 0.0 {
         simple_hop((a1 - root(discriminant)) / (2.0 * a2))
     } else {
-        Start::Open
+        ShortFlight::Open
     }
 }
 
 /// The first root below `limit` of `u/d` where its cubic term decides.
 #[inline(never)]
-fn flat_start(launch: Launch, limit: f32, rounding: f32) -> Start {
+fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
     let a1 = 0.5 * launch.pull;
     let a2 = launch.cosine * (1.0 / 6.0);
     let a3 = launch.sine * (1.0 / 24.0);
@@ -86,9 +86,9 @@ fn flat_start(launch: Launch, limit: f32, rounding: f32) -> Start {
     } else if deflated(&launch, limit).0 <= 0.0 {
         limit
     } else if launch.pull > 0.0 && launch.cosine > 0.0 {
-        return Start::Clears { grazes };
+        return ShortFlight::Clears { grazes };
     } else {
-        return Start::Open;
+        return ShortFlight::Open;
     };
     for _ in 0..40 {
         let (w, w1) = deflated(&launch, x);
@@ -105,12 +105,12 @@ fn flat_start(launch: Launch, limit: f32, rounding: f32) -> Start {
             break;
         }
     }
-    Start::Hop { near: x, grazes }
+    ShortFlight::Hop { near: x, grazes }
 }
 
 #[inline(always)]
-fn simple_hop(near: f32) -> Start {
-    Start::Hop {
+fn simple_hop(near: f32) -> ShortFlight {
+    ShortFlight::Hop {
         near,
         grazes: false,
     }
@@ -118,11 +118,11 @@ fn simple_hop(near: f32) -> Start {
 
 /// Two nearly equal short roots: find the minimum of `u/d` between them.
 #[inline(never)]
-fn double_start(launch: Launch, a1: f32, a2: f32, rounding: f32) -> Start {
+fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
     let mut x = a1 / (2.0 * a2);
     // Beyond, heights keep enough digits.
     if x > 0.08 {
-        return Start::Open;
+        return ShortFlight::Open;
     }
     let (mut minimum, mut b2) = (0.0, 1.0);
     for _ in 0..4 {
@@ -134,10 +134,10 @@ fn double_start(launch: Launch, a1: f32, a2: f32, rounding: f32) -> Start {
     }
     let grazes = abs(minimum) < rounding * x + 4e-7 * launch.velocity;
     if minimum > 0.0 {
-        Start::Clears { grazes }
+        ShortFlight::Clears { grazes }
     } else {
         let near = x - root(-minimum / b2);
-        Start::Hop { near, grazes }
+        ShortFlight::Hop { near, grazes }
     }
 }
 

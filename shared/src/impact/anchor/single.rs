@@ -87,7 +87,7 @@ impl Single {
         }
         let mut pull = self.shape.k - sine;
         if pull < 1e-3 && pull > -1e-3 {
-            pull = self.shape.pull_near_edge(phase);
+            pull = self.shape.pull_near_ends(phase);
         }
         // At lift-off itself the pull must not be rounded against the phase, nor to 0.
         launch.pull = if throws {

@@ -25,7 +25,7 @@ pub(super) struct Columns {
     flight: Aligned<LANES>,
     k: Aligned<LANES>,
     per_k: Aligned<LANES>,
-    edge: Aligned<LANES>,
+    lift_off: Aligned<LANES>,
     restitution: Aligned<LANES>,
 }
 
@@ -38,7 +38,7 @@ impl Columns {
         flight: Aligned::ZERO,
         k: Aligned::ZERO,
         per_k: Aligned::ZERO,
-        edge: Aligned::ZERO,
+        lift_off: Aligned::ZERO,
         restitution: Aligned::ZERO,
     };
 
@@ -46,7 +46,7 @@ impl Columns {
     pub fn put(&mut self, lane: usize, track: &Track<f64>, restitution: f64) {
         self.k.0[lane] = track.k;
         self.per_k.0[lane] = track.per_k;
-        self.edge.0[lane] = track.edge;
+        self.lift_off.0[lane] = track.lift_off;
         self.restitution.0[lane] = restitution;
     }
 
@@ -98,8 +98,8 @@ impl Columns {
         Track {
             k,
             per_k: L::load(&self.per_k.0, at),
-            edge: L::load(&self.edge.0, at),
-            edge_cosine: Track::edge_cosine(k),
+            lift_off: L::load(&self.lift_off.0, at),
+            lift_off_cosine: Track::lift_off_cosine(k),
         }
     }
 
@@ -137,8 +137,8 @@ impl Columns {
         Track {
             k,
             per_k: L::pick(&self.per_k.0, lanes),
-            edge: L::pick(&self.edge.0, lanes),
-            edge_cosine: Track::edge_cosine(k),
+            lift_off: L::pick(&self.lift_off.0, lanes),
+            lift_off_cosine: Track::lift_off_cosine(k),
         }
     }
 

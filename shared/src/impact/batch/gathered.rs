@@ -21,8 +21,8 @@ pub(super) fn advance<L: Lane>(
     resting: &mut Set,
     grazing: &mut Set,
 ) {
-    let [talls, shorts, homes, lows] = &mut now.queues;
-    let mut queues = [talls, shorts, homes, lows].map(|queue| queue.registers(L::WIDTH));
+    let [talls, shorts, onces, lows] = &mut now.queues;
+    let mut queues = [talls, shorts, onces, lows].map(|queue| queue.registers(L::WIDTH));
     let mut registers = [([0; WIDEST], 0); ROOM];
     loop {
         let mut count = 0;
@@ -101,7 +101,7 @@ fn begin<L: Lane>(
     match kind {
         Kind::Tall => stages.put_crossing(n, &tall::crossing(&track, &launch)),
         Kind::Short => stages.put_guess(n, short::guess(&track, &launch)),
-        Kind::Home => stages.put_stretch(n, &low::home(&track, &launch)),
+        Kind::Once => stages.put_stretch(n, &low::once(&track, &launch)),
         Kind::Low => stages.put_stretch(n, &low::stretch(&track, &launch)),
     }
 }

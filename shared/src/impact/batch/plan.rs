@@ -9,12 +9,12 @@ use crate::impact::double::launch::{Launch, Track};
 pub(super) enum Kind {
     Tall,
     Short,
-    Home,
+    Once,
     Low,
 }
 
 impl Kind {
-    pub const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Home, Self::Low];
+    pub const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Once, Self::Low];
 }
 
 /// The lanes that fly next.
@@ -64,10 +64,10 @@ impl Plan {
         }
         let left = left & !rests;
         let short = L::bits(launch.is_short(track)) & left;
-        let home = L::bits(launch.is_home(track)) & left & !short;
-        let [_, shorts, homes, lows] = &mut self.queues;
+        let once = L::bits(launch.meets_once(track)) & left & !short;
+        let [_, shorts, onces, lows] = &mut self.queues;
         shorts.push_chosen::<L>(lanes, short);
-        homes.push_chosen::<L>(lanes, home);
-        lows.push_chosen::<L>(lanes, left & !(short | home));
+        onces.push_chosen::<L>(lanes, once);
+        lows.push_chosen::<L>(lanes, left & !(short | once));
     }
 }

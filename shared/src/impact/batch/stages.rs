@@ -67,17 +67,17 @@ impl Stages {
 
     #[inline(always)]
     pub fn put_track<L: Lane>(&mut self, n: usize, track: &Track<L>) {
-        self.put(n, TRACK, [track.k, track.per_k, track.edge]);
+        self.put(n, TRACK, [track.k, track.per_k, track.lift_off]);
     }
 
     #[inline(always)]
     pub fn track<L: Lane>(&self, n: usize) -> Track<L> {
-        let [k, per_k, edge] = self.get(n, TRACK);
+        let [k, per_k, lift_off] = self.get(n, TRACK);
         Track {
             k,
             per_k,
-            edge,
-            edge_cosine: Track::edge_cosine(k),
+            lift_off,
+            lift_off_cosine: Track::lift_off_cosine(k),
         }
     }
 

@@ -113,7 +113,7 @@ struct Polished {
 }
 
 /// 2 pi.
-const TURN: Twofold = Twofold {
+const TWO_PI: Twofold = Twofold {
     high: TAU,
     low: 256.0 * node::SPACING_REST,
 };
@@ -121,12 +121,12 @@ const TURN: Twofold = Twofold {
 /// `angle` less than 2 turns, in 0..2 pi.
 fn turned(angle: Twofold) -> Twofold {
     let angle = if angle.high < 0.0 {
-        angle.plus(TURN)
+        angle.plus(TWO_PI)
     } else {
         angle
     };
     let angle = if angle.high >= TAU {
-        angle.minus(TURN)
+        angle.minus(TWO_PI)
     } else {
         angle
     };

@@ -7,7 +7,7 @@
 //!   monotone stretch;
 //! - [`short`]: over within a fraction of a turn; solved for `u/d`, which keeps every digit down to the
 //!   smallest hops;
-//! - [home](low::home): over before the track next pushes as hard as k, or faster at height 1 than the
+//! - [once](low::once): over before the track next pushes as hard as k, or faster at height 1 than the
 //!   track ever moves; so it meets the track once;
 //! - [`low`]: anything else that closed forms can certify;
 //! - left to [`search`] where a decision comes close to rounding.
@@ -63,8 +63,8 @@ fn not_tall(
     let (landing, certain) = if f64::any(launch.is_short(track)) {
         short::landing(track, &launch, short::guess(track, &launch))
     } else {
-        let stretch = if f64::any(launch.is_home(track)) {
-            low::home(track, &launch)
+        let stretch = if f64::any(launch.meets_once(track)) {
+            low::once(track, &launch)
         } else {
             low::stretch(track, &launch)
         };
@@ -87,7 +87,7 @@ pub(crate) fn hard(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, b
         low::careful(track, launch)
     };
     careful.map_or_else(
-        || search::landing(track, launch, search::Envelope::Skip),
+        || search::landing(track, launch, search::PassedHumps::Skip),
         |landing| (landing, false),
     )
 }

@@ -12,9 +12,9 @@ pub(crate) struct Track<L> {
     /// `1/k`.
     pub per_k: L,
     /// `arcsin k`, where the track's acceleration passes the ball's going up; pi/2 where k >= 1.
-    pub edge: L,
-    /// Cosine of `edge`.
-    pub edge_cosine: L,
+    pub lift_off: L,
+    /// Cosine of `lift_off`.
+    pub lift_off_cosine: L,
 }
 
 impl Track<f64> {
@@ -23,16 +23,16 @@ impl Track<f64> {
         Self {
             k,
             per_k: 1.0 / k,
-            edge: if k < 1.0 { libm::asin(k) } else { FRAC_PI_2 },
-            edge_cosine: Self::edge_cosine(k),
+            lift_off: if k < 1.0 { libm::asin(k) } else { FRAC_PI_2 },
+            lift_off_cosine: Self::lift_off_cosine(k),
         }
     }
 }
 
 impl<L: Lane> Track<L> {
-    /// Cosine of the edge of `k`.
+    /// Cosine of the phase of lift-off.
     #[inline(always)]
-    pub fn edge_cosine(k: L) -> L {
+    pub fn lift_off_cosine(k: L) -> L {
         let (zero, one) = (L::splat(0.0), L::splat(1.0));
         ((one - k) * (one + k)).max(zero).sqrt()
     }
@@ -43,17 +43,18 @@ impl<L: Lane> Track<L> {
         self.k * L::splat(0.5)
     }
 
-    /// `sin(edge)`: k, at most 1.
+    /// Sine of the phase of lift-off: k, at most 1.
     #[inline(always)]
-    pub(super) fn edge_sine(&self) -> L {
+    pub(super) fn lift_off_sine(&self) -> L {
         self.k.min(L::splat(1.0))
     }
 
-    /// Phase where the track stops pushing, `pi - edge`: between it and the next edge `u` is concave,
-    /// from `edge` to it `u` is convex (a hump of the track).
+    /// Phase where the track stops pushing, `pi - arcsin k`: between it and the next
+    /// lift-off `u` is concave,
+    /// from lift-off to it `u` is convex (a hump of the track).
     #[inline(always)]
     pub(super) fn hump_end(&self) -> L {
-        L::splat(PI) - self.edge
+        L::splat(PI) - self.lift_off
     }
 }
 
@@ -119,10 +120,10 @@ impl<L: Lane> Launch<L> {
         v * v + (track.k + track.k) * self.sine
     }
 
-    /// How long until the track next pushes harder than k: the edge that comes.
+    /// How long until the track next pushes harder than k: the begin of the next hump.
     #[inline(always)]
     pub(super) fn wait(&self, track: &Track<L>) -> L {
-        let wait = track.edge - self.phase;
+        let wait = track.lift_off - self.phase;
         wait + L::splat(TAU).only(!L::splat(0.0).below(wait))
     }
 

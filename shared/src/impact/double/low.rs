@@ -13,10 +13,10 @@ use super::step::{Close, Landing, Local, Near, householder, in_turn};
 use crate::arithmetic::lane::{Lane, ROUNDER, floor};
 use crate::arithmetic::node;
 
-/// The track about the middle of a half turn, `sin(pi/2 + x) ~ TOP - BEND x^2`: within 0.028 up to 1.45 rad, 0.059 at
+/// The track about the middle of a half turn, `sin(pi/2 + x) ~ CREST - BEND x^2`: within 0.028 up to 1.45 rad, 0.059 at
 /// its ends.
-const TOP: f64 = 0.972;
-/// See [`TOP`].
+const CREST: f64 = 0.972;
+/// See [`CREST`].
 const BEND: f64 = 0.4177;
 
 /// Flights shorter than this are left to the search, which keeps their relative accuracy.
@@ -42,17 +42,17 @@ impl<L: Lane> Launch<L> {
     }
 
     /// Whether the flight, if it is neither tall nor short, meets the track once: it
-    /// [is certified](Self::is_certified), or over before the edge that comes, as the ball is below the
+    /// [is certified](Self::is_certified), or over before the next hump, as the ball is below the
     /// track there. Up to there the gap is concave, or convex (and grows) and then concave; so it has one
     /// root.
     #[inline(always)]
-    pub fn is_home(&self, track: &Track<L>) -> L::Mask {
+    pub fn meets_once(&self, track: &Track<L>) -> L::Mask {
         let height = self.height(track, self.wait(track));
-        self.is_certified(track) | (height + L::splat(SPARE)).below(track.edge_sine())
+        self.is_certified(track) | (height + L::splat(SPARE)).below(track.lift_off_sine())
     }
 }
 
-/// Signs of the gap at a hump's begin, middle and end, from one turn's edge at `begin`.
+/// Signs of the gap at a hump's begin, middle and end, of the turn that begins at `turn`.
 struct Hump<L: Lane> {
     begin_above: L::Mask,
     begin_below: L::Mask,
@@ -70,15 +70,15 @@ impl<L: Lane> Hump<L> {
     fn at(track: &Track<L>, launch: &Launch<L>, turn: L, margin: L) -> Self {
         let zero = L::splat(0.0);
         let v = launch.rise();
-        let begin = turn + track.edge;
+        let begin = turn + track.lift_off;
         let middle = turn + L::splat(FRAC_PI_2);
         let end = turn + track.hump_end();
-        let u_begin = launch.height(track, begin) - track.edge_sine();
+        let u_begin = launch.height(track, begin) - track.lift_off_sine();
         let u_middle = launch.height(track, middle) - L::splat(1.0);
-        let u_end = launch.height(track, end) - track.edge_sine();
-        let slope_begin = (v - track.k * begin) - track.edge_cosine;
+        let u_end = launch.height(track, end) - track.lift_off_sine();
+        let slope_begin = (v - track.k * begin) - track.lift_off_cosine;
         let slope_middle = v - track.k * middle;
-        let slope_end = (v - track.k * end) + track.edge_cosine;
+        let slope_end = (v - track.k * end) + track.lift_off_cosine;
         // u is convex here: it lies above its tangents, and 1 - cos x >= 4 x^2/pi^2.
         let bend = L::splat(4.0 / (PI * PI)) - track.half();
         let above_parabola =
@@ -144,7 +144,7 @@ impl<L: Lane> Stretch<L> {
         high: L,
         certain: L::Mask,
     ) -> Self {
-        let top = L::select(upper, L::splat(TOP), L::splat(-TOP));
+        let top = L::select(upper, L::splat(CREST), L::splat(-CREST));
         let bend = L::select(upper, L::splat(BEND), L::splat(-BEND)) - track.half();
         let gap = launch.height(track, centre) - top;
         let slope = launch.rise() - track.k * centre;
@@ -158,11 +158,11 @@ impl<L: Lane> Stretch<L> {
     }
 }
 
-/// The stretch that a flight which [is home](Launch::is_home) ends in: in the half turn in which its
+/// The stretch that a flight which [meets the track once](Launch::meets_once) ends in: in the half turn in which its
 /// parabola falls through height 0, as there the track is not at the height of the ball where its sine is
 /// zero.
 #[inline(always)]
-pub(crate) fn home<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
+pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
     let (zero, quarter) = (L::splat(0.0), L::splat(FRAC_PI_2));
     let (v, k) = (launch.rise(), track.k);
     let high = L::select(
@@ -179,7 +179,7 @@ pub(crate) fn home<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> 
     let to_middle = L::select(turns.below(whole), -quarter, quarter);
     let centre = (whole * L::splat(TAU) - launch.phase) + to_middle;
     let bend = to_middle * L::splat(BEND / FRAC_PI_2) - track.half();
-    let below = launch.sine - to_middle * L::splat(TOP / FRAC_PI_2);
+    let below = launch.sine - to_middle * L::splat(CREST / FRAC_PI_2);
     let gap = below + centre * (v - track.half() * centre);
     let slope = v - k * centre;
     // A flight that is over soon is better seen from its launch, by u/d.
@@ -210,7 +210,7 @@ pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<
     let crossing = L::select(level.below(zero), zero, crossing.max(zero));
     // The turn of the crossing begins at `base`; its hump at `begin`.
     let base = floor((launch.phase + crossing) * L::splat(1.0 / TAU)) * turn - launch.phase;
-    let begin = base + track.edge;
+    let begin = base + track.lift_off;
     let end = base + track.hump_end();
     let lower = !(crossing - base).below(L::splat(PI));
 
@@ -250,7 +250,7 @@ pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<
         let passes = !certified & turn.below(begin);
         if L::any(passes) {
             let first = L::select(
-                launch.phase.below(track.edge),
+                launch.phase.below(track.lift_off),
                 -launch.phase,
                 turn - launch.phase,
             );
@@ -284,7 +284,7 @@ pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<
 #[inline(always)]
 fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin: L) -> L::Mask {
     let bar = L::splat(1.0) + margin;
-    !launch.height(track, from + track.edge).below(bar)
+    !launch.height(track, from + track.lift_off).below(bar)
         & !launch.height(track, to + track.hump_end()).below(bar)
 }
 
@@ -332,8 +332,8 @@ pub(crate) fn landing<L: Lane>(
 /// certain then either.
 #[cold]
 pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
-    let stretch = if f64::any(launch.is_home(track)) {
-        home(track, launch)
+    let stretch = if f64::any(launch.meets_once(track)) {
+        once(track, launch)
     } else {
         stretch(track, launch)
     };

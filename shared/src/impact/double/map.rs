@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use super::first::first_impact;
 use super::launch::{Launch, Track};
-use super::search::{self, Envelope};
+use super::search::{self, PassedHumps};
 use super::step::Landing;
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
@@ -32,12 +32,12 @@ impl Map {
     /// The first impact by the certified search alone, without the closed forms: slower, the same root
     /// to rounding.
     #[must_use]
-    pub fn search(&self, state: State, envelope: Envelope) -> Impact<State> {
+    pub fn search(&self, state: State, passed: PassedHumps) -> Impact<State> {
         let launch = Launch::new(state.phase, state.velocity);
         let rests = f64::any(launch.rests(&self.track));
         self.impact_of(
             state,
-            (!rests).then(|| search::landing(&self.track, &launch, envelope)),
+            (!rests).then(|| search::landing(&self.track, &launch, passed)),
         )
     }
 
@@ -69,7 +69,7 @@ impl Map {
     /// (k >= 1).
     #[must_use]
     pub fn lift_off(&self) -> Option<f64> {
-        (self.track.k < 1.0).then_some(self.track.edge)
+        (self.track.k < 1.0).then_some(self.track.lift_off)
     }
 
     /// Restitution of this map.
@@ -135,8 +135,8 @@ mod tests {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
             let map = Map::build(0.01 + spread(0.618_034), 0.5).unwrap();
             let state = Map::state(7.0 * spread(0.414_214), 9.0 * spread(0.732_051)).unwrap();
-            let skipped = map.search(state, Envelope::Skip);
-            assert_eq!(skipped, map.search(state, Envelope::Walk));
+            let skipped = map.search(state, PassedHumps::Skip);
+            assert_eq!(skipped, map.search(state, PassedHumps::Walk));
             // The closed forms find the same root: a condition of 1e3 times a few roundings.
             let impact = map.impact(state);
             let off = (impact.flight - skipped.flight).abs();

@@ -14,4 +14,4 @@ mod search;
 
 pub use exact::{Exact, Refined};
 pub use map::Map;
-pub use search::Envelope;
+pub use search::PassedHumps;

@@ -1,7 +1,7 @@
 //! The certified search: for flights whose decisions come close to rounding.
 //!
-//! It walks the stretches of the track in order. Between a hump's end and the next edge the gap is
-//! concave, so its sign at the edge tells whether the stretch holds the impact; over a hump it is
+//! It walks the stretches of the track in order. Between a hump's end and the begin of the next the gap
+//! is concave, so its sign there tells whether the stretch holds the impact; over a hump it is
 //! convex, so the sign of its minimum does. Nothing can be jumped over, every root is bracketed.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -71,7 +71,7 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
 
 /// What the search does with the humps of the track while the ball is above all of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Envelope {
+pub enum PassedHumps {
     /// It jumps over them: no impact is possible there.
     #[default]
     Skip,
@@ -85,34 +85,37 @@ pub enum Envelope {
 pub(crate) fn landing(
     track: &Track<f64>,
     launch: &Launch<f64>,
-    envelope: Envelope,
+    passed: PassedHumps,
 ) -> (Landing<f64>, bool) {
     let path = Flight { track, launch };
     let v = launch.rise();
     let leaving = launch.leaving(track);
     // While the ball is above height 1 no hump reaches it.
-    let (above_from, above_to) = if envelope == Envelope::Skip && v > 0.0 && leaving > 0.0 {
+    let (above_from, above_to) = if passed == PassedHumps::Skip && v > 0.0 && leaving > 0.0 {
         let root = square_root(leaving);
         ((v - root) * track.per_k, (v + root) * track.per_k)
     } else {
         (f64::INFINITY, 0.0)
     };
-    let width = 2.0 * (FRAC_PI_2 - track.edge);
-    let hump_end = PI - track.edge;
+    let width = 2.0 * (FRAC_PI_2 - track.lift_off);
+    let hump_end = PI - track.lift_off;
     // At rest up to lift-off, or a rounding before it: the hump has begun.
     let lifting = launch.velocity == 0.0 && launch.cosine > 0.0 && launch.phase < hump_end;
-    let (mut low, first) = if launch.phase < track.edge && !lifting {
-        (0.0, track.edge - launch.phase)
+    let (mut low, first) = if launch.phase < track.lift_off && !lifting {
+        (0.0, track.lift_off - launch.phase)
     } else if launch.phase < hump_end {
-        (hump_end - launch.phase, (track.edge - launch.phase) + TAU)
+        (
+            hump_end - launch.phase,
+            (track.lift_off - launch.phase) + TAU,
+        )
     } else {
-        (0.0, (track.edge - launch.phase) + TAU)
+        (0.0, (track.lift_off - launch.phase) + TAU)
     };
     let mut turns = 0.0;
     let mut grazes = false;
     loop {
         let begin = first + turns * TAU;
-        let at_begin = gap_at_edge(track, launch, begin);
+        let at_begin = gap_at_lift_off(track, launch, begin);
         if at_begin.value <= 0.0 {
             return root(&path, low, begin, grazes);
         }
@@ -145,11 +148,11 @@ pub(crate) fn landing(
 }
 
 /// The gap where the track's acceleration passes k going up.
-fn gap_at_edge(track: &Track<f64>, launch: &Launch<f64>, begin: f64) -> Gap {
+fn gap_at_lift_off(track: &Track<f64>, launch: &Launch<f64>, begin: f64) -> Gap {
     let mut at = gap(track, launch, begin);
     if begin >= LONGEST {
         at.value = launch.height(track, begin) - track.k.min(1.0);
-        at.slope = (launch.rise() - track.k * begin) - track.edge_cosine;
+        at.slope = (launch.rise() - track.k * begin) - track.lift_off_cosine;
     }
     at
 }

@@ -118,7 +118,7 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
 }
 
 /// Whether a landing is the first: u is concave from the launch, or convex and then concave, up to the
-/// next edge, so it has one root there.
+/// next hump, so it has one root there.
 #[inline(always)]
 fn holds<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) -> L::Mask {
     let (d, zero) = (landing.flight, L::splat(0.0));

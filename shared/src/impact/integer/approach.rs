@@ -8,7 +8,7 @@ use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::node;
 
 /// Where steps on nodes start: a node `late` rad after the part was at height `base`, going down at `speed`.
-pub(super) struct Approach {
+pub(super) struct StepsFrom {
     node: i32,
     late: Fixed<17>,
     speed: Fixed<13>,
@@ -31,10 +31,10 @@ fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
 }
 
 impl Ballistic<'_> {
-    /// The impact of a high flight, nearly; see the search of the kernels with an FPU.
+    /// The impact of a tall flight, nearly; see the search of the kernels with an FPU.
     #[inline(always)]
     pub(super) fn fall(&self) -> Option<(i32, Fixed<34>)> {
-        let crossing = self.crossing(self.constants.high)?;
+        let crossing = self.crossing(self.constants.tall)?;
         self.approach(crossing)
     }
 
@@ -51,9 +51,9 @@ impl Ballistic<'_> {
     }
 
     /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
-    /// `high`.
+    /// `least`.
     #[inline(always)]
-    pub(super) fn crossing(&self, high_square: Fixed<27>) -> Option<Approach> {
+    pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom> {
         let constants = self.constants;
         let Fixed(rise) = self.rise();
         if rise <= 0 {
@@ -68,8 +68,8 @@ impl Ballistic<'_> {
         let shift = 28 - 2 * scale;
         // 2 k sin, and so the square of the speed at the top of the track and at height 0.
         let lift = constants.k.times::<30, 28>(self.sine).scaled::<27>();
-        let needed = high_square.wrapping_sub(lift).0 as u32;
-        if lift < high_square && (v * v) >> 1 < needed >> shift {
+        let needed = least.wrapping_sub(lift).0 as u32;
+        if lift < least && (v * v) >> 1 < needed >> shift {
             return None;
         }
         let square = (v * v).wrapping_add(((lift.0 >> shift) << 1) as u32);
@@ -91,7 +91,7 @@ impl Ballistic<'_> {
             turns = time_of(speed);
         }
         let (node, late) = nearest_node(self.turns().wrapping_add(turns).signed());
-        Some(Approach {
+        Some(StepsFrom {
             node,
             late,
             speed: speed.to::<13>().signed(),
@@ -101,8 +101,8 @@ impl Ballistic<'_> {
 
     /// Steps on nodes until they are short: a node and the distance from it in rad.
     #[inline(never)]
-    pub(super) fn approach(&self, from: Approach) -> Option<(i32, Fixed<34>)> {
-        let Approach {
+    pub(super) fn approach(&self, from: StepsFrom) -> Option<(i32, Fixed<34>)> {
+        let StepsFrom {
             mut node,
             mut late,
             speed,
@@ -180,7 +180,7 @@ impl Ballistic<'_> {
                 if near < Fixed::<17>::of(4.0) {
                     let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
                     let (node, late) = nearest_node(self.turns().signed() + turns);
-                    return self.approach(Approach {
+                    return self.approach(StepsFrom {
                         node,
                         late: near + late,
                         speed: -self.rise().to::<13>(),

@@ -30,20 +30,20 @@ pub(super) fn turn_steps(angle: Fixed<24>) -> i64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Constants {
     /// Phase where a hump begins, and its length.
-    pub entry: u32,
+    pub lift_off: u32,
     pub hump: u32,
     /// k.
     pub k: Fixed<28>,
     /// k modulo 4.
     pub threshold: Fixed<30>,
-    /// Slope of the sine at the entry of a hump.
-    pub flank: Fixed<26>,
+    /// Slope of the sine at the begin of a hump.
+    pub lift_off_cosine: Fixed<26>,
     /// k pi.
     pub half_turn_fall: Fixed<48, i64>,
     /// 1 / (2 pi k).
     pub inverse: Fixed<24, u32>,
-    /// The least square of the speed at height 0 of a high flight.
-    pub high: Fixed<27>,
+    /// The least square of the speed at height 0 of a tall flight.
+    pub tall: Fixed<27>,
     /// Restitution, 1 as 1 - 2^-32.
     pub restitution: Fixed<32, u32>,
 }
@@ -53,14 +53,14 @@ impl Constants {
     pub fn new(set_up: &SetUp, restitution: f64) -> Self {
         let k = set_up.k;
         Self {
-            entry: set_up.entry.bits(),
+            lift_off: set_up.lift_off.bits(),
             hump: set_up.hump,
             k: Fixed::<28>::nearest(k),
             threshold: Fixed::<30, i64>::nearest(k).narrow(),
-            flank: Fixed::<26>::nearest(set_up.flank),
+            lift_off_cosine: Fixed::<26>::nearest(set_up.lift_off_cosine),
             half_turn_fall: Fixed::<48, i64>::nearest(k * PI),
             inverse: Fixed::<24, u32>::nearest(1.0 / (TAU * k)),
-            high: Fixed::<27>::nearest(set_up.high()),
+            tall: Fixed::<27>::nearest(set_up.tall()),
             restitution: Fixed::<32, u32>::nearest(restitution),
         }
     }
@@ -72,10 +72,10 @@ impl Constants {
         steps >= SHORT && steps <= self.limit(phase)
     }
 
-    /// Steps from `phase` to the end of the next hump, and no fewer than 1 to its entry.
+    /// Steps from `phase` to the end of the next hump, and no fewer than 1 to its begin.
     #[inline(always)]
     pub fn limit(&self, phase: u32) -> i64 {
-        let to_entry = self.entry.wrapping_sub(phase).wrapping_sub(1);
-        i64::from(to_entry) + i64::from(self.hump)
+        let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
+        i64::from(to_lift_off) + i64::from(self.hump)
     }
 }

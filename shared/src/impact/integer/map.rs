@@ -2,7 +2,7 @@
 
 use super::ballistic::Ballistic;
 use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
-use super::short::Start;
+use super::short::ShortFlight;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::sine_cosine_narrow;
 use crate::arithmetic::{Phase, Velocity};
@@ -59,7 +59,7 @@ impl Integer {
                 return flight.landing(settled.steps, settled.speed, false);
             }
         }
-        let throws = phase.wrapping_sub(constants.entry) < constants.hump;
+        let throws = phase.wrapping_sub(constants.lift_off) < constants.hump;
         if state.velocity == Velocity::ZERO && !throws {
             return Landing {
                 steps: 0,
@@ -81,8 +81,8 @@ impl Integer {
                 return flight.landing(settled.steps, settled.speed, false);
             }
         }
-        let (clears, skims) = match flight.start(throws) {
-            Start::Hop {
+        let (clears, skims) = match flight.short_flight(throws) {
+            ShortFlight::Hop {
                 flight: d,
                 arrival,
                 grazes,
@@ -91,8 +91,8 @@ impl Integer {
                 let steps = i64::from((turns + Fixed::<34>(2)).to::<32>().0);
                 return flight.landing(steps, arrival.max(Fixed::<26>::ZERO), grazes);
             }
-            Start::Clears { grazes } => (true, grazes),
-            Start::Open => (false, false),
+            ShortFlight::Clears { grazes } => (true, grazes),
+            ShortFlight::Open => (false, false),
         };
         let (bracket, grazes) = flight.segment(throws, clears);
         let (node, local, offset) = flight.solve(bracket);

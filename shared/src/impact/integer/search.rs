@@ -27,37 +27,37 @@ impl Ballistic<'_> {
         if constants.hump == 0 {
             return (self.concave(), false);
         }
-        let to_entry = match constants.entry.wrapping_sub(self.phase) {
+        let to_lift_off = match constants.lift_off.wrapping_sub(self.phase) {
             0 => Phase::STEPS,
             steps => i64::from(steps),
         };
-        let (over, velocity) = self.over(to_entry, constants.threshold);
+        let (over, velocity) = self.over(to_lift_off, constants.threshold);
         if over <= Fixed::<30>::ZERO && !clears {
             let low = if throws {
-                (to_entry - (Phase::STEPS - i64::from(constants.hump))).max(0)
+                (to_lift_off - (Phase::STEPS - i64::from(constants.hump))).max(0)
             } else {
                 0
             };
-            let start = from_entry(to_entry, over, velocity - constants.flank, low);
+            let start = from_begin(to_lift_off, over, velocity - constants.lift_off_cosine, low);
             let bracket = Bracket {
                 low,
-                high: to_entry,
+                high: to_lift_off,
                 start,
             };
             return (bracket, false);
         }
-        let mut begin = to_entry;
-        let mut slope = velocity - constants.flank;
+        let mut begin = to_lift_off;
+        let mut slope = velocity - constants.lift_off_cosine;
         let mut height = over;
         if clears {
             begin += Phase::STEPS;
-            (height, slope) = self.entry(begin);
+            (height, slope) = self.at_begin(begin);
         }
         let mut grazes = false;
         for _ in 0..16 {
             if height <= Fixed::<30>::ZERO {
                 let low = begin - (Phase::STEPS - i64::from(constants.hump));
-                let start = from_entry(begin, height, slope, low);
+                let start = from_begin(begin, height, slope, low);
                 let bracket = Bracket {
                     low,
                     high: begin,
@@ -75,7 +75,7 @@ impl Ballistic<'_> {
                 if over_top <= -BARELY {
                     Some((middle, middle))
                 } else if slope < Fixed::<26>::ZERO
-                    && end_velocity + constants.flank > Fixed::<26>::ZERO
+                    && end_velocity + constants.lift_off_cosine > Fixed::<26>::ZERO
                     && !self.is_safe(over_top, top_velocity)
                 {
                     let (poke, touches) = self.lowest(begin, end);
@@ -86,7 +86,7 @@ impl Ballistic<'_> {
                 }
             };
             if let Some((high_end, farthest)) = high_end {
-                let start = from_entry(begin, height, slope, begin).min(farthest);
+                let start = from_begin(begin, height, slope, begin).min(farthest);
                 let bracket = Bracket {
                     low: begin,
                     high: high_end,
@@ -95,27 +95,27 @@ impl Ballistic<'_> {
                 return (bracket, grazes);
             }
             begin = self.skip(begin) + Phase::STEPS;
-            (height, slope) = self.entry(begin);
+            (height, slope) = self.at_begin(begin);
         }
         let bracket = Bracket {
-            low: to_entry,
+            low: to_lift_off,
             high: begin,
             start: begin,
         };
         (bracket, true)
     }
 
-    /// Height over k and slope over the track at the entry of a hump.
+    /// Height over k and slope over the track at the begin of a hump.
     #[inline(always)]
-    pub(super) fn entry(&self, begin: i64) -> (Fixed<30>, Fixed<26>) {
+    pub(super) fn at_begin(&self, begin: i64) -> (Fixed<30>, Fixed<26>) {
         let (height, velocity) = self.over(begin, self.constants.threshold);
-        (height, velocity - self.constants.flank)
+        (height, velocity - self.constants.lift_off_cosine)
     }
 
     /// The bracket where the track is concave throughout: up to where the parabola leaves height -1.
     #[inline(never)]
     pub(super) fn concave(&self) -> Bracket {
-        // v^2 + 2 k (1 + sin), below 37 where the flight is not high.
+        // v^2 + 2 k (1 + sin), below 37 where the flight is not tall.
         let rise = self.rise.narrow::<26>();
         let v = rise.to::<13>();
         let lift = self.sine.to::<29>() + Fixed::<29>::of(1.0);
@@ -204,13 +204,13 @@ impl Ballistic<'_> {
     }
 }
 
-/// Where Newton's step leads from the entry of a hump, steps of a phase, not before `low`.
+/// Where Newton's step leads from the begin of a hump, steps of a phase, not before `low`.
 #[inline(always)]
-fn from_entry(entry: i64, height: Fixed<30>, slope: Fixed<26>, low: i64) -> i64 {
+fn from_begin(lift_off: i64, height: Fixed<30>, slope: Fixed<26>, low: i64) -> i64 {
     if slope >= Fixed::<26>::ZERO {
-        return entry;
+        return lift_off;
     }
     let step: Fixed<24> = Reciprocal::coarse(slope.unsigned_abs()).times(height);
     let farthest = Fixed::<24>::of(3.0);
-    (entry + turn_steps(step.clamp(-farthest, farthest))).max(low)
+    (lift_off + turn_steps(step.clamp(-farthest, farthest))).max(low)
 }

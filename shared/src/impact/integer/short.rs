@@ -9,7 +9,7 @@ const LONGEST: Fixed<34> = Fixed::<34>::of(1.0 / 16.0);
 /// The flight near launch: its height is `d (2 psi - d G) / 2` with
 /// `G = pull - cos d / 3 + sin d^2 / 12`. How many places its numbers have is known as it flies only.
 #[derive(Clone, Copy)]
-struct Near {
+struct NearLaunch {
     /// `k - sin` and sine of the phase of launch, cosine / 3: steps of 2^(down - 30).
     pull: i32,
     sine: i32,
@@ -20,7 +20,7 @@ struct Near {
     down: u32,
 }
 
-impl Near {
+impl NearLaunch {
     #[inline(always)]
     fn new(pull: i32, sine: i32, cosine: i32, velocity: u32, down: u32) -> Self {
         Self {
@@ -62,7 +62,7 @@ impl Near {
     /// The hop where `d G` reaches 2 psi, by Newton's steps from near it, or from its left on a concave
     /// or its right on a convex `d G`.
     #[inline(always)]
-    fn hop(&self, mut d: Fixed<34>) -> Start {
+    fn hop(&self, mut d: Fixed<34>) -> ShortFlight {
         let mut round = 0;
         loop {
             let (mean, slope) = self.mean_and_slope(d);
@@ -86,7 +86,7 @@ impl Near {
                 let grazes = self.down == 0
                     && slope.unsigned_abs() < 1 << 15
                     && slope * slope < high(self.cosine, d.0);
-                return Start::Hop {
+                return ShortFlight::Hop {
                     flight: d,
                     arrival,
                     grazes,
@@ -97,7 +97,7 @@ impl Near {
 
     /// The hop from the right end, 1/16 rad, if there is one before it.
     #[inline(never)]
-    fn before_end(&self) -> Start {
+    fn before_end(&self) -> ShortFlight {
         let mut d = LONGEST - Fixed::<34>::STEP;
         let (mean, _) = self.mean_and_slope(d);
         if self.twice >= wide_signed(d.0, mean) {
@@ -105,11 +105,11 @@ impl Near {
             // and 2 psi is above it.
             let clears = self.down == 0 && self.pull > 0 && self.pull < self.cosine >> 5;
             return if clears {
-                Start::Clears {
+                ShortFlight::Clears {
                     grazes: self.skims(),
                 }
             } else {
-                Start::Open
+                ShortFlight::Open
             };
         }
         for _ in 0..60 {
@@ -125,7 +125,7 @@ impl Near {
         }
         let (_, slope) = self.mean_and_slope(d);
         let arrival = Fixed(high(d.0, slope.max(0)) >> (7 - self.down));
-        Start::Hop {
+        ShortFlight::Hop {
             flight: d,
             arrival,
             grazes: false,
@@ -153,7 +153,7 @@ impl Near {
 }
 
 /// What the flight near launch says.
-pub(super) enum Start {
+pub(super) enum ShortFlight {
     /// A short hop: flight in rad and arrival speed; whether it clears the coming hump but for rounding.
     Hop {
         flight: Fixed<34>,
@@ -169,7 +169,7 @@ pub(super) enum Start {
 impl Ballistic<'_> {
     /// The flight near launch: short hops, below 1/16 rad, in a form that keeps every digit.
     #[inline(always)]
-    pub(super) fn start(&self, throws: bool) -> Start {
+    pub(super) fn short_flight(&self, throws: bool) -> ShortFlight {
         let constants = self.constants;
         // Steps of 2^-30 where they have room.
         let wide_pull = constants.k - self.sine.to();
@@ -181,9 +181,9 @@ impl Ballistic<'_> {
             } else {
                 pull.0.max(1)
             };
-            Near::new(pull, self.sine.0, self.cosine.0, self.velocity.0, 0)
+            NearLaunch::new(pull, self.sine.0, self.cosine.0, self.velocity.0, 0)
         } else {
-            Near::new(
+            NearLaunch::new(
                 wide_pull.0.max(1),
                 self.sine.to::<28>().0,
                 self.cosine.to::<28>().0,

@@ -97,7 +97,7 @@ impl Contact {
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off?;
         let past = turned(phase - lift_off);
-        // Within rounding of the falling edge a resting part stays: the track has thrown what it throws.
+        // Within rounding of the end of a hump a resting part stays: the track has thrown what it throws.
         let thrown = past == 0.0 || past < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
         Some(if thrown { 0.0 } else { TAU - past })
     }

@@ -2,7 +2,7 @@
 
 use core::f32::consts::{PI, TAU};
 
-use super::{Drive, Envelope, Kick};
+use super::{DriveLag, Envelope, Kick};
 use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::feeder::OutOfRange;
 use crate::impact::{Kernel, LATE, State};
@@ -76,7 +76,7 @@ pub struct Follow<K: Kernel> {
 
 impl<K: Kernel> Follow<K> {
     /// The part of `trial`, at rest, at the start of `kick` on `drive`.
-    pub fn new(trial: Trial, drive: Drive, kick: Kick) -> Result<Self, OutOfRange> {
+    pub fn new(trial: Trial, drive: DriveLag, kick: Kick) -> Result<Self, OutOfRange> {
         Ok(Self {
             trial,
             k: trial.k as f32,
@@ -267,7 +267,7 @@ fn arcsine(x: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::DriveSettings;
+    use super::super::DriveLagSettings;
     use super::*;
 
     #[test]
@@ -282,10 +282,10 @@ mod tests {
     use crate::impact::{Hybrid, Map};
 
     fn locks(k: f64, restitution: f64, kick: Kick) -> bool {
-        let drive = Drive::build(DriveSettings {
+        let drive = DriveLag::build(DriveLagSettings {
             start: 1.0,
             limit: 10.0,
-            ..DriveSettings::DEFAULT
+            ..DriveLagSettings::DEFAULT
         })
         .unwrap();
         let trial = Trial {

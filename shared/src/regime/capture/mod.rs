@@ -5,12 +5,12 @@
 //! some cycles and lets it come back; which kick works is computed with the impact map itself, for every
 //! part of a lot, by the desk and by the board alike.
 
-mod drive;
 mod follow;
 mod kick;
+mod lag;
 mod plan;
 
-pub use drive::{Drive, DriveSettings, Envelope};
 pub use follow::{Follow, Outcome, Trial};
 pub use kick::{Kick, KickSettings};
+pub use lag::{DriveLag, DriveLagSettings, Envelope};
 pub use plan::{Lot, Plan, PlanSettings, Planner, Progress, SET_UP, Scored};

@@ -1,6 +1,6 @@
 //! Which kick captures the parts of a lot: a search bounded in time and memory.
 
-use super::{Drive, Follow, Kick, KickSettings, Outcome, Trial};
+use super::{DriveLag, Follow, Kick, KickSettings, Outcome, Trial};
 use crate::feeder::{OutOfRange, Restitution, accept};
 use crate::impact::Kernel;
 use crate::regime::band;
@@ -51,7 +51,7 @@ pub struct PlanSettings {
     /// The parts.
     pub lot: Lot,
     /// The drive.
-    pub drive: Drive,
+    pub drive: DriveLag,
     /// Time constant of the drive in cycles, which scales the holds that are tried.
     pub time_constant: f64,
     /// Effort after which the search ends with the best kick so far, in impacts; a set-up of the map
@@ -452,7 +452,7 @@ impl<K: Kernel> Planner<K> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::DriveSettings;
+    use super::super::DriveLagSettings;
     use super::*;
     use crate::impact::Hybrid;
     use crate::regime::Band;
@@ -472,8 +472,8 @@ mod tests {
         }
     }
 
-    fn drive(time_constant: f64, start: f64) -> Drive {
-        Drive::build(DriveSettings {
+    fn drive(time_constant: f64, start: f64) -> DriveLag {
+        DriveLag::build(DriveLagSettings {
             time_constant,
             start,
             limit: 2.5,
@@ -491,7 +491,7 @@ mod tests {
         panic!("a plan ends within its effort");
     }
 
-    fn captured(part: Trial, drive: Drive, kick: Kick) -> bool {
+    fn captured(part: Trial, drive: DriveLag, kick: Kick) -> bool {
         let mut follow = Follow::<Hybrid>::new(part, drive, kick).unwrap();
         for _ in 0..LONGEST {
             if let Some(outcome) = follow.step() {
@@ -573,9 +573,9 @@ mod tests {
     #[test]
     fn the_limit_of_the_drive_is_kept_and_no_kick_is_an_answer() {
         let mut weak = settings(0.28, 0.32, 5.0);
-        weak.drive = Drive::build(DriveSettings {
+        weak.drive = DriveLag::build(DriveLagSettings {
             limit: 1.1,
-            ..DriveSettings::DEFAULT
+            ..DriveLagSettings::DEFAULT
         })
         .unwrap();
         let plan = plan(weak);

@@ -5,7 +5,7 @@ use crate::feeder::{OutOfRange, accept};
 
 /// What the planner must know of a drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DriveSettings {
+pub struct DriveLagSettings {
     /// Time constant of the amplitude in drive cycles, 0..=1000; `Q / pi` for an uncontrolled resonance.
     pub time_constant: f64,
     /// Amplitude before the kick over the target amplitude, 0..=1. Below the target k the part rests.
@@ -14,7 +14,7 @@ pub struct DriveSettings {
     pub limit: f64,
 }
 
-impl DriveSettings {
+impl DriveLagSettings {
     /// The design's drive: 5 cycles, from standstill, 2.5 times the target at most.
     pub const DEFAULT: Self = Self {
         time_constant: 5.0,
@@ -26,16 +26,16 @@ impl DriveSettings {
 /// A drive of first order: after a step of the command the amplitude error falls as
 /// `exp(-cycles / time constant)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drive {
+pub struct DriveLag {
     decay: f32,
     start: f32,
     limit: f32,
 }
 
-impl Drive {
+impl DriveLag {
     /// The drive these settings describe; the refusal names the parameter.
-    pub fn build(settings: DriveSettings) -> Result<Self, OutOfRange> {
-        let DriveSettings {
+    pub fn build(settings: DriveLagSettings) -> Result<Self, OutOfRange> {
+        let DriveLagSettings {
             time_constant,
             start,
             limit,
@@ -75,7 +75,7 @@ const SETTLED: f32 = 2e-3;
 /// line between their exact values, which is within `step / (8 tau^2)` of the exponential.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope {
-    drive: Drive,
+    drive: DriveLag,
     kick: Kick,
     cycle: u32,
     now: f32,
@@ -86,7 +86,7 @@ impl Envelope {
     /// The envelope of `kick` on `drive`, at the start of cycle 0; the command is held at the limit of
     /// the drive.
     #[must_use]
-    pub fn new(drive: Drive, kick: Kick) -> Self {
+    pub fn new(drive: DriveLag, kick: Kick) -> Self {
         let mut envelope = Self {
             drive,
             kick,
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn the_envelope_is_the_exponential_of_its_time_constant() {
-        let drive = Drive::build(DriveSettings {
+        let drive = DriveLag::build(DriveLagSettings {
             time_constant: 5.0,
             start: 1.0,
             limit: 3.0,
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn a_drive_without_lag_follows_at_the_next_cycle_and_holds_its_limit() {
-        let drive = Drive::build(DriveSettings {
+        let drive = DriveLag::build(DriveLagSettings {
             time_constant: 0.0,
             start: 0.0,
             limit: 1.5,
@@ -189,28 +189,28 @@ mod tests {
     fn refusals_name_the_parameter() {
         for (settings, parameter) in [
             (
-                DriveSettings {
+                DriveLagSettings {
                     time_constant: -1.0,
-                    ..DriveSettings::DEFAULT
+                    ..DriveLagSettings::DEFAULT
                 },
                 "time_constant",
             ),
             (
-                DriveSettings {
+                DriveLagSettings {
                     start: 1.1,
-                    ..DriveSettings::DEFAULT
+                    ..DriveLagSettings::DEFAULT
                 },
                 "start",
             ),
             (
-                DriveSettings {
+                DriveLagSettings {
                     limit: f64::NAN,
-                    ..DriveSettings::DEFAULT
+                    ..DriveLagSettings::DEFAULT
                 },
                 "limit",
             ),
         ] {
-            assert_eq!(Drive::build(settings).unwrap_err().parameter, parameter);
+            assert_eq!(DriveLag::build(settings).unwrap_err().parameter, parameter);
         }
     }
 }
