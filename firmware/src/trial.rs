@@ -149,12 +149,12 @@ fn eventful() -> Scene {
     scene
 }
 
-/// One line of the trace: cycle, k, lead, output of the drive, state, fault, limits and events; what
+/// A row of the trace: cycle, k, lead, output of the drive, state, fault, limits and events; what
 /// is single precision as its bits.
 #[derive(Clone, Copy, Debug)]
-pub struct Line<'a>(pub &'a Report);
+pub struct TraceRow<'a>(pub &'a Report);
 
-impl fmt::Display for Line<'_> {
+impl fmt::Display for TraceRow<'_> {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let report = self.0;
         write!(

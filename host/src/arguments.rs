@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
 
-use crate::file::Target;
+use crate::file::Destination;
 use crate::picture::{Picture, Theme};
 use crate::refusal::Refusal;
 use crate::report::{Format, Report};
@@ -38,7 +38,7 @@ impl Drawn {
         let Some(path) = &self.out else {
             return Ok(Output { kind: None });
         };
-        let target = Target::check(path)?;
+        let target = Destination::check(path)?;
         let kind = match target.ending().as_str() {
             "svg" => Kind::Svg(self.theme),
             "png" => Kind::Png(self.theme),
@@ -62,7 +62,7 @@ impl Drawn {
 /// The checked destination of a verb's `--out`.
 #[derive(Clone, Debug)]
 pub struct Output {
-    kind: Option<(Target, Kind)>,
+    kind: Option<(Destination, Kind)>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -132,7 +132,7 @@ impl std::fmt::Display for Range {
 
 /// What turns k into an amplitude in mm.
 #[derive(Clone, Copy, Debug, clap::Args)]
-pub struct Drive {
+pub struct DriveArguments {
     /// Drive frequency in Hz.
     #[arg(long, value_name = "HZ", default_value = "50", value_parser = within(1.0, 1000.0, "Hz"))]
     pub frequency: f64,
@@ -142,7 +142,7 @@ pub struct Drive {
     pub incline: f64,
 }
 
-impl Drive {
+impl DriveArguments {
     /// The track, for its motion normal to itself alone.
     pub fn track(self) -> Result<Track, OutOfRange> {
         Track::build(TrackSettings {

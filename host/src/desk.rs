@@ -56,12 +56,6 @@ impl Desk {
         }
     }
 
-    /// The flag that is set when the user asks to stop, for loops that cannot hold the desk.
-    #[must_use]
-    pub fn stop_flag(&self) -> Arc<AtomicBool> {
-        Arc::clone(&self.stop)
-    }
-
     /// `work` on each of `0..count` on all cores, results in order. Each result must depend on its
     /// number alone, which gives the same bits for any number of threads.
     pub fn map<T: Send>(
@@ -168,7 +162,7 @@ mod tests {
     #[test]
     fn an_interruption_stops_the_work() {
         let desk = Desk::new(Some(2)).unwrap();
-        let stop = desk.stop_flag();
+        let stop = Arc::clone(&desk.stop);
         let refused = desk
             .map("", 1_000_000, |n| {
                 if n == 10 {

@@ -15,12 +15,12 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 /// Where a result will go: checked before anything is computed, written at the end.
 #[derive(Clone, Debug)]
-pub struct Target {
+pub struct Destination {
     path: PathBuf,
     _written: Written,
 }
 
-impl Target {
+impl Destination {
     /// The target `path`, refused where its folder is missing, it is itself a folder, or it is a file that
     /// this run reads or writes elsewhere, by whatever name.
     pub fn check(path: &Path) -> Result<Self, Refusal> {
@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn a_failed_write_leaves_the_old_file_and_nothing_else() {
         let folder = folder_of("file");
-        let target = Target::check(&folder.join("a.csv")).unwrap();
+        let target = Destination::check(&folder.join("a.csv")).unwrap();
         target.write_bytes(b"old").unwrap();
         let refused = target.write(|file| {
             file.write_all(b"half")?;
@@ -254,10 +254,13 @@ mod tests {
         let folder = folder_of("link");
         let (file, link) = (folder.join("a.csv"), folder.join("link.csv"));
         std::os::unix::fs::symlink(&file, &link).unwrap();
-        let refused = Target::check(&link).unwrap_err().to_string();
+        let refused = Destination::check(&link).unwrap_err().to_string();
         assert!(refused.contains("a symbolic link to nothing"), "{refused}");
         fs::write(&file, "old").unwrap();
-        Target::check(&link).unwrap().write_bytes(b"new").unwrap();
+        Destination::check(&link)
+            .unwrap()
+            .write_bytes(b"new")
+            .unwrap();
         assert!(link.is_symlink());
         assert_eq!(fs::read(&file).unwrap(), b"new");
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
@@ -276,7 +279,7 @@ mod tests {
             let pipe = pipe.clone();
             move || fs::read(pipe).unwrap()
         });
-        let target = Target::check(&pipe).unwrap();
+        let target = Destination::check(&pipe).unwrap();
         target.write_bytes(b"rows").unwrap();
         assert_eq!(reader.join().unwrap(), b"rows");
         assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
@@ -303,10 +306,10 @@ mod tests {
     #[test]
     fn a_missing_folder_is_refused_before_the_work() {
         let folder = folder_of("folder");
-        let refused = Target::check(&folder.join("none/a.svg")).unwrap_err();
+        let refused = Destination::check(&folder.join("none/a.svg")).unwrap_err();
         assert!(refused.to_string().contains("does not exist"));
         assert!(
-            Target::check(&folder)
+            Destination::check(&folder)
                 .unwrap_err()
                 .to_string()
                 .contains("is a folder")

@@ -14,7 +14,7 @@ use std::io::{ErrorKind, Write};
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use crate::file::Target;
+use crate::file::Destination;
 use crate::refusal::Refusal;
 
 /// Form of a result.
@@ -122,7 +122,7 @@ impl Report {
     }
 
     /// Writes it whole into a file.
-    pub fn save(&self, format: Format, target: &Target) -> Result<(), Refusal> {
+    pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
         target.write(|out| self.write(format, out))
     }
 }

@@ -9,7 +9,7 @@ use kband::wire::{
     FRAME_MOST, Outgoing, Request, Response, SCHEMA, Target, VERSION, write_question,
 };
 use kband_firmware::trial::{self, Trial};
-use kband_host::board::{Address, Emulated, Line};
+use kband_host::board::{Address, Emulated, Link};
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
 use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
@@ -40,7 +40,7 @@ fn trace_is_the_desks(name: &'static str) {
         .collect();
     assert_eq!(trace.len(), trial.cycles as usize, "{text}");
     for line in trace {
-        assert_eq!(line, trial::Line(&desk.cycle().report).to_string());
+        assert_eq!(line, trial::TraceRow(&desk.cycle().report).to_string());
     }
     let stack = text
         .lines()
@@ -134,7 +134,7 @@ fn after_a_sag_of_the_supply_the_drive_stays_off_until_it_is_enabled_anew() {
             let moment = desk.cycle();
             assert_eq!(
                 lines.next(),
-                Some(&*trial::Line(&moment.report).to_string())
+                Some(&*trial::TraceRow(&moment.report).to_string())
             );
             moment
         };
@@ -307,10 +307,10 @@ fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
     // Soft start, holding, and the kick planned on the emulated CPU.
     file.duration = 1.4;
     let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
-    let line = Address::of("qemu", Some(&image))
+    let link = Address::of("qemu", Some(&image))
         .open(Emulated::AtRest)
         .unwrap();
-    let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
+    let emulated = Outcome::run_on(link, &file, Watch::KEPT, &desk).unwrap();
     let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);
@@ -355,17 +355,17 @@ fn images_fit_their_budget() {
 #[test]
 fn the_stack_bears_every_request() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let mut line = Address::of("qemu", Some(&image))
+    let mut link = Address::of("qemu", Some(&image))
         .open(Emulated::AtRest)
         .unwrap();
-    let free = |line: &mut Line| {
-        line.ask(&Request::SelfTest, |response| match response {
+    let free = |link: &mut Link| {
+        link.ask(&Request::SelfTest, |response| match response {
             Response::SelfTest(test) => test.stack_free,
             other => panic!("{other:?}"),
         })
         .unwrap()
     };
-    let start = free(&mut line);
+    let start = free(&mut link);
     let settings = Settings::KEYS.iter().map(|key| Request::Set {
         key: key.name,
         value: key.default,
@@ -392,9 +392,9 @@ fn the_stack_bears_every_request() {
         .chain(targets.map(Request::Target))
         .chain(simulation)
     {
-        line.tell(&request).unwrap();
+        link.tell(&request).unwrap();
     }
-    let (free, size) = (free(&mut line), 40 * 1024);
+    let (free, size) = (free(&mut link), 40 * 1024);
     println!(
         "stack {} of {size} bytes after every request, {} after the start",
         size - free,

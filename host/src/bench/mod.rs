@@ -23,9 +23,9 @@ pub struct Flight {
     pub arrival: f64,
 }
 
-/// One measured line.
+/// The measurement of one kernel on one workload.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub struct Measurement {
     /// Name of the kernel.
     pub kernel: &'static str,
     /// Name of the workload.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
 
-use super::{Line, median};
+use super::{Measurement, median};
 
 /// Drive cycles of the default scene until the kick has come to its lock.
 const SETTLED: usize = 500;
@@ -15,7 +15,7 @@ const ENVELOPE: usize = 2_000;
 /// A long hold of the default scene, waveform and envelope turn by turn. Its part is locked, one impact a
 /// cycle, so that the time of an impact is that of a cycle; nothing else is watched.
 #[must_use]
-pub fn lines(turns: usize) -> Vec<Line> {
+pub fn lines(turns: usize) -> Vec<Measurement> {
     let scene = Scene::default();
     let (Ok(mut waveform), Ok(mut envelope)) =
         (ClosedLoop::build(&scene), EnvelopeLoop::build(&scene))
@@ -43,7 +43,7 @@ pub fn lines(turns: usize) -> Vec<Line> {
             times.push(took.as_nanos() as f64 / cycles as f64);
         }
     }
-    let line = |(kernel, times)| Line {
+    let line = |(kernel, times)| Measurement {
         kernel,
         workload: "scene",
         nanoseconds: median(times),
@@ -58,6 +58,6 @@ pub fn lines(turns: usize) -> Vec<Line> {
 
 /// Simulated time over run time of a line, for cycles of the default scene.
 #[must_use]
-pub fn times_real_time(line: &Line) -> f64 {
+pub fn times_real_time(line: &Measurement) -> f64 {
     1e9 / f64::from(Scene::default().settings.frequency) / line.nanoseconds
 }

@@ -8,7 +8,7 @@ use kband::impact::{
     TangentialSettings,
 };
 
-use super::{Line, median, workload::Workload};
+use super::{Measurement, median, workload::Workload};
 
 /// Impacts of the orbits that are measured.
 const IMPACTS: u64 = 4_000;
@@ -32,7 +32,7 @@ impl Observer for Along {
 /// Lines for every skip: kernel `f64` leaves the work out, `f64-unskipped` does it all; the results are
 /// the same bits.
 #[must_use]
-pub fn lines(turns: usize) -> Vec<Line> {
+pub fn lines(turns: usize) -> Vec<Measurement> {
     let mut lines = Vec::new();
     let launches = Workload::High.launches(2_048);
     let maps: Vec<(Map, State)> = launches
@@ -130,7 +130,7 @@ fn pair(
     turns: usize,
     skipped: impl Fn() -> u64,
     unskipped: impl Fn() -> u64,
-) -> [Line; 2] {
+) -> [Measurement; 2] {
     let time = |work: &dyn Fn() -> u64| {
         let begun = Instant::now();
         let impacts = work();
@@ -141,7 +141,7 @@ fn pair(
         with.push(time(&skipped));
         without.push(time(&unskipped));
     }
-    let line = |kernel, times| Line {
+    let line = |kernel, times| Measurement {
         kernel,
         workload: name,
         nanoseconds: median(times),

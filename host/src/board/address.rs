@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::emulator::{self, Emulated};
-use super::line::Line;
+use super::link::Link;
 use super::serial;
-use crate::file::Target;
+use crate::file::Destination;
 use crate::refusal::Refusal;
 
 /// A flash of settings and faults: four pages of 4 KiB, as the emulated board has them.
@@ -67,15 +67,15 @@ impl Address {
         words
     }
 
-    /// Opens the line to the board, which has to speak what this desk speaks.
-    pub fn open(&self, emulated: Emulated) -> Result<Line, Refusal> {
-        let line = self.open_any(emulated)?;
-        line.speaks_the_same()?;
-        Ok(line)
+    /// Opens the link to the board, which has to speak what this desk speaks.
+    pub fn open(&self, emulated: Emulated) -> Result<Link, Refusal> {
+        let link = self.open_any(emulated)?;
+        link.speaks_the_same()?;
+        Ok(link)
     }
 
-    /// The line to the emulated CPU.
-    fn emulate(&self, emulated: Emulated) -> Result<Line, Refusal> {
+    /// The link to the emulated CPU.
+    fn emulate(&self, emulated: Emulated) -> Result<Link, Refusal> {
         let mut child = emulator::start(
             self.image.as_deref(),
             emulated,
@@ -88,11 +88,11 @@ impl Address {
                 "close other programs and try again",
             ));
         };
-        Line::over("qemu".to_string(), output, input, Some(child))
+        Link::over("qemu".to_string(), output, input, Some(child))
     }
 
-    /// Opens the line to a board of any version, which may only be looked at.
-    pub fn open_any(&self, emulated: Emulated) -> Result<Line, Refusal> {
+    /// Opens the link to a board of any version, which may only be looked at.
+    pub fn open_any(&self, emulated: Emulated) -> Result<Link, Refusal> {
         if self.is_emulated() {
             if let Some(flash) = &self.flash_image {
                 prepare(flash)?;
@@ -113,28 +113,28 @@ impl Address {
             }
         }
         match &self.on {
-            Some(port) => serial_line(Path::new(port)),
+            Some(port) => serial_link(Path::new(port)),
             None => {
                 let port = serial::only_port()?;
                 eprintln!("the board on {}", port.display());
-                serial_line(&port)
+                serial_link(&port)
             }
         }
     }
 }
 
-/// The line to the board on a serial port.
-fn serial_line(path: &Path) -> Result<Line, Refusal> {
+/// The link to the board on a serial port.
+fn serial_link(path: &Path) -> Result<Link, Refusal> {
     let output = serial::open(path)?;
     let input = output
         .try_clone()
         .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
-    Line::over(path.display().to_string(), output, input, None)
+    Link::over(path.display().to_string(), output, input, None)
 }
 
 /// An erased flash where there is no file yet; a file that is no flash is refused.
 fn prepare(flash: &Path) -> Result<(), Refusal> {
-    let target = Target::check(flash)?;
+    let target = Destination::check(flash)?;
     match flash.metadata() {
         Err(_) => target.write_bytes(&[0xff; FLASH]),
         Ok(data) if data.len() == FLASH as u64 => Ok(()),

@@ -4,7 +4,7 @@ use kband::control::{Report, SAMPLE_RATE, Settings, Signal};
 use kband::plant::{Bench, Moment, Plant, Scene};
 use kband::wire::{Request, Response, Start, fold_output, write_reading};
 
-use super::line::Line;
+use super::link::Link;
 use super::settings::tell;
 use crate::refusal::Refusal;
 
@@ -17,7 +17,7 @@ const PIECE: usize = 240;
 /// does within a cycle was decided when the cycle began, so that the desk computes the outputs along
 /// and the board confirms them, bit for bit, at the end of each cycle with its next decision.
 pub struct BoardLoop {
-    line: Line,
+    link: Link,
     bench: Bench,
     signal: Signal,
     before: u16,
@@ -32,21 +32,21 @@ struct Run {
 }
 
 impl BoardLoop {
-    /// The loop of a scene at time 0, on the board at the end of `line`, whose drive stays off.
-    pub fn start(mut line: Line, scene: &Scene) -> Result<Self, Refusal> {
-        line.tell(&Request::Defaults)?;
+    /// The loop of a scene at time 0, on the board at the end of `link`, whose drive stays off.
+    pub fn start(mut link: Link, scene: &Scene) -> Result<Self, Refusal> {
+        link.tell(&Request::Defaults)?;
         let changed = Settings::KEYS
             .iter()
             .zip(scene.settings.values())
             .filter(|(key, value)| key.default != *value)
             .map(|(key, value)| (key.name, value));
-        tell(&mut line, changed.collect())?;
-        line.tell(&Request::Simulate {
+        tell(&mut link, changed.collect())?;
+        link.tell(&Request::Simulate {
             target: scene.target.into(),
             start: scene.start.into(),
         })?;
         Ok(Self {
-            line,
+            link,
             bench: Bench::build(scene)?,
             signal: Signal::build(&scene.settings)?,
             before: 0,
@@ -76,7 +76,7 @@ impl BoardLoop {
     fn restart(&mut self) -> Result<(), Refusal> {
         self.signal = Signal::build(&self.scene.settings)?;
         self.before = 0;
-        self.line.tell(&Request::Simulate {
+        self.link.tell(&Request::Simulate {
             target: self.scene.target.into(),
             start: Start::Reset,
         })
@@ -93,7 +93,7 @@ impl BoardLoop {
             let code = self.bench.sample();
             if let Some(target) = self.bench.new_target() {
                 // A target out of range is refused, as at the desk; the old one stays.
-                self.line.ask(&Request::Target(target.into()), |_| ())?;
+                self.link.ask(&Request::Target(target.into()), |_| ())?;
             }
             let before = self.signal.phase();
             let sampled = self.signal.sample(code);
@@ -106,7 +106,7 @@ impl BoardLoop {
                 break;
             }
             if run.used >= PIECE {
-                self.line.tell(&Request::Samples {
+                self.link.tell(&Request::Samples {
                     codes: &run.bytes[..run.used],
                     end: None,
                 })?;
@@ -123,7 +123,7 @@ impl BoardLoop {
             end: Some(self.bench.inputs().into()),
         };
         let time = self.bench.time();
-        self.line.ask(&request, |response| match response {
+        self.link.ask(&request, |response| match response {
             Response::Cycle { outputs, report } if outputs == check => {
                 report.try_into().map_err(|_| {
                     Refusal::new(

@@ -3,7 +3,7 @@
 use kband::control::Settings;
 use kband::wire::{Request, Response};
 
-use super::line::Line;
+use super::link::Link;
 use crate::refusal::Refusal;
 
 /// A setting as the board has it.
@@ -61,10 +61,10 @@ pub struct BoardSettings(Vec<BoardSetting>);
 
 impl BoardSettings {
     /// Reads them all.
-    pub fn read(line: &mut Line) -> Result<Self, Refusal> {
+    pub fn read(link: &mut Link) -> Result<Self, Refusal> {
         let mut all = Vec::new();
         for number in 0..=u8::MAX {
-            let setting = line.ask(&Request::Setting(number), |response| match response {
+            let setting = link.ask(&Request::Setting(number), |response| match response {
                 Response::Setting(setting) => Some(BoardSetting {
                     key: setting.key.into(),
                     unit: setting.unit.into(),
@@ -120,7 +120,7 @@ impl BoardSettings {
     }
 
     /// Changes the board's settings to these values, all of them or, where one is refused, none.
-    pub fn change(&mut self, line: &mut Line, wanted: &[(String, f32)]) -> Result<(), Refusal> {
+    pub fn change(&mut self, link: &mut Link, wanted: &[(String, f32)]) -> Result<(), Refusal> {
         let mut after = self.clone();
         let mut changes = Vec::new();
         let mut back = Vec::new();
@@ -142,9 +142,9 @@ impl BoardSettings {
                 "change what it goes together with first, or both by kband settings import",
             )
         })?;
-        if let Err(refusal) = tell(line, changes) {
+        if let Err(refusal) = tell(link, changes) {
             // What was taken already is given back; a refusal of that would say the same again.
-            let _ = tell(line, back);
+            let _ = tell(link, back);
             return Err(refusal);
         }
         *self = after;
@@ -153,12 +153,12 @@ impl BoardSettings {
 }
 
 /// Sets each of them; those that need another one first get their turn again.
-pub(super) fn tell(line: &mut Line, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> {
+pub(super) fn tell(link: &mut Link, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> {
     while !left.is_empty() {
         let mut refused = Vec::new();
         let mut why = None;
         for (key, value) in &left {
-            if let Err(refusal) = line.tell(&Request::Set { key, value: *value }) {
+            if let Err(refusal) = link.tell(&Request::Set { key, value: *value }) {
                 refused.push((*key, *value));
                 why = Some(refusal);
             }

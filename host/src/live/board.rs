@@ -6,19 +6,19 @@ use kband::control::{Event, Target};
 use kband::wire::{Record, Request, Response, Telemetry};
 
 use super::source::{Lot, Seen, Source, Wish};
-use crate::board::{BoardSettings, Clock, Line, Unasked};
+use crate::board::{BoardSettings, Clock, Link, Unasked};
 use crate::refusal::Refusal;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
 const LOOK: Duration = Duration::from_millis(200);
 /// Longest wait for an answer: the keys have to go on working.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Rows of telemetry in a second at most, for the line's rate.
+/// Rows of telemetry in a second at most, for the link's rate.
 const RATE: f32 = 60.0;
 
 /// A board on the link.
 pub struct Board {
-    line: Line,
+    link: Link,
     lot: Lot,
     clock: Clock,
     /// Drive cycles between two rows of telemetry.
@@ -28,13 +28,13 @@ pub struct Board {
 }
 
 impl Board {
-    /// The board at the end of `line`, its telemetry on.
-    pub fn start(mut line: Line) -> Result<Self, Refusal> {
-        let settings = BoardSettings::read(&mut line)?.known();
-        line.wait_at_most(PATIENCE);
-        let target = held(&mut line)?;
+    /// The board at the end of `link`, its telemetry on.
+    pub fn start(mut link: Link) -> Result<Self, Refusal> {
+        let settings = BoardSettings::read(&mut link)?.known();
+        link.wait_at_most(PATIENCE);
+        let target = held(&mut link)?;
         let mut board = Self {
-            line,
+            link,
             lot: Lot { settings, target },
             clock: Clock::default(),
             every: (settings.frequency / RATE).ceil().max(1.0) as u16,
@@ -46,7 +46,7 @@ impl Board {
     }
 
     fn listen_to_cycles(&mut self) -> Result<(), Refusal> {
-        self.line.tell(&Request::Telemetry(self.every))
+        self.link.tell(&Request::Telemetry(self.every))
     }
 
     fn seen(&mut self, telemetry: Telemetry) -> Seen {
@@ -65,7 +65,7 @@ impl Board {
         let mut records = Vec::new();
         for _ in 0..64 {
             let record = self
-                .line
+                .link
                 .ask(&Request::Event(self.next), |response| match response {
                     Response::Event(record) => record,
                     _ => None,
@@ -79,8 +79,8 @@ impl Board {
 }
 
 /// The target that the board holds, whoever set it.
-fn held(line: &mut Line) -> Result<Target, Refusal> {
-    line.ask(&Request::Held, |response| match response {
+fn held(link: &mut Link) -> Result<Target, Refusal> {
+    link.ask(&Request::Held, |response| match response {
         Response::Held(target) => Ok(target.into()),
         other => Err(Refusal::new(
             format!("asked for its target, the board answered {other:?}"),
@@ -91,7 +91,7 @@ fn held(line: &mut Line) -> Result<Target, Refusal> {
 
 impl Source for Board {
     fn name(&self) -> String {
-        self.line.name().into()
+        self.link.name().into()
     }
 
     fn lot(&self) -> Lot {
@@ -101,14 +101,14 @@ impl Source for Board {
     /// The cycles that came; a board keeps its own time.
     fn advance(&mut self, _seconds: f64) -> Result<Vec<Seen>, Refusal> {
         let mut cycles = Vec::new();
-        for said in self.line.listen(Duration::ZERO)? {
+        for said in self.link.listen(Duration::ZERO)? {
             match said {
                 Unasked::Telemetry(telemetry) => cycles.push(self.seen(telemetry)),
                 Unasked::Started(_) => {
                     self.next = 0;
                     self.clock = Clock::default();
-                    self.lot.settings = BoardSettings::read(&mut self.line)?.known();
-                    self.lot.target = held(&mut self.line)?;
+                    self.lot.settings = BoardSettings::read(&mut self.link)?.known();
+                    self.lot.target = held(&mut self.link)?;
                     self.listen_to_cycles()?;
                 }
             }
@@ -124,7 +124,7 @@ impl Source for Board {
                 last.events.extend(event);
             }
             if last.events.contains(&Event::TargetSet) {
-                self.lot.target = held(&mut self.line)?;
+                self.lot.target = held(&mut self.link)?;
             }
         }
         Ok(cycles)
@@ -133,11 +133,11 @@ impl Source for Board {
     fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
         match wish {
             Wish::Target(target) => {
-                self.line.tell(&Request::Target(target.into()))?;
+                self.link.tell(&Request::Target(target.into()))?;
                 self.lot.target = target;
                 Ok(())
             }
-            Wish::Enable(enable) => self.line.tell(&Request::Enable(enable)),
+            Wish::Enable(enable) => self.link.tell(&Request::Enable(enable)),
         }
     }
 }
@@ -145,6 +145,6 @@ impl Source for Board {
 impl Drop for Board {
     fn drop(&mut self) {
         // The board goes on without telemetry, or was gone before.
-        let _ = self.line.tell(&Request::Telemetry(0));
+        let _ = self.link.tell(&Request::Telemetry(0));
     }
 }

@@ -1,11 +1,11 @@
 //! Rows that go straight into a file, CSV or Parquet by its ending.
 
 use super::{Column, CsvRows, Rows};
-use crate::file::Target;
+use crate::file::Destination;
 use crate::refusal::Refusal;
 
 /// Refuses the file of an option whose ending names no form of rows that this build writes.
-pub fn check(option: &str, target: &Target) -> Result<(), Refusal> {
+pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
     match target.ending().as_str() {
         "csv" => Ok(()),
         "parquet" if cfg!(feature = "parquet") => Ok(()),
@@ -26,7 +26,7 @@ pub fn check(option: &str, target: &Target) -> Result<(), Refusal> {
 
 /// Does `work` with rows of these columns that go into `target`, or with none where there is no target.
 pub fn write<T>(
-    target: Option<&Target>,
+    target: Option<&Destination>,
     columns: &[Column],
     work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
 ) -> Result<T, Refusal> {

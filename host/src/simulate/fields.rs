@@ -1,7 +1,7 @@
 //! The numbers and flags of a scene that are not settings of the controller: one table for the parser
 //! and for the schema.
 
-use kband::plant::Change;
+use kband::plant::{Change, Scene};
 
 /// A number of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,72 +39,108 @@ impl Field {
     }
 }
 
+/// A number of a scene's plant, and where in the scene it stands.
+pub type Model = (Field, fn(&mut Scene) -> &mut f32);
+
 /// What `[sensor]` says of the accelerometer as it is, beside the settings.
-pub const SENSOR: [Field; 5] = [
-    field(
-        "noise",
-        [0.0, 100.0],
-        "m/s^2",
-        "RMS of the accelerometer's noise.",
+pub const SENSOR: [Model; 5] = [
+    (
+        field(
+            "noise",
+            [0.0, 100.0],
+            "m/s^2",
+            "RMS of the accelerometer's noise.",
+        ),
+        |scene| &mut scene.sensor.noise,
     ),
-    field(
-        "ringing",
-        [0.0, 1e5],
-        "1/s",
-        "Ringing in m/s^2 for an impact of 1 m/s.",
+    (
+        field(
+            "ringing",
+            [0.0, 1e5],
+            "1/s",
+            "Ringing in m/s^2 for an impact of 1 m/s.",
+        ),
+        |scene| &mut scene.sensor.ringing,
     ),
-    field(
-        "ringing_frequency",
-        [500.0, 9000.0],
-        "Hz",
-        "Frequency of the ringing.",
+    (
+        field(
+            "ringing_frequency",
+            [500.0, 9000.0],
+            "Hz",
+            "Frequency of the ringing.",
+        ),
+        |scene| &mut scene.sensor.ringing_frequency,
     ),
-    field(
-        "ringing_decay",
-        [0.05, 50.0],
-        "ms",
-        "Decay time of the ringing.",
+    (
+        field(
+            "ringing_decay",
+            [0.05, 50.0],
+            "ms",
+            "Decay time of the ringing.",
+        ),
+        |scene| &mut scene.sensor.ringing_decay,
     ),
-    field(
-        "hum",
-        [0.0, 100.0],
-        "m/s^2",
-        "Amplitude of what the accelerometer picks up of the mains.",
+    (
+        field(
+            "hum",
+            [0.0, 100.0],
+            "m/s^2",
+            "Amplitude of what the accelerometer picks up of the mains.",
+        ),
+        |scene| &mut scene.sensor.hum,
     ),
 ];
 
 /// What `[plant]` says of the drive and the accelerometer as they are.
-pub const PLANT: [Field; 6] = [
-    field(
-        "resonance",
-        [5.0, 500.0],
-        "Hz",
-        "Resonance frequency of the drive as it is.",
+pub const PLANT: [Model; 6] = [
+    (
+        field(
+            "resonance",
+            [5.0, 500.0],
+            "Hz",
+            "Resonance frequency of the drive as it is.",
+        ),
+        |scene| &mut scene.drive.resonance,
     ),
-    field(
-        "quality",
-        [1.0, 200.0],
-        "",
-        "Quality factor of the resonance as it is (Q).",
+    (
+        field(
+            "quality",
+            [1.0, 200.0],
+            "",
+            "Quality factor of the resonance as it is (Q).",
+        ),
+        |scene| &mut scene.drive.quality,
     ),
-    field(
-        "gain",
-        [0.001, 100.0],
-        "mm",
-        "Track amplitude at resonance for full output, as it is.",
+    (
+        field(
+            "gain",
+            [0.001, 100.0],
+            "mm",
+            "Track amplitude at resonance for full output, as it is.",
+        ),
+        |scene| &mut scene.drive.gain,
     ),
-    field(
-        "sensitivity",
-        [0.1, 10.0],
-        "",
-        "Sensitivity of the accelerometer over the one told.",
+    (
+        field(
+            "sensitivity",
+            [0.1, 10.0],
+            "",
+            "Sensitivity of the accelerometer over the one told.",
+        ),
+        |scene| &mut scene.sensor.sensitivity,
     ),
-    field("mains", [10.0, 400.0], "Hz", "Frequency of the mains."),
-    field(
-        "ripple",
-        [0.0, 0.5],
-        "",
-        "Ripple of the drive's bus at twice the mains' frequency, over its mean.",
+    (
+        field("mains", [10.0, 400.0], "Hz", "Frequency of the mains."),
+        |scene| &mut scene.drive.mains,
+    ),
+    (
+        field(
+            "ripple",
+            [0.0, 0.5],
+            "",
+            "Ripple of the drive's bus at twice the mains' frequency, over its mean.",
+        ),
+        |scene| &mut scene.drive.ripple,
     ),
 ];
 

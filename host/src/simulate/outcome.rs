@@ -15,7 +15,7 @@ use kband::regime::{Band, Lock};
 use super::engine::{Engine, Fidelity, Whole};
 use super::record::{END, HEARD, Happened, Record, Watch};
 use super::scene::SceneFile;
-use crate::board::{BoardLoop, Line};
+use crate::board::{BoardLoop, Link};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
@@ -69,14 +69,14 @@ impl Outcome {
         Self::gather(file, given.into(), Watch::KEPT, &mut |_| Ok(()))
     }
 
-    /// Runs a scene to its end with its controller on the board at the end of `line`, with progress.
+    /// Runs a scene to its end with its controller on the board at the end of `link`, with progress.
     pub fn run_on(
-        line: Line,
+        link: Link,
         file: &SceneFile,
         watch: Watch<'_>,
         desk: &Desk,
     ) -> Result<Self, Refusal> {
-        let board = BoardLoop::start(line, &file.scene)?;
+        let board = BoardLoop::start(link, &file.scene)?;
         Self::shown(file, Whole::Board(Box::new(board)).into(), watch, desk)
     }
 
@@ -311,10 +311,17 @@ impl Outcome {
         Regime::Undecided
     }
 
-    /// Mean phase at which the parts strike where they are locked, in rad.
+    /// Whether every part is locked at the end, told from its impacts alone.
+    #[must_use]
+    pub fn is_locked(&self) -> bool {
+        let parts = self.file.scene.part_count;
+        parts > 0 && (0..parts).all(|part| matches!(self.regime_of(part), Regime::Locked { .. }))
+    }
+
+    /// Mean phase at which the first part strikes where all are locked, in rad.
     #[must_use]
     pub fn lock_phase(&self) -> Option<f64> {
-        if !self.regime().starts_with("locked") {
+        if !self.is_locked() {
             return None;
         }
         let (sine, cosine) = self.late(0, END).fold((0.0, 0.0), |(s, c), strike| {

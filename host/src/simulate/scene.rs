@@ -138,16 +138,8 @@ impl SceneFile {
             for key in SENSOR_SETTINGS {
                 sensor.setting(&mut settings, key, false)?;
             }
-            let model = &mut scene.sensor;
-            let slots = [
-                &mut model.noise,
-                &mut model.ringing,
-                &mut model.ringing_frequency,
-                &mut model.ringing_decay,
-                &mut model.hum,
-            ];
-            for (field, slot) in SENSOR.iter().zip(slots) {
-                sensor.field(field, slot)?;
+            for (field, slot) in &SENSOR {
+                sensor.field(field, slot(&mut scene))?;
             }
             sensor.finish()?;
         }
@@ -164,17 +156,8 @@ impl SceneFile {
             ..DriveModel::default()
         };
         if let Some(mut plant) = root.optional("plant")? {
-            let drive = &mut scene.drive;
-            let slots = [
-                &mut drive.resonance,
-                &mut drive.quality,
-                &mut drive.gain,
-                &mut scene.sensor.sensitivity,
-                &mut drive.mains,
-                &mut drive.ripple,
-            ];
-            for (field, slot) in PLANT.iter().zip(slots) {
-                plant.field(field, slot)?;
+            for (field, slot) in &PLANT {
+                plant.field(field, slot(&mut scene))?;
             }
             plant.finish()?;
         }

@@ -236,7 +236,7 @@ pub fn schema() -> Value {
     }
     properties.insert("part".into(), part());
     let mut sensor = settings(&SENSOR_SETTINGS);
-    sensor.extend(fields(&SENSOR));
+    sensor.extend(fields(SENSOR.iter().map(|(field, _)| field)));
     properties.insert("sensor".into(), object(sensor, &[], "The accelerometer."));
     properties.insert(
         "controller".into(),
@@ -249,7 +249,7 @@ pub fn schema() -> Value {
     properties.insert(
         "plant".into(),
         object(
-            fields(&PLANT),
+            fields(PLANT.iter().map(|(field, _)| field)),
             &[],
             "Where the plant is not what the controller was told.",
         ),
@@ -270,13 +270,11 @@ pub fn schema() -> Value {
 
 /// Unit of a key in a section of a scene; `–` for a pure number.
 pub(super) fn unit(section: &str, key: &str) -> &'static str {
+    let known = |field: &&Field| field.key == key;
     let field = match section {
-        "disturbance" => CHANGES
-            .iter()
-            .map(|(field, _)| field)
-            .find(|field| field.key == key),
-        "plant" => PLANT.iter().find(|field| field.key == key),
-        _ => SENSOR.iter().find(|field| field.key == key),
+        "disturbance" => CHANGES.iter().map(|(field, _)| field).find(known),
+        "plant" => PLANT.iter().map(|(field, _)| field).find(known),
+        _ => SENSOR.iter().map(|(field, _)| field).find(known),
     };
     let unit = field
         .map(|field| field.unit)

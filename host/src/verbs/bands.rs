@@ -5,7 +5,7 @@ use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::reach::Reach;
 
-use crate::arguments::{self, Drive, Printed};
+use crate::arguments::{self, DriveArguments, Printed};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table, Value};
@@ -28,7 +28,7 @@ pub struct Arguments {
     orders: usize,
 
     #[command(flatten)]
-    drive: Drive,
+    drive: DriveArguments,
 
     #[command(flatten)]
     printed: Printed,

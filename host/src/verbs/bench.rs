@@ -4,7 +4,7 @@ use crate::arguments::{self, Drawn, Printed};
 use crate::bench::contest::{Contestant, TURN, contestants};
 use crate::bench::instructions::{self, Count};
 use crate::bench::workload::Workload;
-use crate::bench::{Line, median, scene, skips};
+use crate::bench::{Measurement, median, scene, skips};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
@@ -108,7 +108,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-fn measure(workload: Workload, arguments: &Arguments, desk: &Desk) -> Result<Vec<Line>, Refusal> {
+fn measure(
+    workload: Workload,
+    arguments: &Arguments,
+    desk: &Desk,
+) -> Result<Vec<Measurement>, Refusal> {
     let launches = workload.launches(arguments.launches);
     let mut contestants = contestants(workload, &launches);
     // Of each turn the median of the rounds, of a workload the mean of its turns.
@@ -132,7 +136,7 @@ fn measure(workload: Workload, arguments: &Arguments, desk: &Desk) -> Result<Vec
             .filter(|turn| !turn.is_empty())
             .map(median)
             .collect();
-        Line {
+        Measurement {
             kernel: contestant.name(),
             workload: workload.name(),
             nanoseconds: medians.iter().sum::<f64>() / medians.len() as f64,
@@ -142,14 +146,14 @@ fn measure(workload: Workload, arguments: &Arguments, desk: &Desk) -> Result<Vec
     Ok(contestants.into_iter().zip(times).map(line).collect())
 }
 
-fn time(lines: &[Line], kernel: &str, workload: Workload) -> Option<f64> {
+fn time(lines: &[Measurement], kernel: &str, workload: Workload) -> Option<f64> {
     lines
         .iter()
         .find(|line| line.kernel == kernel && line.workload == workload.name())
         .map(|line| line.nanoseconds)
 }
 
-fn find(counts: &[Count], line: &Line, cpu: &str) -> Option<u64> {
+fn find(counts: &[Count], line: &Measurement, cpu: &str) -> Option<u64> {
     counts
         .iter()
         .find(|count| {
@@ -160,10 +164,10 @@ fn find(counts: &[Count], line: &Line, cpu: &str) -> Option<u64> {
 
 /// Time across, error up, both in decades; down and to the left is better. Each kernel is one kind of
 /// marker; a line joins those that nothing beats in both.
-fn picture(lines: &[Line]) -> Picture {
+fn picture(lines: &[Measurement]) -> Picture {
     // An error of 0 is drawn at the foot.
     const FOOT: f64 = 1e-18;
-    let place = |line: &Line| {
+    let place = |line: &Measurement| {
         let error = line.errors.map_or(f64::NAN, |errors| errors.median);
         (line.nanoseconds, error.max(FOOT))
     };

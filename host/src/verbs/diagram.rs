@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use kband::impact::{Kernel, Map};
 use serde::Serialize;
 
-use crate::arguments::{self, Drawn, Drive, Printed, Range};
+use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
@@ -42,7 +42,7 @@ pub struct Arguments {
     b: Option<Range>,
 
     #[command(flatten)]
-    drive: Drive,
+    drive: DriveArguments,
 
     /// What is drawn upwards.
     #[arg(long, value_enum, default_value_t = Show::Phase)]
@@ -55,7 +55,7 @@ pub struct Arguments {
         value_delimiter = ',',
         default_value = "rest,up,down"
     )]
-    starts: Vec<Start>,
+    starts: Vec<ColumnStart>,
 
     /// Impacts drawn in each column.
     #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(1, 1_000_000))]
@@ -84,7 +84,7 @@ pub enum Show {
 /// How parts start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Start {
+pub enum ColumnStart {
     /// From rest, in each column anew.
     Rest,
     /// From where the column to the left ended: following upwards.
@@ -93,7 +93,7 @@ pub enum Start {
     Down,
 }
 
-impl Start {
+impl ColumnStart {
     fn name(self) -> &'static str {
         match self {
             Self::Rest => "rest",

@@ -1,4 +1,4 @@
-//! `kband identify`: who is on the line, and how it is.
+//! `kband identify`: who is on the link, and how it is.
 
 use serde_json::json;
 
@@ -6,7 +6,7 @@ use kband::control::{Fault, State};
 use kband::wire::{Counters, Kept, KeptFault, Request, Response, SCHEMA, SelfTest, VERSION};
 
 use crate::arguments::Printed;
-use crate::board::{Address, Emulated, Line};
+use crate::board::{Address, Emulated, Link};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table};
@@ -29,17 +29,17 @@ pub struct Arguments {
 
 /// Asks and prints.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    let mut line = arguments.address.open_any(Emulated::AtRest)?;
-    let (version, schema) = line.speaks();
-    let fits = line.speaks_the_same().is_ok();
+    let mut link = arguments.address.open_any(Emulated::AtRest)?;
+    let (version, schema) = link.speaks();
+    let fits = link.speaks_the_same().is_ok();
     let mut table = Table::new(&[Column::new("item", ""), Column::new("value", "")]);
     let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
-    row("board", line.name().into());
-    row("image", format!("kband {}", line.image()));
+    row("board", link.name().into());
+    row("image", format!("kband {}", link.image()));
     row("link", format!("version {version}, schema {schema:08x}"));
     let mut json = json!({
-        "board": line.name(),
-        "image": line.image(),
+        "board": link.name(),
+        "image": link.image(),
         "version": version,
         "schema": format!("{schema:08x}"),
         "fits_this_desk": fits,
@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         report.json(&json)?.print(arguments.printed.format)?;
         return Ok(Exit::CheckFailed);
     }
-    let condition = Condition::ask(&mut line)?;
+    let condition = Condition::ask(&mut link)?;
     match condition.test {
         Some(test) => {
             let verdict =
@@ -201,10 +201,10 @@ struct Condition {
 }
 
 impl Condition {
-    fn ask(line: &mut Line) -> Result<Self, Refusal> {
+    fn ask(link: &mut Link) -> Result<Self, Refusal> {
         let mut faults = Vec::new();
         for back in 0..FAULTS {
-            let fault = line.ask(&Request::Fault(back), |response| match response {
+            let fault = link.ask(&Request::Fault(back), |response| match response {
                 Response::Fault(fault) => fault,
                 _ => None,
             })?;
@@ -213,15 +213,15 @@ impl Condition {
         }
         Ok(Self {
             faults,
-            test: line.ask(&Request::SelfTest, |response| match response {
+            test: link.ask(&Request::SelfTest, |response| match response {
                 Response::SelfTest(test) => Some(test),
                 _ => None,
             })?,
-            words: line.ask(&Request::LastWords, |response| match response {
+            words: link.ask(&Request::LastWords, |response| match response {
                 Response::LastWords(words) => words.map(str::to_string),
                 _ => None,
             })?,
-            counters: line.ask(&Request::Counters, |response| match response {
+            counters: link.ask(&Request::Counters, |response| match response {
                 Response::Counters(counters) => counters,
                 _ => Counters::default(),
             })?,

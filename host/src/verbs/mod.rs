@@ -81,7 +81,7 @@ verbs! {
     disable_help_subcommand = true,
     after_help = "Every verb shows an example: kband VERB --help"
 )]
-struct Line {
+struct CommandLine {
     /// Number of threads; the result does not depend on it [default: one for each core].
     #[arg(long, global = true, display_order = 1000, value_name = "N",
           value_parser = arguments::count(1, 1024))]
@@ -108,7 +108,7 @@ fn version() -> &'static str {
 #[must_use]
 pub fn command() -> clap::Command {
     // A phase or an incline may be negative, in every verb.
-    Line::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))
+    CommandLine::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))
 }
 
 /// Runs `kband` on the arguments of the process; the binary's `main`.
@@ -116,7 +116,7 @@ pub fn command() -> clap::Command {
 pub fn main() -> ExitCode {
     let line = command()
         .try_get_matches()
-        .and_then(|matches| Line::from_arg_matches(&matches));
+        .and_then(|matches| CommandLine::from_arg_matches(&matches));
     let line = match line {
         Ok(line) => line,
         Err(message) => {
@@ -163,7 +163,7 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
     ))
 }
 
-fn run(line: &Line) -> Result<Exit, Refusal> {
+fn run(line: &CommandLine) -> Result<Exit, Refusal> {
     let desk = Desk::new(line.threads)?;
     desk.listen_for_interruption();
     match &line.verb {

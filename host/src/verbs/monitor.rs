@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 use kband::wire::{Request, Response};
 
 use crate::arguments;
-use crate::board::{Address, Emulated, Line, Said, Unasked, replay};
+use crate::board::{Address, Emulated, Link, Said, Unasked, replay};
 use crate::desk::Desk;
-use crate::file::{self, Target};
+use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
 use crate::report::Format;
 use rows::Rows;
@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(200);
 
 /// Print what a board tells: telemetry and event log, as it comes.
 ///
-/// Ends with Ctrl-C or after --duration or --rows. A record holds the bytes of the line as they came: cut or damaged anywhere, it loses
+/// Ends with Ctrl-C or after --duration or --rows. A record holds the bytes of the link as they came: cut or damaged anywhere, it loses
 /// what was there and nothing else.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -121,7 +121,7 @@ fn recorded(elf: &Path, log: &Path, rows: &mut Rows) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Prints the log that a probe reads, without a line to the board.
+/// Prints the log that a probe reads, without a link to the board.
 fn through_the_probe(
     arguments: &Arguments,
     elf: &Path,
@@ -165,7 +165,7 @@ fn through_the_probe(
 /// Refused where a record is asked for that cannot be made, or is there already.
 fn check(record: Option<&Path>) -> Result<(), Refusal> {
     let Some(path) = record else { return Ok(()) };
-    Target::check(path)?;
+    Destination::check(path)?;
     if path.exists() {
         return Err(Refusal::new(
             format!("{} is there already", path.display()),
@@ -222,27 +222,27 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
             }
         },
     };
-    let mut line = address.open(Emulated::Running)?;
+    let mut link = address.open(Emulated::Running)?;
     if let Some(path) = path {
-        line.record(made(path)?)?;
+        link.record(made(path)?)?;
     }
     if let Some(watch) = &mut watch {
         record_log(watch, arguments)?;
     }
-    let frequency = line.ask(&Request::Get("frequency"), |response| match response {
+    let frequency = link.ask(&Request::Get("frequency"), |response| match response {
         Response::Setting(setting) => Some(Said::Setting(setting.key.into(), setting.value)),
         _ => None,
     })?;
     if let Some(said) = frequency {
         rows.take(said)?;
     }
-    line.tell(&Request::Telemetry(arguments.every as u16))?;
+    link.tell(&Request::Telemetry(arguments.every as u16))?;
     let begun = Instant::now();
     let limit = arguments.duration.map(Duration::from_secs_f64);
     let mut going = true;
     while going && desk.go_on().is_ok() && limit.is_none_or(|limit| begun.elapsed() < limit) {
         let left = limit.map_or(LOOK, |limit| limit.saturating_sub(begun.elapsed()));
-        for said in line.listen(LOOK.min(left))? {
+        for said in link.listen(LOOK.min(left))? {
             if arguments
                 .rows
                 .is_some_and(|most| rows.cycles >= most as u64)
@@ -254,7 +254,7 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
                 Unasked::Telemetry(telemetry) => rows.take(Said::Telemetry(telemetry))?,
                 Unasked::Started(image) => {
                     // A board that starts has its telemetry off.
-                    line.tell(&Request::Telemetry(arguments.every as u16))?;
+                    link.tell(&Request::Telemetry(arguments.every as u16))?;
                     rows.take(Said::Started(image))?
                 }
             };
@@ -263,9 +263,9 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
             going &= rows.log(watch)?;
         }
         going &=
-            log(&mut line, rows)? && arguments.rows.is_none_or(|most| rows.cycles < most as u64);
+            log(&mut link, rows)? && arguments.rows.is_none_or(|most| rows.cycles < most as u64);
     }
-    line.tell(&Request::Telemetry(0))?;
+    link.tell(&Request::Telemetry(0))?;
     rows.close();
     if let Some(watch) = &watch {
         unreadable(watch);
@@ -273,16 +273,16 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
     for path in path.iter().chain(&arguments.record_log.as_deref()) {
         eprintln!("recorded to {}", path.display());
     }
-    if line.unreadable() > 0 {
-        eprintln!("{} frames could not be read", line.unreadable());
+    if link.unreadable() > 0 {
+        eprintln!("{} frames could not be read", link.unreadable());
     }
     Ok(())
 }
 
 /// Prints what is new in the event log, 64 records at most: what the board keeps.
-fn log(line: &mut Line, rows: &mut Rows) -> Result<bool, Refusal> {
+fn log(link: &mut Link, rows: &mut Rows) -> Result<bool, Refusal> {
     for _ in 0..64 {
-        let event = line.ask(&Request::Event(rows.next), |response| match response {
+        let event = link.ask(&Request::Event(rows.next), |response| match response {
             Response::Event(event) => event,
             _ => None,
         })?;

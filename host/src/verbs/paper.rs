@@ -15,7 +15,7 @@ use serde_json::json;
 
 use crate::arguments::{self, Printed};
 use crate::desk::Desk;
-use crate::file::Target;
+use crate::file::Destination;
 use crate::picture::Theme;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Report, Table};
@@ -53,7 +53,11 @@ pub struct Arguments {
 
 /// Recomputes the paper.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let target = arguments.out.as_deref().map(Target::check).transpose()?;
+    let target = arguments
+        .out
+        .as_deref()
+        .map(Destination::check)
+        .transpose()?;
     if let Some(target) = &target
         && !matches!(target.ending().as_str(), "html" | "htm")
     {

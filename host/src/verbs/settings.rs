@@ -10,9 +10,9 @@ use serde_json::json;
 use kband::wire::Request;
 
 use crate::arguments;
-use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Line};
+use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
-use crate::file::{self, Target};
+use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Format, Report, Table, Value, shortest};
 
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         _ => None,
     };
     let target = match &arguments.action {
-        Action::Export { file } => Some(Target::check(file)?),
+        Action::Export { file } => Some(Destination::check(file)?),
         _ => None,
     };
     let keeps = matches!(
@@ -133,8 +133,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         commission::run(address, apply, within, arguments.format, desk)?;
         return Ok(Exit::Done);
     }
-    let mut line = address.open(Emulated::AtRest)?;
-    let mut settings = BoardSettings::read(&mut line)?;
+    let mut link = address.open(Emulated::AtRest)?;
+    let mut settings = BoardSettings::read(&mut link)?;
     match &arguments.action {
         Action::List => list(settings.iter(), &[])?.print(arguments.format)?,
         Action::Get { key } => {
@@ -145,19 +145,19 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Action::Set { key, value, save } => {
             let setting = settings.get(key)?.clone();
             let value = setting.accept(*value)?;
-            settings.change(&mut line, &[(key.clone(), value)])?;
+            settings.change(&mut link, &[(key.clone(), value)])?;
             let notes = [
                 format!("{key} was {}", setting.value),
-                kept(&mut line, *save, address)?,
+                kept(&mut link, *save, address)?,
             ];
             list([settings.get(key)?], &notes)?.print(arguments.format)?;
         }
         Action::Save => {
-            let notes = [kept(&mut line, true, address)?];
+            let notes = [kept(&mut link, true, address)?];
             list(settings.iter(), &notes)?.print(arguments.format)?;
         }
         Action::Export { .. } => {
-            let text = export(&settings, &line);
+            let text = export(&settings, &link);
             if let Some(target) = &target {
                 target.write_bytes(text.as_bytes())?;
                 let note = format!("wrote {}", target.path().display());
@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             let wanted = text.unwrap_or_default().wanted(&settings, file)?;
             let before = settings.clone();
             settings
-                .change(&mut line, &wanted)
+                .change(&mut link, &wanted)
                 .map_err(|refusal| refusal.at(file.display()))?;
             let changed: Vec<&BoardSetting> = settings
                 .iter()
@@ -182,7 +182,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                     wanted.len(),
                     changed.len()
                 ),
-                kept(&mut line, *save, address)?,
+                kept(&mut link, *save, address)?,
             ];
             list(changed, &notes)?.print(arguments.format)?;
         }
@@ -193,9 +193,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 /// Saves, if that is wanted; what becomes of the settings, in words.
-fn kept(line: &mut Line, save: bool, address: &Address) -> Result<String, Refusal> {
+fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusal> {
     if save {
-        line.tell(&Request::Save)?;
+        link.tell(&Request::Save)?;
         return Ok("kept: the board starts with these settings from now on".into());
     }
     Ok(if address.is_emulated() {
@@ -251,11 +251,11 @@ fn list<'a>(
 }
 
 /// The settings as a file to read, change and import.
-fn export(settings: &BoardSettings, line: &Line) -> String {
+fn export(settings: &BoardSettings, link: &Link) -> String {
     let mut text = format!(
         "# Settings of a board with kband {}.\n\
          # kband settings import FILE.toml brings them onto a board; a key left out keeps its value.\n\n",
-        line.image()
+        link.image()
     );
     for setting in settings.iter() {
         let assigned = format!("{} = {:?}", setting.key, setting.value);

@@ -10,7 +10,7 @@ use kband::plant::{Moment, Sample};
 use crate::arguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::file::{self, Target};
+use crate::file::{self, Destination};
 use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
@@ -198,7 +198,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut file = SceneFile::from_table(table.clone()).map_err(named)?;
     arguments.adapt(&mut file);
     file.check()?;
-    let picture = Target::check(&arguments.out)?;
+    let picture = Destination::check(&arguments.out)?;
     let ending = picture.ending();
     if ending != "svg" && ending != "png" {
         return Err(Refusal::value(
@@ -210,11 +210,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
     let trace = match &arguments.trace {
-        Some(path) => Some(Target::check(path)?),
-        None if many || file.duration <= TRACED => Some(Target::check(Path::new(TRACE))?),
+        Some(path) => Some(Destination::check(path)?),
+        None if many || file.duration <= TRACED => Some(Destination::check(Path::new(TRACE))?),
         None => None,
     };
-    let scope = arguments.scope.as_deref().map(Target::check).transpose()?;
+    let scope = arguments
+        .scope
+        .as_deref()
+        .map(Destination::check)
+        .transpose()?;
     for (option, target) in [("--trace", &trace), ("--scope", &scope)] {
         if let Some(target) = target {
             rows_file::check(option, target)?;
@@ -272,8 +276,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     };
     let written = Written {
         picture: picture.path(),
-        trace: trace.map(Target::path),
-        scope: scope.as_ref().map(Target::path),
+        trace: trace.map(Destination::path),
+        scope: scope.as_ref().map(Destination::path),
     };
     told(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
     Ok(match unmet {
@@ -286,8 +290,8 @@ fn sweep(
     arguments: &Arguments,
     table: &toml::Table,
     file: &SceneFile,
-    picture: &Target,
-    trace: Option<&Target>,
+    picture: &Destination,
+    trace: Option<&Destination>,
     desk: &Desk,
 ) -> Result<Exit, Refusal> {
     let swept = Sweep::run(
@@ -309,8 +313,8 @@ fn sweep(
 fn tell_many(
     report: Report,
     table: &Table,
-    picture: &Target,
-    trace: Option<&Target>,
+    picture: &Destination,
+    trace: Option<&Destination>,
     format: Format,
 ) -> Result<Exit, Refusal> {
     rows_file::write(trace, table.columns(), |rows| match rows {
@@ -325,7 +329,7 @@ fn tell_many(
     Ok(Exit::Done)
 }
 
-fn write_picture(target: &Target, picture: &Picture, theme: Theme) -> Result<(), Refusal> {
+fn write_picture(target: &Destination, picture: &Picture, theme: Theme) -> Result<(), Refusal> {
     let bytes = if target.ending() == "svg" {
         picture.to_svg(theme).into_bytes()
     } else {

@@ -9,7 +9,7 @@ use kband::impact::{Kernel, Map, State, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
-use crate::arguments::{self, Drawn, Drive, Printed, Range};
+use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
@@ -55,7 +55,7 @@ pub struct Arguments {
     phase_lead: f64,
 
     #[command(flatten)]
-    drive: Drive,
+    drive: DriveArguments,
 
     /// Length of a part in mm: also prints how many pass in an hour, one behind the other.
     #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
@@ -107,12 +107,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 /// The picture that these options draw, for a page that holds several.
 pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
     #[derive(clap::Parser)]
-    struct Line {
+    struct CommandLine {
         #[command(flatten)]
         arguments: Arguments,
     }
     let words = std::iter::once("transport").chain(options.split_whitespace());
-    let line = <Line as clap::Parser>::try_parse_from(words)
+    let line = <CommandLine as clap::Parser>::try_parse_from(words)
         .map_err(|error| Refusal::new(error.to_string(), "see kband transport --help"))?;
     let (_, picture) = computed(&line.arguments, desk)?;
     Ok(picture())

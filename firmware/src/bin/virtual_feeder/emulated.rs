@@ -31,7 +31,7 @@ use kband_firmware::log;
 use kband_firmware::start::{Cause, Signs};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
-use kband_firmware::trial::{Line, Trial};
+use kband_firmware::trial::{TraceRow, Trial};
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
@@ -146,7 +146,7 @@ impl Monitor for Trace {
     fn report(&mut self, report: &Report) {
         log::report(report);
         if let Some(left) = &mut self.left {
-            heprintln!("{}", Line(report));
+            heprintln!("{}", TraceRow(report));
             *left -= 1;
             if *left == 0 {
                 (self.end)();

@@ -6,7 +6,7 @@ use kband::regime::classify::Regime;
 use serde::Serialize;
 
 use super::over::Over;
-use super::{Arguments, Start};
+use super::{Arguments, ColumnStart};
 use crate::desk::Desk;
 use crate::ending::Endings;
 use crate::refusal::Refusal;
@@ -27,7 +27,7 @@ impl Branch {
 
 /// The impacts of one start, column by column.
 pub(super) struct Branch {
-    pub(super) start: Start,
+    pub(super) start: ColumnStart,
     pub(super) columns: Vec<Struck>,
 }
 
@@ -50,19 +50,19 @@ pub(super) struct Stretch {
 /// are a task each column.
 pub(super) fn follow(
     arguments: &Arguments,
-    starts: &[Start],
+    starts: &[ColumnStart],
     maps: &[Map],
     desk: &Desk,
 ) -> Result<Vec<Branch>, Refusal> {
     let (settle, impacts) = (arguments.settle, arguments.impacts);
-    let mut tasks: Vec<(Start, usize)> = Vec::new();
+    let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
     for start in starts {
-        if *start != Start::Rest {
+        if *start != ColumnStart::Rest {
             tasks.push((*start, 0));
         }
     }
-    if starts.contains(&Start::Rest) {
-        tasks.extend((0..maps.len()).map(|column| (Start::Rest, column)));
+    if starts.contains(&ColumnStart::Rest) {
+        tasks.extend((0..maps.len()).map(|column| (ColumnStart::Rest, column)));
     }
     let endings: Vec<Endings> = maps
         .iter()
@@ -78,9 +78,9 @@ pub(super) fn follow(
         let (start, column) = tasks[task];
         let mut order: Vec<usize> = (0..maps.len()).collect();
         match start {
-            Start::Rest => return Ok(vec![one(column, &mut None)]),
-            Start::Up => {}
-            Start::Down => order.reverse(),
+            ColumnStart::Rest => return Ok(vec![one(column, &mut None)]),
+            ColumnStart::Up => {}
+            ColumnStart::Down => order.reverse(),
         }
         let mut columns = Vec::with_capacity(maps.len());
         let mut state = None;
@@ -88,7 +88,7 @@ pub(super) fn follow(
             desk.go_on()?;
             columns.push(one(*column, &mut state));
         }
-        if start == Start::Down {
+        if start == ColumnStart::Down {
             columns.reverse();
         }
         Ok(columns)

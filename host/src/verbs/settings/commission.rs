@@ -8,7 +8,7 @@ use kband::control::State;
 use kband::wire::{Identification, Identified, Request, Response, Target, Telemetry, Unidentified};
 
 use super::kept;
-use crate::board::{Address, BoardSettings, Emulated, Line, Unasked};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Report, Table, shortest};
@@ -31,27 +31,27 @@ pub(super) fn run(
     format: Format,
     desk: &Desk,
 ) -> Result<(), Refusal> {
-    let mut line = address.open(Emulated::Running)?;
-    let mut settings = BoardSettings::read(&mut line)?;
-    line.tell(&Request::Target(Target::Identify))?;
-    let found = listen(&mut line, Duration::from_secs_f64(within), desk);
+    let mut link = address.open(Emulated::Running)?;
+    let mut settings = BoardSettings::read(&mut link)?;
+    link.tell(&Request::Target(Target::Identify))?;
+    let found = listen(&mut link, Duration::from_secs_f64(within), desk);
     // Found or not, the board goes on with the target that it starts with.
-    line.tell(&Request::Target(Target::Locked(1)))?;
+    link.tell(&Request::Target(Target::Locked(1)))?;
     let found = found?;
     let (low, high) = offered(&found);
     let mut notes = vec![format!(
         "offered: restitution_low = {low}, restitution_high = {high} (twice the deviation, {NARROWEST} at least)"
     )];
     if apply {
-        rest(&mut line)?;
+        rest(&mut link)?;
         let wanted = [
             ("restitution_low".to_string(), low),
             ("restitution_high".to_string(), high),
         ];
         let taken = settings
-            .change(&mut line, &wanted)
-            .and_then(|()| kept(&mut line, true, address));
-        line.tell(&Request::Enable(true))?;
+            .change(&mut link, &wanted)
+            .and_then(|()| kept(&mut link, true, address));
+        link.tell(&Request::Enable(true))?;
         notes.push(taken?);
     } else {
         notes.push("nothing was changed; to take it, with the drive at rest:".into());
@@ -87,13 +87,13 @@ pub(super) fn run(
 }
 
 /// Waits for the result.
-fn listen(line: &mut Line, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
+fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
     let progress = Progress::new("listening", HOPS);
     let begun = Instant::now();
     let mut heard = 0;
     while begun.elapsed() < within {
         desk.go_on()?;
-        let come = line.ask(&Request::Identification, |response| match response {
+        let come = link.ask(&Request::Identification, |response| match response {
             Response::Identification(come) => Some(come),
             _ => None,
         })?;
@@ -125,7 +125,7 @@ fn listen(line: &mut Line, within: Duration, desk: &Desk) -> Result<Identified, 
             }
             Some(Identification::Idle) | None => {}
         }
-        if let Some(off) = why_off(line)? {
+        if let Some(off) = why_off(link)? {
             return Err(off);
         }
     }
@@ -139,25 +139,25 @@ fn listen(line: &mut Line, within: Duration, desk: &Desk) -> Result<Identified, 
 }
 
 /// Refused where the drive does not run, for then nothing will be heard.
-fn why_off(line: &mut Line) -> Result<Option<Refusal>, Refusal> {
-    let Some(last) = cycle(line)? else {
+fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
+    let Some(last) = cycle(link)? else {
         return Ok(None);
     };
     let off = last.state == State::Off.number();
     let fault = last.state == State::Fault.number();
     Ok((off || fault).then(|| {
         Refusal::new(
-            format!("{} does not run its drive{}", line.name(), if fault { ": it stopped in a fault" } else { "" }),
+            format!("{} does not run its drive{}", link.name(), if fault { ": it stopped in a fault" } else { "" }),
             "give the enable input (after a fault withdraw it first); kband monitor says which fault",
         )
     }))
 }
 
 /// The last of the drive cycles that come in a while.
-fn cycle(line: &mut Line) -> Result<Option<Telemetry>, Refusal> {
-    line.tell(&Request::Telemetry(1))?;
-    let said = line.listen(LOOK)?;
-    line.tell(&Request::Telemetry(0))?;
+fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
+    link.tell(&Request::Telemetry(1))?;
+    let said = link.listen(LOOK)?;
+    link.tell(&Request::Telemetry(0))?;
     Ok(said.into_iter().rev().find_map(|said| match said {
         Unasked::Telemetry(telemetry) => Some(telemetry),
         Unasked::Started(_) => None,
@@ -165,11 +165,11 @@ fn cycle(line: &mut Line) -> Result<Option<Telemetry>, Refusal> {
 }
 
 /// Brings the drive to rest, as settings need it.
-fn rest(line: &mut Line) -> Result<(), Refusal> {
-    line.tell(&Request::Enable(false))?;
+fn rest(link: &mut Link) -> Result<(), Refusal> {
+    link.tell(&Request::Enable(false))?;
     let begun = Instant::now();
     while begun.elapsed() < REST {
-        if cycle(line)?.is_some_and(|cycle| cycle.state == State::Off.number()) {
+        if cycle(link)?.is_some_and(|cycle| cycle.state == State::Off.number()) {
             return Ok(());
         }
     }
@@ -177,7 +177,7 @@ fn rest(line: &mut Line) -> Result<(), Refusal> {
     Err(Refusal::new(
         format!(
             "{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed",
-            line.name(),
+            link.name(),
             REST.as_secs()
         ),
         "withdraw the enable input, see why the drive runs on, and reset the board",

@@ -315,14 +315,14 @@ mod tests {
     use super::*;
 
     #[derive(Parser)]
-    struct Line {
+    struct CommandLine {
         #[command(flatten)]
         arguments: Arguments,
     }
 
     fn rows_of(line: &str, threads: usize) -> (Feeder, Over, Vec<Row>) {
         let words = std::iter::once("transport").chain(line.split_whitespace());
-        let arguments = Line::parse_from(words).arguments;
+        let arguments = CommandLine::parse_from(words).arguments;
         let feeder = Feeder::build(&arguments).unwrap();
         let over = Over::of(&feeder, &arguments).unwrap();
         let desk = Desk::new(Some(threads)).unwrap();

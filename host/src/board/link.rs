@@ -29,8 +29,8 @@ pub enum Unasked {
     Started(String),
 }
 
-/// The line to one board. An emulated board ends with it.
-pub struct Line {
+/// The link to one board. An emulated board ends with it.
+pub struct Link {
     name: String,
     emulator: Option<Child>,
     output: Box<dyn Write + Send>,
@@ -47,8 +47,8 @@ pub struct Line {
     record: Option<Box<dyn Write + Send>>,
 }
 
-impl Line {
-    /// The line over what writes to a board and what reads from it; an emulator ends with it.
+impl Link {
+    /// The link over what writes to a board and what reads from it; an emulator ends with it.
     pub(super) fn over(
         name: String,
         output: impl Write + Send + 'static,
@@ -56,7 +56,7 @@ impl Line {
         emulator: Option<Child>,
     ) -> Result<Self, Refusal> {
         let (send, bytes) = channel();
-        // The thread ends with the line's far end, or with the program.
+        // The thread ends with the link's far end, or with the program.
         std::thread::spawn(move || {
             let mut buffer = [0; 1024];
             while let Ok(count @ 1..) = input.read(&mut buffer) {
@@ -65,7 +65,7 @@ impl Line {
                 }
             }
         });
-        let mut line = Self {
+        let mut link = Self {
             name,
             emulator,
             output: Box::new(output),
@@ -81,8 +81,8 @@ impl Line {
             unasked: VecDeque::new(),
             record: None,
         };
-        line.identify()?;
-        Ok(line)
+        link.identify()?;
+        Ok(link)
     }
 
     /// Where the board is: qemu or its port.
@@ -164,7 +164,7 @@ impl Line {
         let mut buffer = [0; FRAME_MOST];
         let frame = write_request(&mut buffer, wanted, request)
             .map_err(|_| Refusal::new("a request is too long for a frame", "shorten its text"))?;
-        // A board drops what is beyond its allowance for a drive cycle, and a line may lose a frame. What
+        // A board drops what is beyond its allowance for a drive cycle, and a link may lose a frame. What
         // is the same done twice is asked again.
         let again = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
         let end = Instant::now() + self.patience;
@@ -229,7 +229,7 @@ impl Line {
             .and_then(|()| self.output.flush())
             .map_err(|error| {
                 Refusal::new(
-                    format!("{}: the line broke: {error}", self.name),
+                    format!("{}: the link broke: {error}", self.name),
                     "look whether the board is still there",
                 )
             })
@@ -323,7 +323,7 @@ fn unrecorded(error: std::io::Error) -> Refusal {
     )
 }
 
-impl Drop for Line {
+impl Drop for Link {
     fn drop(&mut self) {
         if let Some(emulator) = &mut self.emulator {
             let _ = emulator.kill();
