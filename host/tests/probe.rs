@@ -139,7 +139,7 @@ fn another_chip_is_neither_stopped_nor_written() {
         ((0x1007_6413, 512), ["512 KiB", "1024 KiB"]),
     ] {
         let mut chip = board();
-        chip.identity = identity;
+        chip.board.identity = identity;
         let before = chip.flash().to_vec();
         let probe = Probe::before(chip);
         let came = kband(

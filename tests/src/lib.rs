@@ -11,6 +11,7 @@ pub mod footprint;
 pub mod images;
 pub mod oracle;
 pub mod probe;
+pub mod rig;
 pub mod soak;
 pub mod states;
 pub mod terminal;

@@ -1,15 +1,26 @@
-//! Flash and its controller (RM0090, 3.5 to 3.9).
+//! Flash, its controller and its accelerator (RM0090, chapter 3; DS8626, tables 39 and 40).
+
+use std::ops::Range;
+
+use super::clocks::TICKS;
 
 /// Where it lies.
 pub const START: u32 = 0x0800_0000;
 /// Its bytes.
 const SIZE: usize = 1024 * 1024;
 /// Its addresses.
-pub const RANGE: std::ops::Range<u32> = START..START + SIZE as u32;
+pub const RANGE: Range<u32> = START..START + SIZE as u32;
 /// The registers of its controller.
-pub const REGISTERS: std::ops::Range<u32> = 0x4002_3c00..0x4002_3c18;
+pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
+/// Bits of ACR (3.9.1).
+const PREFETCH: u32 = 1 << 8;
+const INSTRUCTION_CACHE: u32 = 1 << 9;
+const DATA_CACHE: u32 = 1 << 10;
+const RESET_INSTRUCTIONS: u32 = 1 << 11;
+const RESET_DATA: u32 = 1 << 12;
 /// Bits of the control register.
 const PROGRAM: u32 = 1;
 const ERASE_SECTOR: u32 = 1 << 1;
@@ -21,8 +32,58 @@ const WRONG_SIZE: u32 = 1 << 6;
 const WRONG_SEQUENCE: u32 = 1 << 7;
 const ERRORS: u32 = 0xf0;
 const BUSY: u32 = 1 << 16;
-/// The watchdog is started by software.
+/// Bits of OPTCR (3.9.10).
+const OPTIONS_LOCKED: u32 = 1;
+const OPTIONS_START: u32 = 1 << 1;
+const SOFTWARE_WATCHDOG: u32 = 1 << 5;
+/// As the factory leaves them: brown-out reset off, the watchdog started by software.
 const OPTIONS: u32 = 0x0fff_aaed;
+/// Lines of 16 bytes that the accelerator keeps: of instructions, of data (3.5.2).
+const LINES: [usize; 2] = [64, 8];
+/// Time to program a word, 16 us; to erase 16, 64, 128 KiB and all, with words; twice that at most.
+const WORD_TIME: u64 = 16 * TICKS / 1_000_000;
+const ERASE_TIMES: [u64; 4] = [TICKS / 4, TICKS * 55 / 100, TICKS, 8 * TICKS];
+
+/// The place of a sector.
+#[must_use]
+pub fn sector(number: usize) -> Option<Range<usize>> {
+    match number {
+        0..=3 => Some(number * 0x4000..(number + 1) * 0x4000),
+        4 => Some(0x1_0000..0x2_0000),
+        5..=11 => Some((number - 4) * 0x2_0000..(number - 3) * 0x2_0000),
+        _ => None,
+    }
+}
+
+/// Lines that the accelerator keeps, the oldest making room (silicon: the one used longest ago).
+#[derive(Clone, Debug)]
+struct Lines {
+    kept: Vec<u32>,
+    next: usize,
+}
+
+impl Lines {
+    fn new(count: usize) -> Self {
+        Self {
+            kept: vec![u32::MAX; count],
+            next: 0,
+        }
+    }
+
+    fn forget(&mut self) {
+        self.kept.fill(u32::MAX);
+    }
+
+    /// Whether a line is kept; it is from now on.
+    fn has(&mut self, line: u32) -> bool {
+        if self.kept.contains(&line) {
+            return true;
+        }
+        self.kept[self.next] = line;
+        self.next = (self.next + 1) % self.kept.len();
+        false
+    }
+}
 
 /// A flash; erased at first.
 #[derive(Clone, Debug)]
@@ -33,9 +94,27 @@ pub struct Flash {
     pub worn: Option<(u32, u32)>,
     /// Words programmed and sectors erased so far.
     pub operations: u64,
+    /// Sectors erased so far, by number.
+    pub erasures: [u32; 12],
+    /// Whether it takes the longest time that the data sheet allows, not the typical one.
+    pub slow: bool,
+    /// Something was programmed or erased since this was last looked at.
+    pub changed: bool,
+    /// A sector was erased while the data cache kept it: what is read of it may be old.
+    stale: Option<Range<usize>>,
     keys: usize,
+    option_keys: usize,
+    access: u32,
     control: u32,
     status: u32,
+    option_control: u32,
+    /// The option bytes in force.
+    options: u32,
+    busy: u64,
+    instructions: Lines,
+    data: Lines,
+    /// The line that was fetched last, and the one read last.
+    current: [u32; 2],
 }
 
 impl Default for Flash {
@@ -44,9 +123,21 @@ impl Default for Flash {
             bytes: vec![0xff; SIZE],
             worn: None,
             operations: 0,
+            erasures: [0; 12],
+            slow: false,
+            changed: false,
+            stale: None,
             keys: 0,
+            option_keys: 0,
+            access: 0,
             control: LOCKED,
             status: 0,
+            option_control: OPTIONS,
+            options: OPTIONS,
+            busy: 0,
+            instructions: Lines::new(LINES[0]),
+            data: Lines::new(LINES[1]),
+            current: [u32::MAX; 2],
         }
     }
 }
@@ -55,31 +146,131 @@ impl Flash {
     /// What a reset does to the controller.
     pub fn reset(&mut self) {
         (self.keys, self.control, self.status) = (0, LOCKED, 0);
+        (self.option_keys, self.option_control) = (0, self.options | OPTIONS_LOCKED);
+        (self.access, self.busy, self.stale) = (0, 0, None);
+        self.instructions.forget();
+        self.data.forget();
+        self.current = [u32::MAX; 2];
     }
 
-    /// A register by its offset.
-    pub fn register(&mut self, offset: u32) -> u32 {
+    /// The level of the brown-out reset: 3 is off.
+    #[must_use]
+    pub fn brown_out(&self) -> u32 {
+        self.options >> 2 & 3
+    }
+
+    /// Whether the independent watchdog runs from reset on.
+    #[must_use]
+    pub fn hardware_watchdog(&self) -> bool {
+        self.options & SOFTWARE_WATCHDOG == 0
+    }
+
+    /// Sets the option bytes, as if they had been programmed and loaded.
+    pub fn set_options(&mut self, options: u32) {
+        self.options = options;
+        self.option_control = options | OPTIONS_LOCKED;
+    }
+
+    /// The option bytes in force.
+    #[must_use]
+    pub fn options(&self) -> u32 {
+        self.options
+    }
+
+    /// Until when it is busy.
+    #[must_use]
+    pub fn busy(&self) -> u64 {
+        self.busy
+    }
+
+    /// Wait states.
+    #[must_use]
+    pub fn latency(&self) -> u32 {
+        self.access & 7
+    }
+
+    /// Whether prefetch, instruction cache and data cache are on.
+    #[must_use]
+    pub fn accelerator(&self) -> [bool; 3] {
+        [PREFETCH, INSTRUCTION_CACHE, DATA_CACHE].map(|bit| self.access & bit != 0)
+    }
+
+    /// Cycles that the core waits for a line of instructions.
+    pub fn fetch(&mut self, address: u32) -> u32 {
+        let line = address >> 4;
+        let last = std::mem::replace(&mut self.current[0], line);
+        if line == last {
+            return 0;
+        }
+        let [prefetch, cached, _] = self.accelerator();
+        if cached && self.instructions.has(line) {
+            return 0;
+        }
+        let latency = self.latency();
+        // The line after is fetched while the core executes this one: 4 to 8 cycles.
+        if prefetch && line == last.wrapping_add(1) {
+            latency.saturating_sub(4)
+        } else {
+            latency
+        }
+    }
+
+    /// Cycles that the core waits for data, and whether they may be old.
+    pub fn read(&mut self, address: u32) -> (u32, bool) {
+        let line = address >> 4;
+        let at = (address - START) as usize;
+        let old = self
+            .stale
+            .as_ref()
+            .is_some_and(|sector| sector.contains(&at));
+        let last = std::mem::replace(&mut self.current[1], line);
+        let [_, _, cached] = self.accelerator();
+        if line == last || cached && self.data.has(line) {
+            return (0, old);
+        }
+        (self.latency(), old)
+    }
+
+    /// A register by its offset, at `now`.
+    #[must_use]
+    pub fn register(&self, offset: u32, now: u64) -> u32 {
         match offset {
-            0x0c => {
-                // Busy for one look after each operation.
-                let status = self.status;
-                self.status &= !BUSY;
-                status
+            0x00 => self.access,
+            0x0c => self.status | u32::from(now < self.busy) * BUSY,
+            0x10 => {
+                self.control | u32::from(now < self.busy) * START_ERASING * (self.control >> 1 & 1)
             }
-            0x10 => self.control,
-            0x14 => OPTIONS,
+            0x14 => self.option_control,
             _ => 0,
         }
     }
 
     /// Writes a register.
-    pub fn set_register(&mut self, offset: u32, value: u32) {
+    pub fn set_register(&mut self, offset: u32, value: u32, now: u64) {
+        let turn = |count: &mut usize, keys: &[u32; 2]| {
+            let right = keys.get(*count) == Some(&value);
+            *count = if right { *count + 1 } else { keys.len() + 1 };
+            *count == keys.len()
+        };
         match offset {
+            0x00 => {
+                self.access = value & 0x707;
+                if value & RESET_INSTRUCTIONS != 0 {
+                    self.instructions.forget();
+                }
+                if value & RESET_DATA != 0 {
+                    self.data.forget();
+                    self.stale = None;
+                }
+            }
             0x04 => {
-                let right = KEYS.get(self.keys) == Some(&value);
-                self.keys = if right { self.keys + 1 } else { KEYS.len() + 1 };
-                if self.keys == KEYS.len() {
+                if turn(&mut self.keys, &KEYS) {
                     self.control &= !LOCKED;
+                }
+            }
+            0x08 => {
+                if turn(&mut self.option_keys, &OPTION_KEYS) {
+                    self.option_control &= !OPTIONS_LOCKED;
                 }
             }
             0x0c => self.status &= !(value & ERRORS),
@@ -90,34 +281,71 @@ impl Flash {
                     return;
                 }
                 if value & START_ERASING != 0 {
-                    self.erase();
+                    self.erase(now);
+                }
+            }
+            0x14 if self.option_control & OPTIONS_LOCKED == 0 => {
+                self.option_control = value & !OPTIONS_START;
+                if value & OPTIONS_LOCKED != 0 {
+                    self.option_keys = 0;
+                }
+                if value & OPTIONS_START != 0 {
+                    // Loaded at the next reset; here at once, as the board's reset follows.
+                    self.options = value & 0x0fff_ffec;
+                    self.busy = now + self.time(ERASE_TIMES[0]);
                 }
             }
             _ => {}
         }
     }
 
-    fn erase(&mut self) {
-        if self.control & ERASE_ALL != 0 {
+    fn time(&self, typical: u64) -> u64 {
+        if self.slow { 2 * typical } else { typical }
+    }
+
+    fn erase(&mut self, now: u64) {
+        let time = if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
+            self.stale = Some(0..SIZE);
+            ERASE_TIMES[3]
         } else if self.control & ERASE_SECTOR != 0 {
             let number = self.control as usize >> 3 & 0xf;
-            let sector = match number {
-                0..=3 => number * 0x4000..(number + 1) * 0x4000,
-                4 => 0x1_0000..0x2_0000,
-                5..=11 => (number - 4) * 0x2_0000..(number - 3) * 0x2_0000,
-                _ => return self.status |= WRONG_SEQUENCE,
+            let Some(range) = sector(number) else {
+                return self.status |= WRONG_SEQUENCE;
             };
-            self.bytes[sector].fill(0xff);
+            self.bytes[range.clone()].fill(0xff);
+            self.erasures[number] += 1;
+            self.stale = Some(range);
+            ERASE_TIMES[match number {
+                0..=3 => 0,
+                4 => 1,
+                _ => 2,
+            }]
         } else {
             return self.status |= WRONG_SEQUENCE;
+        };
+        if self.access & DATA_CACHE == 0 {
+            self.stale = None;
         }
         self.operations += 1;
-        self.status |= BUSY;
+        self.busy = now + self.time(time);
+        self.changed = true;
+    }
+
+    /// What a supply that goes during the last operation leaves: of a word, of a sector, a part.
+    pub fn tear(&mut self, at: usize, size: usize, before: &[u8], seed: u64) {
+        let mut state = seed | 1;
+        for (index, place) in self.bytes[at..at + size].iter_mut().enumerate() {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            let mask = (state >> 33) as u8;
+            *place = *place & mask | before[index] & !mask;
+        }
     }
 
     /// Programs: bits go from 1 to 0 only.
-    pub fn program(&mut self, offset: usize, size: u32, value: u32) {
+    pub fn program(&mut self, offset: usize, size: u32, value: u32, now: u64) {
         if self.control & (LOCKED | PROGRAM) != PROGRAM {
             self.status |= WRONG_SEQUENCE;
             return;
@@ -139,6 +367,114 @@ impl Flash {
             *place &= byte;
         }
         self.operations += 1;
-        self.status |= BUSY;
+        self.busy = now.max(self.busy) + self.time(WORD_TIME);
+        self.changed = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open() -> Flash {
+        let mut flash = Flash::default();
+        for key in KEYS {
+            flash.set_register(0x04, key, 0);
+        }
+        assert_eq!(flash.register(0x10, 0) & LOCKED, 0);
+        flash
+    }
+
+    #[test]
+    fn a_wrong_key_locks_until_the_reset() {
+        let mut flash = Flash::default();
+        for key in [KEYS[1], KEYS[0], KEYS[1]] {
+            flash.set_register(0x04, key, 0);
+        }
+        assert_eq!(flash.register(0x10, 0), LOCKED);
+        flash.reset();
+        for key in KEYS {
+            flash.set_register(0x04, key, 0);
+        }
+        assert_eq!(flash.register(0x10, 0), 0);
+    }
+
+    #[test]
+    fn a_word_takes_16_us_and_only_clears_bits() {
+        let mut flash = open();
+        flash.program(8, 4, 0, 0);
+        assert_eq!(flash.register(0x0c, 0), WRONG_SEQUENCE);
+        flash.set_register(0x0c, ERRORS, 0);
+        flash.set_register(0x10, PROGRAM | 2 << 8, 0);
+        flash.program(8, 4, 0x00ff_00f0, 0);
+        assert_eq!(flash.register(0x0c, WORD_TIME - 1), BUSY);
+        assert_eq!(flash.register(0x0c, WORD_TIME), 0);
+        flash.program(8, 4, 0xffff_ffff, WORD_TIME);
+        assert_eq!(flash.bytes[8..12], [0xf0, 0, 0xff, 0]);
+        flash.program(8, 1, 0, 0);
+        assert_eq!(flash.register(0x0c, TICKS) & ERRORS, WRONG_SIZE);
+    }
+
+    #[test]
+    fn sectors_have_their_sizes_and_times() {
+        for (number, length, time) in [
+            (0, 0x4000, TICKS / 4),
+            (3, 0x4000, TICKS / 4),
+            (4, 0x1_0000, TICKS * 55 / 100),
+            (11, 0x2_0000, TICKS),
+        ] {
+            let mut flash = open();
+            flash.bytes.fill(0);
+            flash.set_register(0x10, ERASE_SECTOR | (number as u32) << 3 | START_ERASING, 0);
+            assert_eq!(
+                flash.bytes.iter().filter(|byte| **byte == 0xff).count(),
+                length
+            );
+            assert_eq!(sector(number).unwrap().len(), length);
+            assert_eq!(flash.busy(), time);
+        }
+        assert_eq!(sector(11).unwrap().end, SIZE);
+    }
+
+    #[test]
+    fn the_accelerator_saves_wait_states_and_keeps_what_it_has() {
+        let mut flash = Flash::default();
+        flash.set_register(0x00, 5, 0);
+        assert_eq!([flash.fetch(START), flash.fetch(START + 16)], [5, 5]);
+        assert_eq!(flash.fetch(START + 18), 0);
+        flash.set_register(0x00, 5 | PREFETCH | INSTRUCTION_CACHE | DATA_CACHE, 0);
+        assert_eq!(flash.fetch(START + 0x100), 5);
+        assert_eq!(flash.fetch(START + 0x110), 1, "fetched ahead");
+        assert_eq!(flash.fetch(START + 0x100), 0, "kept");
+        assert_eq!(flash.read(START + 0x800), (5, false));
+        assert_eq!(flash.read(START + 0x900), (5, false));
+        assert_eq!(flash.read(START + 0x800), (0, false));
+    }
+
+    #[test]
+    fn data_kept_over_an_erasure_is_old() {
+        let mut flash = open();
+        flash.set_register(0x00, 5 | DATA_CACHE, 0);
+        flash.set_register(0x10, ERASE_SECTOR | 11 << 3 | START_ERASING, 0);
+        let place = START + 0xe_0000;
+        assert!(flash.read(place).1);
+        flash.set_register(0x00, 5, 0);
+        flash.set_register(0x00, 5 | RESET_DATA, 0);
+        flash.set_register(0x00, 5 | DATA_CACHE, 0);
+        assert!(!flash.read(place).1);
+    }
+
+    #[test]
+    fn option_bytes_need_their_keys() {
+        let mut flash = Flash::default();
+        flash.set_register(0x14, OPTIONS & !0xd | OPTIONS_START, 0);
+        assert_eq!((flash.brown_out(), flash.hardware_watchdog()), (3, false));
+        for key in OPTION_KEYS {
+            flash.set_register(0x08, key, 0);
+        }
+        let wanted = OPTIONS & !(0xc | SOFTWARE_WATCHDOG | OPTIONS_LOCKED);
+        flash.set_register(0x14, wanted, 0);
+        flash.set_register(0x14, wanted | OPTIONS_START, 0);
+        assert_eq!((flash.brown_out(), flash.hardware_watchdog()), (0, true));
     }
 }

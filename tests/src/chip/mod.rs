@@ -1,30 +1,35 @@
-//! A chip as a debug probe sees it: an STM32F405RG whose firmware drives the bridge.
+//! An STM32F405RG with its bridge, as a debug probe and as the machine around it see it.
 //!
-//! Flash with its controller, RAM, the registers that stop and start the core (ARM DDI 0403, C1.6), the
-//! timer of the bridge. The core executes what a probe puts into RAM; of the firmware in flash it is known
-//! only that it runs, and that it sets the output of the bridge again and again.
+//! The core executes what lies in its flash or what a probe puts into its RAM, on peripherals that behave as the
+//! reference manual (RM0090) says; a file each. What the manual leaves open, and what is electrical, only silicon
+//! can tell.
 
-mod flash;
-mod thumb;
+mod board;
+mod bridge;
+pub mod clocks;
+mod converter;
+pub mod core;
+pub mod flash;
+pub mod gpio;
+mod power;
+mod serial;
+mod system;
+mod voltage;
+mod watchdog;
+pub mod world;
 
-use std::collections::BTreeMap;
+use self::core::{COUNTER, Core, Fault, STACK, Waits};
+pub use board::Board;
+use board::MEMORY;
+use clocks::{Cause, TICKS};
+use system::HARD_FAULT;
+use world::Seen;
 
-use flash::Flash;
-use thumb::{Stop, Thumb};
+use self::core::Bus;
 
-const MEMORY: u32 = 0x2000_0000;
-const MEMORY_SIZE: usize = 128 * 1024;
-/// Identity of the chip, the bits that stop timers with the core (RM0090, 38.16), flash size (39.2).
-const IDENTITY: u32 = 0xe004_2000;
-const STOPS: u32 = 0xe004_200c;
-const STOP_TIMER_1: u32 = 1;
-const FLASH_SIZE: u32 = 0x1fff_7a20;
-/// Break and dead time of the bridge's timer, and its main output enable (RM0090, 17.4.18).
-const BREAK: u32 = 0x4001_0044;
-const MAIN_OUTPUT: u32 = 1 << 15;
-/// The core's own registers.
-const PROCESSOR: u32 = 0xe000_ed00;
+/// The core's own registers for a debugger (ARM DDI 0403E, C1.6).
 const RESET: u32 = 0xe000_ed0c;
+const PROCESSOR: u32 = 0xe000_ed00;
 const WHY_HALTED: u32 = 0xe000_ed30;
 const HALTING: u32 = 0xe000_edf0;
 const SELECT: u32 = 0xe000_edf4;
@@ -40,72 +45,85 @@ const HALTED: u32 = 1 << 17;
 const LOCKED_UP: u32 = 1 << 19;
 const WAS_RESET: u32 = 1 << 25;
 /// Instructions that a loader may take before it counts as one that never ends.
-const LONGEST: u32 = 20_000_000;
+const LONGEST: u64 = 60_000_000;
+/// Ticks that pass with each access of a probe: 20 us.
+const ACCESS: u64 = TICKS / 50_000;
 
-/// Memory as a core sees it; `None` where nothing answers.
-pub trait Bus {
-    /// Reads 1, 2 or 4 bytes.
-    fn load(&mut self, address: u32, size: u32) -> Option<u32>;
-    /// Writes them.
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
-}
+/// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
+const FETCH_FAULT: u32 = 1 << 8;
+const ACCESS_FAULT: u32 = 1 << 9 | 1 << 15;
+const STACK_FAULT: u32 = 1 << 12;
+const UNDEFINED: u32 = 1 << 16;
+const BAD_STATE: u32 = 1 << 17;
+const BAD_RETURN: u32 = 1 << 18;
+const NO_COPROCESSOR: u32 = 1 << 19;
+const UNALIGNED: u32 = 1 << 24;
+const FORCED: u32 = 1 << 30;
+const DEBUG_EVENT: u32 = 1 << 31;
 
-/// Where something runs.
+/// What the core does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Runs {
-    /// Nothing: it is halted.
+    /// Nothing: a debugger halted it.
     Nothing,
-    /// The firmware in flash.
-    Firmware,
-    /// Nothing any more: no code where it should be.
+    /// What its memory holds.
+    Core,
+    /// Some older firmware, of which it is known only that it drives the bridge again and again.
+    Unknown,
+    /// Nothing any more: no code where it should be, or a fault within a fault.
     Lost,
 }
 
 /// The chip.
 #[derive(Clone, Debug)]
 pub struct Chip {
-    /// What its identity says, and its flash in KiB.
-    pub identity: (u32, u32),
     /// The supply fails once so many flash operations were done.
     pub fails_after: Option<u64>,
     /// Whether the bridge was driven while the core was halted.
     pub driven_while_halted: bool,
     /// Whether the core was ever halted.
     pub was_halted: bool,
-    memory: Memory,
-    core: Thumb,
+    /// Everything but the core.
+    pub board: Board,
+    /// The core.
+    pub core: Core,
     runs: Runs,
     /// Where the last reset led.
     entry: u32,
     halting: u32,
+    why: u32,
+    transfer: u32,
     was_reset: bool,
+    /// The core executes nothing from this instruction on, but for interrupts above it: what hangs it, and how.
+    pub hangs: Option<Hang>,
 }
 
-#[derive(Clone, Debug)]
-struct Memory {
-    flash: Flash,
-    ram: Vec<u8>,
-    /// Registers that hold what was written.
-    words: BTreeMap<u32, u32>,
+/// How a program is hung.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hang {
+    /// Its thread goes on the spot; interrupts are handled.
+    Thread,
+    /// Everything goes on the spot.
+    Everything,
 }
 
 impl Default for Chip {
     fn default() -> Self {
+        let mut board = Board::default();
+        board.bridge.switch_on();
         Self {
-            identity: (0x1007_6413, 1024),
             fails_after: None,
             driven_while_halted: false,
             was_halted: false,
-            memory: Memory {
-                flash: Flash::default(),
-                ram: vec![0; MEMORY_SIZE],
-                words: BTreeMap::from([(BREAK, MAIN_OUTPUT)]),
-            },
-            core: Thumb::default(),
-            runs: Runs::Firmware,
+            board,
+            core: Core::default(),
+            runs: Runs::Unknown,
             entry: 0,
             halting: 0,
+            why: 0,
+            transfer: 0,
             was_reset: false,
+            hangs: None,
         }
     }
 }
@@ -114,45 +132,54 @@ impl Chip {
     /// Its flash.
     #[must_use]
     pub fn flash(&self) -> &[u8] {
-        &self.memory.flash.bytes
+        &self.board.flash.bytes
     }
 
     /// Its flash, to be filled.
     pub fn flash_mut(&mut self) -> &mut [u8] {
-        &mut self.memory.flash.bytes
+        self.board.flash.changed = true;
+        &mut self.board.flash.bytes
     }
 
     /// Words programmed and sectors erased.
     #[must_use]
     pub fn operations(&self) -> u64 {
-        self.memory.flash.operations
+        self.board.flash.operations
     }
 
     /// Has bits of a word of the flash stay 1.
     pub fn wear(&mut self, address: u32, bits: u32) {
-        self.memory.flash.worn = Some((address, bits));
+        self.board.flash.worn = Some((address, bits));
     }
 
-    /// Whether the bridge is driven.
+    /// Whether the bridge is driven: its main output is enabled, and that is all that opens it.
     #[must_use]
     pub fn is_driven(&self) -> bool {
-        let stopped = self.runs != Runs::Firmware && self.memory.word(STOPS) & STOP_TIMER_1 != 0;
-        self.memory.word(BREAK) & MAIN_OUTPUT != 0 && !stopped
+        self.board.supplied && self.board.bridge.enabled()
     }
 
     /// Where the firmware began that runs; `None` where none does.
     #[must_use]
     pub fn running(&self) -> Option<u32> {
-        (self.is_supplied() && self.runs == Runs::Firmware).then_some(self.entry)
+        let runs = matches!(self.runs, Runs::Core | Runs::Unknown);
+        (self.is_supplied() && runs).then_some(self.entry)
     }
 
-    /// Its supply comes back: what it holds in flash starts, if it can.
+    /// Its supply comes: what it holds in flash starts, if it can; the RAM holds noise.
     pub fn power_on(&mut self) {
         self.fails_after = None;
-        self.memory.ram.fill(0);
-        self.memory.words.clear();
+        self.board.supplied = true;
+        self.board.scramble(self.board.now | 1);
         self.halting = 0;
-        self.reset();
+        self.reset(Cause::Power);
+    }
+
+    /// Its supply goes.
+    pub fn power_off(&mut self) {
+        self.board.supplied = false;
+        self.board.bridge.reset();
+        self.board.voltage.reset();
+        self.board.refresh();
     }
 
     /// Reads bytes, as a probe does; `None` where nothing answers.
@@ -163,10 +190,11 @@ impl Chip {
             let place = address.checked_add((index * size) as u32)?;
             let value = match self.own(place) {
                 Some(value) => value,
-                None => self.memory.load(place, size as u32)?,
+                None => self.board.load(place, size as u32)?,
             };
             part.copy_from_slice(&value.to_le_bytes()[..size]);
         }
+        self.board.stall = 0;
         Some(())
     }
 
@@ -179,51 +207,52 @@ impl Chip {
             word[..size].copy_from_slice(part);
             let value = u32::from_le_bytes(word);
             if !self.set_own(place, value) {
-                self.memory.store(place, size as u32, value)?;
+                self.board.store(place, size as u32, value)?;
             }
         }
+        // What was written may be code that is known already.
+        self.core.forget();
         self.goes_on()
     }
 
     fn is_supplied(&self) -> bool {
         self.fails_after
-            .is_none_or(|operations| self.memory.flash.operations < operations)
+            .is_none_or(|operations| self.board.flash.operations < operations)
     }
 
-    /// The firmware goes on between two accesses: it sets the output of the bridge.
+    /// What runs goes on between two accesses.
     fn goes_on(&mut self) -> Option<()> {
         if !self.is_supplied() {
             return None;
         }
-        if self.runs == Runs::Firmware && !self.was_reset {
-            let word = self.memory.words.entry(BREAK).or_default();
-            *word |= MAIN_OUTPUT;
+        match self.runs {
+            Runs::Unknown if !self.was_reset => self.board.bridge.switch_on(),
+            Runs::Unknown => {}
+            Runs::Nothing | Runs::Lost | Runs::Core => self.run(self.board.now + ACCESS),
         }
         Some(())
     }
 
-    /// A register of the core or an identity.
+    /// A register of the core.
     fn own(&mut self, address: u32) -> Option<u32> {
         Some(match address {
-            IDENTITY => self.identity.0,
-            FLASH_SIZE => self.identity.1 << 16,
-            // The upper half of that word, read as such.
-            0x1fff_7a22 => self.identity.1,
-            PROCESSOR => 0x410f_c241,
+            // The upper half of the word of the flash's size, read as such.
+            0x1fff_7a22 => self.board.identity.1,
             BREAKPOINTS => 0x260,
+            WHY_HALTED => self.why,
+            TRANSFER => self.transfer,
+            CATCH => self.board.system.catch,
             HALTING => {
                 let mut value = self.halting | READY;
                 if self.halting & DEBUG != 0 {
                     value |= match self.runs {
                         Runs::Nothing => HALTED,
                         Runs::Lost => LOCKED_UP,
-                        Runs::Firmware => 0,
+                        Runs::Core | Runs::Unknown => 0,
                     };
                 }
                 if std::mem::take(&mut self.was_reset) {
                     value |= WAS_RESET;
-                    // From here on the firmware that was started counts as one that is at rest.
-                    self.memory.words.remove(&BREAK);
                 }
                 value
             }
@@ -235,30 +264,32 @@ impl Chip {
     fn set_own(&mut self, address: u32, value: u32) -> bool {
         match address {
             HALTING if value >> 16 == 0xa05f => self.halt(value & 0xffff),
-            SELECT => {
-                // Both stack pointers are one here.
-                let number = match value & 0x7f {
-                    17 | 18 => 13,
-                    number => number as usize,
-                };
-                // The address of the next instruction has no bit for Thumb.
-                let mask = if number == 15 { !1 } else { !0 };
-                match (self.core.registers.get_mut(number), value >> 16 & 1) {
-                    (Some(register), 1) => *register = self.memory.word(TRANSFER) & mask,
-                    (Some(register), _) => _ = self.memory.words.insert(TRANSFER, *register),
-                    (None, 0) => _ = self.memory.words.insert(TRANSFER, 0x0100_0000),
-                    (None, _) => {}
-                }
-            }
-            RESET if value >> 16 == 0x05fa && value & 4 != 0 => self.reset(),
-            WHY_HALTED => {
-                let left = self.memory.word(WHY_HALTED) & !value;
-                self.memory.words.insert(WHY_HALTED, left);
-            }
-            HALTING | IDENTITY | PROCESSOR | BREAKPOINTS | RESET => {}
+            SELECT => self.select(value),
+            TRANSFER => self.transfer = value,
+            CATCH => self.board.system.catch = value,
+            RESET if value >> 16 == 0x05fa && value & 4 != 0 => self.reset(Cause::Software),
+            WHY_HALTED => self.why &= !value,
+            HALTING | PROCESSOR | BREAKPOINTS | RESET => {}
             _ => return false,
         }
         true
+    }
+
+    /// A register of the core to the one for transfers, or from it.
+    fn select(&mut self, value: u32) {
+        // Both stack pointers are one here.
+        let number = match value & 0x7f {
+            17 | 18 => STACK,
+            number => number as usize,
+        };
+        // The address of the next instruction has no bit for Thumb.
+        let mask = if number == COUNTER { !1 } else { !0 };
+        match (self.core.r.get_mut(number), value >> 16 & 1) {
+            (Some(register), 1) => *register = self.transfer & mask,
+            (Some(register), _) => self.transfer = *register,
+            (None, 0) => self.transfer = 0x0100_0000,
+            (None, _) => {}
+        }
     }
 
     fn halt(&mut self, control: u32) {
@@ -266,38 +297,44 @@ impl Chip {
         let asked = control & (DEBUG | HALT | STEP);
         if asked & DEBUG == 0 {
             if self.runs == Runs::Nothing {
-                self.runs = Runs::Firmware;
+                self.goes();
             }
             return;
         }
         if asked & HALT != 0 {
             self.stop(1);
         } else if self.runs == Runs::Nothing {
-            let most = if asked & STEP != 0 { 1 } else { LONGEST };
-            self.go(most);
+            self.goes();
+            if asked & STEP != 0 {
+                self.steps(1);
+                if self.runs == Runs::Core {
+                    self.stop(1);
+                }
+            } else if self.core.r[COUNTER] >= MEMORY {
+                // A loader: the probe waits for its end.
+                self.steps(LONGEST);
+            }
         }
     }
 
-    /// Executes what is in RAM; firmware in flash is taken to run.
-    fn go(&mut self, most: u32) {
-        if self.core.registers[15] < MEMORY && most > 1 {
-            self.runs = Runs::Firmware;
-            return;
-        }
-        for _ in 0..most {
-            match self.core.step(&mut self.memory) {
-                Ok(()) if !self.is_supplied() => return,
-                Ok(()) => {}
-                Err(Stop::Breakpoint) => return self.stop(2),
-                Err(Stop::Fault) => {
-                    self.runs = Runs::Lost;
-                    return;
-                }
+    fn goes(&mut self) {
+        self.runs = Runs::Core;
+        self.board.halted = false;
+        self.core.waits = Waits::Not;
+        self.board.refresh();
+    }
+
+    /// Executes so many instructions, or to a breakpoint.
+    fn steps(&mut self, most: u64) {
+        let end = self.core.instructions + most;
+        while self.runs == Runs::Core && self.core.instructions < end {
+            if self.runs == Runs::Core && !self.is_supplied() {
+                return;
             }
+            self.one();
+            self.attend();
         }
-        if most == 1 {
-            self.stop(1);
-        } else {
+        if most > 1 && self.runs == Runs::Core && self.core.instructions >= end {
             self.runs = Runs::Lost;
         }
     }
@@ -305,32 +342,212 @@ impl Chip {
     fn stop(&mut self, why: u32) {
         self.runs = Runs::Nothing;
         self.was_halted = true;
+        self.board.halted = true;
+        self.board.refresh();
         self.driven_while_halted |= self.is_driven();
-        let word = self.memory.words.entry(WHY_HALTED).or_default();
-        *word |= why;
+        self.why |= why;
     }
 
-    fn reset(&mut self) {
+    /// A debugger halts the core, whatever it does.
+    pub fn debugger_halts(&mut self) {
+        self.halting |= DEBUG | HALT;
+        self.stop(1);
+    }
+
+    /// The chip is reset.
+    pub fn reset(&mut self, cause: Cause) {
         self.was_reset = true;
-        self.memory.flash.reset();
-        // The bits for the debugger outlast a reset.
-        let outlast = [STOPS, CATCH, TRANSFER];
-        self.memory
-            .words
-            .retain(|address, _| outlast.contains(address));
+        self.board.halted = false;
+        self.board.reset(cause);
+        self.hangs = None;
         let vector = |chip: &Self, at: usize| {
-            let bytes = &chip.memory.flash.bytes[at..at + 4];
+            let bytes = &chip.board.flash.bytes[at..at + 4];
             u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
         };
         let (stack, entry) = (vector(self, 0), vector(self, 4));
-        self.core = Thumb::default();
-        self.core.registers[13] = stack;
+        self.core.reset(stack, entry);
         self.entry = entry & !1;
-        self.core.registers[15] = self.entry;
         let starts = flash::RANGE.contains(&entry) && entry & 1 == 1;
-        self.runs = if starts { Runs::Firmware } else { Runs::Lost };
-        if self.halting & DEBUG != 0 && self.memory.word(CATCH) & 1 != 0 {
+        self.runs = if starts { Runs::Core } else { Runs::Lost };
+        if self.halting & DEBUG != 0 && self.board.system.catch & 1 != 0 {
             self.stop(8);
+        }
+    }
+
+    /// Runs up to `until`, in ticks.
+    pub fn run(&mut self, until: u64) {
+        while self.board.now < until {
+            if self.board.reset.is_some() {
+                self.resets();
+                continue;
+            }
+            if !self.board.supplied || self.board.cycle == 0 || self.runs == Runs::Lost {
+                self.board.pass(until);
+                continue;
+            }
+            if self.runs == Runs::Nothing {
+                self.board.stand(until);
+                continue;
+            }
+            if self.core.waits != Waits::Not {
+                self.sleeps(until);
+                continue;
+            }
+            self.stretch(until);
+        }
+        if self.board.next <= self.board.now {
+            self.board.happen();
+        }
+    }
+
+    /// Instructions up to the next thing that happens.
+    fn stretch(&mut self, until: u64) {
+        let limit = until.min(self.board.next);
+        while self.board.now < limit {
+            self.one();
+            if self.core.attention || self.board.attention {
+                break;
+            }
+        }
+        if self.board.next <= self.board.now {
+            self.board.happen();
+        }
+        self.attend();
+    }
+
+    /// One instruction.
+    #[inline]
+    fn one(&mut self) {
+        if self.board.flash.changed {
+            self.board.flash.changed = false;
+            self.core.forget();
+        }
+        if let Some(hang) = self.hangs
+            && (hang == Hang::Everything || self.core.exception == 0)
+        {
+            self.core.instructions += 1;
+            self.board.spend(3);
+            return;
+        }
+        match self.core.step(&mut self.board) {
+            Ok(cycles) => self.board.spend(cycles),
+            Err(fault) => self.fault(fault),
+        }
+    }
+
+    /// The core sleeps until something is there to wake it.
+    fn sleeps(&mut self, until: u64) {
+        let event = self.core.waits == Waits::Event && self.core.event;
+        let wakes = self.board.system.wakes() && self.awake().is_some()
+            || self.core.waits == Waits::Interrupt && self.board.system.wakes();
+        if event || wakes {
+            if event {
+                self.core.event = false;
+            }
+            self.core.waits = Waits::Not;
+        } else {
+            let next = self.board.next.min(until);
+            self.board.now = self.board.now.max(next);
+            if self.board.next <= self.board.now {
+                self.board.happen();
+            }
+        }
+        self.attend();
+    }
+
+    /// The exception that is due.
+    fn awake(&self) -> Option<u16> {
+        let core = &self.core;
+        self.board
+            .system
+            .due(core.mask, core.fault_mask, core.base_priority)
+    }
+
+    /// Exceptions are left and entered.
+    fn attend(&mut self) {
+        self.core.attention = false;
+        self.board.attention = false;
+        self.core.float = self.board.float;
+        if self.hangs == Some(Hang::Everything) {
+            return;
+        }
+        if let Some(link) = self.core.returning.take() {
+            let from = self.core.exception;
+            self.board.system.leave(from);
+            match self.core.leave(&mut self.board, link) {
+                Ok(cycles) => self.board.spend(cycles),
+                Err(fault) => self.fault(fault),
+            }
+        }
+        if let Some(number) = self.awake() {
+            self.enter(number);
+        }
+    }
+
+    fn enter(&mut self, number: u16) {
+        let vector = self.board.system.vector(number);
+        let handler = self.board.load(vector, 4).unwrap_or(0);
+        self.board.system.enter(number);
+        let (cycles, taken) = self.core.enter(&mut self.board, number, handler);
+        self.board.spend(cycles);
+        if !taken {
+            self.board.system.fault_status |= STACK_FAULT;
+            if number != HARD_FAULT {
+                // The handler of the fault is entered in place of the other, on what stack there is.
+                self.board.system.hard_status |= FORCED;
+                self.board.system.leave(number);
+                self.enter(HARD_FAULT);
+            }
+        }
+    }
+
+    /// A fault: all of them are hard ones here, for none is enabled by itself.
+    fn fault(&mut self, fault: Fault) {
+        let debugged = self.halting & DEBUG != 0;
+        let system = &mut self.board.system;
+        match fault {
+            Fault::Breakpoint if debugged => return self.stop(2),
+            Fault::Breakpoint => system.hard_status |= DEBUG_EVENT,
+            Fault::Undefined => system.fault_status |= UNDEFINED,
+            Fault::State => system.fault_status |= BAD_STATE,
+            Fault::Return => system.fault_status |= BAD_RETURN,
+            Fault::NoCoprocessor => system.fault_status |= NO_COPROCESSOR,
+            Fault::Unaligned => system.fault_status |= UNALIGNED,
+            Fault::Fetch => system.fault_status |= FETCH_FAULT,
+            Fault::Access(address) => {
+                system.fault_status |= ACCESS_FAULT;
+                system.fault_address = address;
+            }
+        }
+        let core = &self.core;
+        let running = system.running(core.mask, core.fault_mask, core.base_priority);
+        if running <= -1 {
+            self.runs = Runs::Lost;
+            self.board.world.see(self.board.now, Seen::LockedUp);
+            return;
+        }
+        system.hard_status |= FORCED;
+        self.enter(HARD_FAULT);
+    }
+
+    fn resets(&mut self) {
+        let Some(cause) = self.board.reset else {
+            return;
+        };
+        match cause {
+            // A debugger that is there catches the core where it starts.
+            Cause::Power => {
+                self.power_off();
+                self.board.reset = None;
+            }
+            Cause::BrownOut => {
+                self.board.supplied = false;
+                self.board.bridge.reset();
+                self.board.voltage.reset();
+                self.board.reset = None;
+                self.board.refresh();
+            }
+            cause => self.reset(cause),
         }
     }
 }
@@ -341,49 +558,4 @@ fn width(address: u32, length: usize) -> usize {
         .into_iter()
         .find(|size| (address as usize | length).is_multiple_of(*size))
         .unwrap_or(1)
-}
-
-impl Memory {
-    fn word(&self, address: u32) -> u32 {
-        self.words.get(&address).copied().unwrap_or(0)
-    }
-}
-
-impl Bus for Memory {
-    fn load(&mut self, address: u32, size: u32) -> Option<u32> {
-        let within = |bytes: &[u8], start: u32| {
-            let at = address.checked_sub(start)? as usize;
-            let bytes = bytes.get(at..at + size as usize)?;
-            let word = |word, byte: &u8| word << 8 | u32::from(*byte);
-            Some(bytes.iter().rev().fold(0, word))
-        };
-        if flash::REGISTERS.contains(&address) {
-            return Some(self.flash.register(address - flash::REGISTERS.start));
-        }
-        within(&self.flash.bytes, flash::START)
-            .or_else(|| within(&self.ram, MEMORY))
-            .or_else(|| is_register(address).then(|| self.word(address)))
-    }
-
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
-        if flash::REGISTERS.contains(&address) {
-            self.flash
-                .set_register(address - flash::REGISTERS.start, value);
-        } else if flash::RANGE.contains(&address) {
-            let offset = (address - flash::START) as usize;
-            self.flash.program(offset, size, value);
-        } else if is_register(address) {
-            self.words.insert(address, value);
-        } else {
-            let at = address.checked_sub(MEMORY)? as usize;
-            let place = self.ram.get_mut(at..at + size as usize)?;
-            place.copy_from_slice(&value.to_le_bytes()[..size as usize]);
-        }
-        Some(())
-    }
-}
-
-/// Peripherals and the core's own registers.
-fn is_register(address: u32) -> bool {
-    (0x4000_0000..0x6000_0000).contains(&address) || address >= 0xe000_0000
 }

@@ -1,0 +1,667 @@
+//! The chip but for its core: memory, peripherals and what is wired to them (RM0090, chapter 2).
+
+use super::bridge::{Bridge, Came};
+use super::clocks::{Cause, Clocks, FASTEST, TICKS};
+use super::converter::Converter;
+use super::core::Bus;
+use super::flash::{self, Flash};
+use super::gpio::{Mode, Port};
+use super::power::{LOWEST, Power, Supply};
+use super::serial::Serial;
+use super::system::{Asks, NMI, System};
+use super::voltage::Voltage;
+use super::watchdog::{Independent, Window};
+use super::world::{Seen, World};
+
+/// Where the RAM lies.
+pub const MEMORY: u32 = 0x2000_0000;
+const MEMORY_SIZE: usize = 128 * 1024;
+const COUPLED: u32 = 0x1000_0000;
+const COUPLED_SIZE: usize = 64 * 1024;
+/// Identity of the chip, what stops with the core (38.16), flash size (39.2).
+const IDENTITY: u32 = 0xe004_2000;
+const STOPS_LOWER: u32 = 0xe004_2008;
+const STOPS_UPPER: u32 = 0xe004_200c;
+const FLASH_SIZE: u32 = 0x1fff_7a20;
+/// Interrupts (12.2, table 62).
+const WINDOW: u16 = 0;
+const MONITOR: u16 = 1;
+const CONVERTED: u16 = 18;
+const TIMER_BREAK: u16 = 24;
+const TIMER_UPDATE: u16 = 25;
+const SERIAL: u16 = 37;
+/// The line of the supply monitor in EXTI (12.2.5).
+const MONITOR_LINE: u32 = 1 << 16;
+
+/// Everything but the core.
+#[derive(Clone, Debug)]
+pub struct Board {
+    /// Ticks since the beginning.
+    pub now: u64,
+    /// Cycles of the core since the beginning.
+    pub cycles: u64,
+    /// When something happens next.
+    pub next: u64,
+    /// Ticks that a cycle of the core takes; 0: it has no clock.
+    pub cycle: u64,
+    /// Cycles that the core waits for a memory, on top of its own.
+    pub stall: u32,
+    /// An interrupt may be due.
+    pub attention: bool,
+    /// Whether the floating-point unit is on.
+    pub float: bool,
+    /// A reset that is due.
+    pub reset: Option<Cause>,
+    /// Whether the supply is there.
+    pub supplied: bool,
+    /// Identity of the chip and its flash in KiB.
+    pub identity: (u32, u32),
+    /// Whether the core is halted by a debugger.
+    pub halted: bool,
+    /// Whether conversions are triggered; a converter that fails has none.
+    pub converts: bool,
+    /// The supply goes with this operation of the flash, counted from 1.
+    pub cut_at: Option<u64>,
+    /// Clocks.
+    pub clocks: Clocks,
+    /// Supply.
+    pub power: Power,
+    /// Flash.
+    pub flash: Flash,
+    /// RAM.
+    pub ram: Vec<u8>,
+    coupled: Vec<u8>,
+    /// Ports A to I.
+    pub ports: Vec<Port>,
+    /// TIM1.
+    pub bridge: Bridge,
+    /// ADC1.
+    pub converter: Converter,
+    /// DAC.
+    pub voltage: Voltage,
+    /// USART1 to USART3.
+    pub serials: [Serial; 3],
+    /// IWDG.
+    pub watchdog: Independent,
+    /// WWDG.
+    pub window: Window,
+    /// The core's own peripherals.
+    pub system: System,
+    /// External interrupts: masks, edges, pending.
+    lines: [u32; 6],
+    monitor: bool,
+    configuration: [u32; 8],
+    /// What stops with the core.
+    stops: [u32; 3],
+    /// What is around.
+    pub world: World,
+}
+
+impl Default for Board {
+    fn default() -> Self {
+        Self {
+            now: 0,
+            cycles: 0,
+            next: 0,
+            cycle: 63,
+            stall: 0,
+            attention: false,
+            float: false,
+            reset: None,
+            supplied: true,
+            identity: (0x1007_6413, 1024),
+            halted: false,
+            converts: true,
+            cut_at: None,
+            clocks: Clocks::default(),
+            power: Power::default(),
+            flash: Flash::default(),
+            ram: vec![0; MEMORY_SIZE],
+            coupled: vec![0; COUPLED_SIZE],
+            ports: (0..9).map(Port::new).collect(),
+            bridge: Bridge::default(),
+            converter: Converter::default(),
+            voltage: Voltage::default(),
+            serials: Default::default(),
+            watchdog: Independent::default(),
+            window: Window::default(),
+            system: System::default(),
+            lines: [0; 6],
+            monitor: false,
+            configuration: [0; 8],
+            stops: [0; 3],
+            world: World::default(),
+        }
+    }
+}
+
+impl Board {
+    /// The registers as a reset leaves them; the RAM and what a debugger set stay.
+    pub fn reset(&mut self, cause: Cause) {
+        self.world.see(self.now, Seen::Reset(cause));
+        self.clocks.reset();
+        self.clocks.note(cause);
+        self.power.reset();
+        self.flash.reset();
+        self.ports.iter_mut().for_each(Port::reset);
+        self.bridge.reset();
+        self.converter.reset();
+        self.voltage.reset();
+        self.serials.iter_mut().for_each(Serial::reset);
+        self.watchdog
+            .reset(self.flash.hardware_watchdog(), self.now);
+        self.window.reset();
+        self.system.reset();
+        self.lines = [0; 6];
+        self.monitor = false;
+        self.configuration = [0; 8];
+        self.reset = None;
+        self.float = false;
+        self.stall = 0;
+        if cause == Cause::Power {
+            self.stops = [0; 3];
+        }
+        self.refresh();
+    }
+
+    /// What the RAM holds where the supply was gone: noise.
+    pub fn scramble(&mut self, seed: u64) {
+        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        for byte in self.ram.iter_mut().chain(&mut self.coupled) {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            *byte = (state >> 24) as u8;
+        }
+    }
+
+    /// The core's clock in Hz.
+    #[must_use]
+    pub fn clock(&self) -> u32 {
+        self.clocks.core(self.now)
+    }
+
+    /// Follows what was changed: clocks, lines, what is seen, when something happens next.
+    pub fn refresh(&mut self) {
+        self.clock_tree();
+        self.interrupts();
+        self.look();
+        self.schedule();
+    }
+
+    fn clock_tree(&mut self) {
+        let core = self.clock();
+        let cycle = if core == 0 {
+            0
+        } else {
+            TICKS / u64::from(core)
+        };
+        if cycle != self.cycle {
+            self.system.rescale(self.now, self.cycle, cycle);
+            self.cycle = cycle;
+            if core > FASTEST {
+                let what = format!("the core at {} MHz", core / 1_000_000);
+                self.world.violate(self.now, what);
+            }
+        }
+        let stopped = self.halted && self.stops[2] & 1 != 0;
+        let timer = cycle * u64::from(self.clocks.timer_divider(true));
+        self.bridge
+            .set_cycle(if stopped { 0 } else { timer }, self.now);
+        for (serial, upper) in self.serials.iter_mut().zip([true, false, false]) {
+            serial.set_cycle(cycle * u64::from(self.clocks.divider(upper)));
+        }
+    }
+
+    /// Ticks of a cycle of APB1.
+    fn lower(&self) -> u64 {
+        self.cycle * u64::from(self.clocks.divider(false))
+    }
+
+    fn upper(&self) -> u64 {
+        self.cycle * u64::from(self.clocks.divider(true))
+    }
+
+    fn interrupts(&mut self) {
+        let system = &mut self.system;
+        system.line(WINDOW, self.window.interrupts());
+        system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
+        system.line(CONVERTED, self.converter.interrupts());
+        let [update, broke] = self.bridge.interrupts();
+        system.line(TIMER_UPDATE, update);
+        system.line(TIMER_BREAK, broke);
+        for (number, serial) in (SERIAL..).zip(&self.serials) {
+            system.line(number, serial.interrupts());
+        }
+        if self.clocks.security() {
+            system.pend(NMI);
+        }
+        self.attention = true;
+    }
+
+    /// What is seen from outside, and what must not be.
+    fn look(&mut self) {
+        let port = &self.ports[1];
+        let lamp = |pin: usize| port.output(pin) == Some(true);
+        let (ready, fault) = (lamp(10), lamp(11));
+        let gates = self.ports[0].mode(8) == Mode::Function(1)
+            || self.ports[1].mode(13) == Mode::Function(1);
+        let driven = self.supplied && self.bridge.driven() && gates;
+        let output = if driven {
+            self.bridge.output(self.now)
+        } else {
+            0.0
+        };
+        self.world.drive(output, self.now);
+        let lamps = [ready, fault].map(|on| on && self.supplied);
+        self.world.look(self.now, [driven, lamps[0], lamps[1]]);
+    }
+
+    fn schedule(&mut self) {
+        let lower = self.lower();
+        let mut next = self.world.due.min(self.watchdog.due());
+        if !self.halted {
+            next = next.min(self.system.tick_due());
+        }
+        next = next
+            .min(self.bridge.due())
+            .min(self.converter.due())
+            .min(self.window.due(lower))
+            .min(self.window.warns(lower));
+        for serial in &self.serials {
+            next = next.min(serial.due());
+        }
+        self.next = next;
+    }
+
+    /// Everything that is due happens, in the order of time up to `now`.
+    pub fn happen(&mut self) {
+        let now = self.now;
+        while self.world.due <= now {
+            self.world.advance();
+        }
+        if !self.supplied {
+            self.schedule();
+            return;
+        }
+        while self.bridge.due() <= now {
+            let came = self.bridge.turn();
+            self.came(came);
+        }
+        while self.converter.due() <= now {
+            let (reading, others) = (self.world.reading, self.world.analogue);
+            let reference = (1.21 / self.power.volts * 4096.0) as u16;
+            self.converter.end(now, |channel| match channel {
+                1 => reading,
+                16 => (0.76 / 3.3 * 4096.0) as u16,
+                17 => reference.min(4095),
+                channel => others.get(channel as usize).copied().unwrap_or(0),
+            });
+        }
+        while !self.halted && self.cycle > 0 && self.system.tick_due() <= now {
+            self.system.tick(self.cycle);
+        }
+        for serial in &mut self.serials {
+            while serial.due() <= now {
+                serial.happen(now);
+            }
+        }
+        self.watch();
+        self.refresh();
+    }
+
+    fn watch(&mut self) {
+        let lower = self.lower();
+        if self.watchdog.due() <= self.now {
+            self.reset = Some(Cause::Watchdog);
+        }
+        if self.window.warns(lower) <= self.now {
+            self.window.warn();
+        }
+        if self.window.due(lower) <= self.now {
+            self.reset = Some(Cause::Window);
+        }
+    }
+
+    fn came(&mut self, came: Came) {
+        if came.trigger && self.converts {
+            let (now, upper) = (self.now, self.upper());
+            self.converter.trigger(now, upper);
+        }
+    }
+
+    /// The level at the break input is looked at.
+    pub fn break_input(&mut self, clock_failed: bool) {
+        // A pin that is not the timer's gives it nothing.
+        let ours = self.ports[1].mode(12) == Mode::Function(1);
+        let high = ours && self.ports[1].level(12);
+        if self.bridge.break_input(high, clock_failed) {
+            self.look();
+        }
+    }
+
+    /// The crystal stops.
+    pub fn crystal_stops(&mut self) {
+        let seen = self.clocks.crystal_stops(self.now);
+        self.clock_tree();
+        if seen {
+            self.break_input(true);
+        }
+        self.refresh();
+    }
+
+    /// The supply is another from now on.
+    pub fn set_volts(&mut self, volts: f64) {
+        self.power.volts = volts;
+        let below = self.power.look();
+        if below != self.monitor {
+            self.monitor = below;
+            let edges = self.lines[if below { 2 } else { 3 }];
+            self.lines[5] |= edges & MONITOR_LINE;
+        }
+        match self.power.supply(self.flash.brown_out(), !self.supplied) {
+            Supply::Enough => {}
+            Supply::BrownOut => self.reset = Some(Cause::BrownOut),
+            Supply::Gone => self.reset = Some(Cause::Power),
+        }
+        self.refresh();
+    }
+
+    /// Cycles of the core pass.
+    #[inline]
+    pub fn spend(&mut self, cycles: u32) {
+        let cycles = u64::from(cycles + std::mem::take(&mut self.stall));
+        self.cycles += cycles;
+        self.now += cycles * self.cycle;
+    }
+
+    /// Time passes in which the core does nothing, up to `until`, or a reset.
+    pub fn pass(&mut self, until: u64) {
+        while self.now < until && self.reset.is_none() {
+            self.now = self.next.clamp(self.now, until);
+            if self.next <= self.now {
+                self.happen();
+            }
+        }
+    }
+
+    /// Time passes with the core halted, up to `until`: what the debugger stops stands still.
+    pub fn stand(&mut self, until: u64) {
+        let from = self.now;
+        self.pass(until);
+        let ticks = self.now - from;
+        self.system.stands(ticks);
+        if self.stops[1] >> 12 & 1 == 1 {
+            self.watchdog.stands(ticks);
+        }
+        if self.stops[1] >> 11 & 1 == 1 {
+            self.window.stands(ticks);
+        }
+        self.schedule();
+    }
+
+    /// The core is outside its specification with the bridge driven: so many ticks more.
+    pub fn check_supply(&mut self, ticks: u64) {
+        if self.power.volts < LOWEST && self.clock() > 60_000_000 && self.bridge.driven() {
+            self.world.outside += ticks;
+        }
+    }
+
+    /// The flash is busy: whoever reads it waits.
+    fn wait_for_flash(&mut self) {
+        if self.flash.busy() > self.now && self.cycle > 0 {
+            let until = self.flash.busy();
+            self.pass(until);
+        }
+    }
+
+    fn unclocked(&mut self, address: u32, what: &str) -> bool {
+        if self.clocks.enabled(address) {
+            return false;
+        }
+        let what = format!("{what} {address:#010x}, whose clock is off");
+        self.world.violate(self.now, what);
+        true
+    }
+
+    fn register(&mut self, address: u32) -> u32 {
+        if self.now >= self.next {
+            self.happen();
+        }
+        if self.unclocked(address, "reads") {
+            return 0;
+        }
+        let (now, lower) = (self.now, self.lower());
+        let offset = address & 0x3ff;
+        match address {
+            0x4000_2c00..0x4000_3000 => self.window.read(offset, now, lower),
+            0x4000_3000..0x4000_3400 => self.watchdog.read(offset, now),
+            0x4000_4400..0x4000_4c00 => {
+                self.serials[1 + (address - 0x4000_4400) as usize / 0x400].read(offset)
+            }
+            0x4000_7000..0x4000_7400 => self.power.read(offset),
+            0x4000_7400..0x4000_7800 => self.voltage.read(offset),
+            0x4001_0000..0x4001_0400 => self.bridge.read(offset, now),
+            0x4001_1000..0x4001_1400 => self.serials[0].read(offset),
+            0x4001_2000..0x4001_2400 => self.converter.read(offset),
+            0x4001_3800..0x4001_3c00 => self.word(|board| &mut board.configuration, offset),
+            0x4001_3c00..0x4001_4000 => self.word(|board| &mut board.lines, offset),
+            0x4002_0000..0x4002_2400 => {
+                self.ports[(address - 0x4002_0000) as usize / 0x400].read(offset)
+            }
+            0x4002_3800..0x4002_3c00 => self.clocks.read(offset, now),
+            0x4002_3c00..0x4002_4000 => self.flash.register(offset, now),
+            _ => {
+                let what = format!("reads {address:#010x}, of which there is no model");
+                self.world.violate(now, what);
+                0
+            }
+        }
+    }
+
+    fn word<const N: usize>(
+        &mut self,
+        words: impl Fn(&mut Self) -> &mut [u32; N],
+        offset: u32,
+    ) -> u32 {
+        words(self).get(offset as usize / 4).copied().unwrap_or(0)
+    }
+
+    fn set_register(&mut self, address: u32, value: u32) {
+        if self.now >= self.next {
+            self.happen();
+        }
+        if self.unclocked(address, "writes") {
+            return;
+        }
+        let (now, lower, upper) = (self.now, self.lower(), self.upper());
+        let offset = address & 0x3ff;
+        match address {
+            0x4000_2c00..0x4000_3000 => self.window.write(offset, value, now, lower),
+            0x4000_3000..0x4000_3400 => self.watchdog.write(offset, value, now),
+            0x4000_4400..0x4000_4c00 => {
+                self.serials[1 + (address - 0x4000_4400) as usize / 0x400]
+                    .write(offset, value, now);
+            }
+            0x4000_7000..0x4000_7400 => self.power.write(offset, value),
+            0x4000_7400..0x4000_7800 => self.voltage.write(offset, value),
+            0x4001_0000..0x4001_0400 => {
+                let came = self.bridge.write(offset, value, now);
+                self.came(came);
+                self.break_input(false);
+            }
+            0x4001_1000..0x4001_1400 => self.serials[0].write(offset, value, now),
+            0x4001_2000..0x4001_2400 => self.converter.write(offset, value, now, upper),
+            0x4001_3800..0x4001_3c00 => {
+                if let Some(word) = self.configuration.get_mut(offset as usize / 4) {
+                    *word = value;
+                }
+            }
+            0x4001_3c00..0x4001_4000 => match offset {
+                0x14 => self.lines[5] &= !value,
+                0x10 => self.lines[5] |= value & self.lines[0],
+                offset => {
+                    if let Some(word) = self.lines.get_mut(offset as usize / 4) {
+                        *word = value;
+                    }
+                }
+            },
+            0x4002_0000..0x4002_2400 => {
+                self.ports[(address - 0x4002_0000) as usize / 0x400].write(offset, value);
+                self.break_input(false);
+            }
+            0x4002_3800..0x4002_3c00 => self.clocks.write(offset, value, now),
+            0x4002_3c00..0x4002_4000 => self.flash.set_register(offset, value, now),
+            _ => {
+                let what = format!("writes {address:#010x}, of which there is no model");
+                self.world.violate(now, what);
+            }
+        }
+        self.operated();
+        self.watch();
+        self.refresh();
+    }
+
+    /// An operation of the flash was begun: the supply may go with it.
+    fn operated(&mut self) {
+        if self
+            .cut_at
+            .is_some_and(|count| self.flash.operations >= count)
+        {
+            self.cut_at = None;
+            self.reset = Some(Cause::Power);
+        }
+    }
+
+    fn own(&mut self, address: u32) -> u32 {
+        match address {
+            IDENTITY => self.identity.0,
+            0xe004_2004 => self.stops[0],
+            STOPS_LOWER => self.stops[1],
+            STOPS_UPPER => self.stops[2],
+            address => self.system.read(address, self.now, self.cycle, self.cycles),
+        }
+    }
+
+    fn set_own(&mut self, address: u32, size: u32, value: u32) -> Asks {
+        match address {
+            0xe004_2004 => self.stops[0] = value,
+            STOPS_LOWER => self.stops[1] = value,
+            STOPS_UPPER => self.stops[2] = value,
+            address => {
+                let (now, cycle, cycles) = (self.now, self.cycle, self.cycles);
+                let asks = self.system.write(address, size, value, now, cycle, cycles);
+                self.attention = true;
+                self.schedule();
+                return asks;
+            }
+        }
+        Asks::Nothing
+    }
+}
+
+/// Bytes of a memory as a number.
+#[inline]
+fn number(bytes: &[u8], at: usize, size: u32) -> Option<u32> {
+    let bytes = bytes.get(at..at + size as usize)?;
+    Some(match *bytes {
+        [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
+        [a, b] => u16::from_le_bytes([a, b]).into(),
+        [a] => a.into(),
+        _ => return None,
+    })
+}
+
+fn put(bytes: &mut [u8], at: usize, size: u32, value: u32) -> Option<()> {
+    let place = bytes.get_mut(at..at + size as usize)?;
+    place.copy_from_slice(&value.to_le_bytes()[..size as usize]);
+    Some(())
+}
+
+impl Bus for Board {
+    #[inline]
+    fn load(&mut self, address: u32, size: u32) -> Option<u32> {
+        if let Some(value) = number(&self.ram, address.wrapping_sub(MEMORY) as usize, size) {
+            return Some(value);
+        }
+        match address >> 28 {
+            0 if address < 0x0010_0000 || flash::RANGE.contains(&address) => {
+                self.wait_for_flash();
+                let at = (address & 0x000f_ffff) as usize;
+                let (stall, old) = self.flash.read(flash::START + at as u32);
+                self.stall += stall;
+                if old {
+                    let what = "reads data that its cache kept over an erasure".to_owned();
+                    self.world.violate(self.now, what);
+                }
+                number(&self.flash.bytes, at, size)
+            }
+            1 if address < COUPLED + COUPLED_SIZE as u32 => {
+                number(&self.coupled, (address - COUPLED) as usize, size)
+            }
+            1 => match address & !3 {
+                FLASH_SIZE => Some(self.identity.1 << 16 >> (8 * (address & 3))),
+                0x1fff_7a10..=0x1fff_7a1c => Some(0x0039_0020),
+                0x1fff_c000..=0x1fff_c00c => Some(self.flash.options() >> 8 & 0xffff),
+                _ => None,
+            },
+            4 | 5 => Some(self.register(address & !3) >> (8 * (address & 3))),
+            0xe => Some(self.own(address & !3) >> (8 * (address & 3))),
+            _ => None,
+        }
+    }
+
+    #[inline]
+    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
+        let at = address.wrapping_sub(MEMORY) as usize;
+        if put(&mut self.ram, at, size, value).is_some() {
+            return Some(());
+        }
+        match address >> 28 {
+            0 if flash::RANGE.contains(&address) => {
+                self.wait_for_flash();
+                let now = self.now;
+                let at = (address - flash::START) as usize;
+                self.flash.program(at, size, value, now);
+                self.operated();
+                Some(())
+            }
+            1 => put(
+                &mut self.coupled,
+                address.wrapping_sub(COUPLED) as usize,
+                size,
+                value,
+            ),
+            4 | 5 => {
+                let word = address & !3;
+                let value = if size == 4 {
+                    value
+                } else {
+                    // A part of a register is written with the rest as it is, but where a write of 0 does nothing.
+                    let shift = 8 * (address & 3);
+                    let mask = (1_u32 << (8 * size)).wrapping_sub(1) << shift;
+                    self.register(word) & !mask | value << shift & mask
+                };
+                self.set_register(word, value);
+                Some(())
+            }
+            0xe => {
+                match self.set_own(address, size, value) {
+                    Asks::Reset => self.reset = Some(Cause::Software),
+                    Asks::Float(on) => self.float = on,
+                    Asks::Nothing => {}
+                }
+                Some(())
+            }
+            _ => None,
+        }
+    }
+
+    #[inline]
+    fn line(&mut self, address: u32) {
+        if flash::RANGE.contains(&address) {
+            self.wait_for_flash();
+            self.stall += self.flash.fetch(address);
+        }
+    }
+}

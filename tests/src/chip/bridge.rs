@@ -1,0 +1,391 @@
+//! TIM1 as the timer of a half bridge (RM0090, chapter 17).
+
+/// Bits of CR1, SR, EGR, BDTR.
+const ENABLE: u32 = 1;
+const UPDATE_OFF: u32 = 1 << 1;
+const PRELOAD: u32 = 1 << 7;
+const UPDATE: u32 = 1;
+const BREAK: u32 = 1 << 7;
+const IDLE_DRIVEN: u32 = 1 << 10;
+const BREAK_ON: u32 = 1 << 12;
+const BREAK_HIGH: u32 = 1 << 13;
+const AUTOMATIC: u32 = 1 << 14;
+/// Main output enable (17.4.18).
+pub const MAIN_OUTPUT: u32 = 1 << 15;
+
+/// What an event of the timer does beyond the timer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Came {
+    /// An update: its trigger output, where it is that (CR2.MMS = 2).
+    pub trigger: bool,
+}
+
+/// The registers and the counter.
+#[derive(Clone, Debug)]
+pub struct Bridge {
+    words: [u32; 20],
+    /// What counts: prescaler, reload, comparison, as the last update took them.
+    prescaler: u32,
+    reload: u32,
+    compare: u32,
+    repetition: u32,
+    /// Where the counter stood, and whether downwards, at `since`.
+    count: u32,
+    down: bool,
+    since: u64,
+    /// Ticks a count of the timer's clock; 0: no clock.
+    cycle: u64,
+}
+
+impl Default for Bridge {
+    fn default() -> Self {
+        let mut words = [0; 20];
+        words[0x2c / 4] = 0xffff;
+        Self {
+            words,
+            prescaler: 0,
+            reload: 0xffff,
+            compare: 0,
+            repetition: 0,
+            count: 0,
+            down: false,
+            since: 0,
+            cycle: 63,
+        }
+    }
+}
+
+impl Bridge {
+    /// The registers as a reset leaves them.
+    pub fn reset(&mut self) {
+        *self = Self {
+            cycle: self.cycle,
+            ..Self::default()
+        };
+    }
+
+    fn word(&self, offset: usize) -> u32 {
+        self.words[offset / 4]
+    }
+
+    /// Whether the counter runs.
+    #[must_use]
+    pub fn runs(&self) -> bool {
+        self.word(0) & ENABLE != 0 && self.cycle > 0
+    }
+
+    fn centred(&self) -> bool {
+        self.word(0) >> 5 & 3 != 0
+    }
+
+    /// Its clock is another from now on: so many ticks a count, 0 for none.
+    pub fn set_cycle(&mut self, cycle: u64, now: u64) {
+        if cycle != self.cycle {
+            self.catch_up(now);
+            self.cycle = cycle;
+        }
+    }
+
+    /// The counter's place now.
+    fn place(&self, now: u64) -> u32 {
+        if !self.runs() {
+            return self.count;
+        }
+        let steps = ((now - self.since) / (self.cycle * u64::from(self.prescaler + 1))) as u32;
+        if self.down {
+            self.count.saturating_sub(steps)
+        } else {
+            (self.count + steps).min(self.reload)
+        }
+    }
+
+    fn catch_up(&mut self, now: u64) {
+        self.count = self.place(now);
+        self.since = now;
+    }
+
+    /// When the counter next turns.
+    #[must_use]
+    pub fn due(&self) -> u64 {
+        if !self.runs() || self.reload == 0 {
+            return u64::MAX;
+        }
+        let steps = if self.down {
+            self.count
+        } else {
+            self.reload.saturating_sub(self.count) + u32::from(!self.centred())
+        };
+        self.since + u64::from(steps) * u64::from(self.prescaler + 1) * self.cycle
+    }
+
+    /// The counter turns.
+    pub fn turn(&mut self) -> Came {
+        self.since = self.due();
+        if self.centred() {
+            self.count = if self.down { 0 } else { self.reload };
+            self.down = !self.down;
+        } else {
+            self.count = 0;
+        }
+        if self.repetition > 0 {
+            self.repetition -= 1;
+            return Came::default();
+        }
+        if self.word(0) & UPDATE_OFF != 0 {
+            return Came::default();
+        }
+        self.update();
+        self.words[0x10 / 4] |= UPDATE;
+        if self.word(0x44) & AUTOMATIC != 0 && self.word(0x10) & BREAK == 0 {
+            self.words[0x44 / 4] |= MAIN_OUTPUT;
+        }
+        Came {
+            trigger: self.word(4) >> 4 & 7 == 2,
+        }
+    }
+
+    /// An update takes what was written (17.3.1).
+    fn update(&mut self) {
+        self.prescaler = self.word(0x28) & 0xffff;
+        self.reload = self.word(0x2c) & 0xffff;
+        self.compare = self.word(0x34) & 0xffff;
+        self.repetition = self.word(0x30) & 0xff;
+        self.count = self.count.min(self.reload);
+    }
+
+    /// A register.
+    #[must_use]
+    pub fn read(&self, offset: u32, now: u64) -> u32 {
+        match offset {
+            0x14 => 0,
+            0x24 => self.place(now),
+            0x00 => self.word(0) & !0x10 | u32::from(self.down && self.centred()) << 4,
+            offset => self.words.get(offset as usize / 4).copied().unwrap_or(0),
+        }
+    }
+
+    /// Writes a register; what an event by hand does beyond the timer.
+    pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Came {
+        let Some(&old) = self.words.get(offset as usize / 4) else {
+            return Came::default();
+        };
+        self.catch_up(now);
+        let lock = self.word(0x44) >> 8 & 3;
+        let value = match offset {
+            0x10 => old & value,
+            0x14 => {
+                let mut came = Came::default();
+                if value & 1 != 0 {
+                    self.update();
+                    (self.count, self.down) = (0, false);
+                    self.words[0x10 / 4] |= UPDATE;
+                    came.trigger = matches!(self.word(4) >> 4 & 7, 0 | 2);
+                }
+                if value & 0x80 != 0 {
+                    self.fail();
+                }
+                return came;
+            }
+            0x24 => {
+                self.count = value & 0xffff;
+                return Came::default();
+            }
+            0x44 => {
+                // What a lock level keeps (17.4.18); the level itself is written once.
+                let kept = match lock {
+                    0 => 0,
+                    1 => 0x73ff,
+                    _ => 0x7fff,
+                };
+                old & kept | value & !kept
+            }
+            // Polarity at level 2.
+            0x20 if lock >= 2 => old & 0xaaaa | value & !0xaaaa,
+            // Idle levels from level 1 on.
+            0x04 if lock >= 1 => old & 0x7f00 | value & !0x7f00,
+            _ => value,
+        };
+        self.words[offset as usize / 4] = value;
+        match offset {
+            0x00 if old & ENABLE == 0 => self.since = now,
+            0x2c if self.word(0) & PRELOAD == 0 => self.reload = value & 0xffff,
+            0x34 if self.word(0x18) & 8 == 0 => self.compare = value & 0xffff,
+            _ => {}
+        }
+        Came::default()
+    }
+
+    /// A break: the outputs are disabled without any clock (17.3.12).
+    fn fail(&mut self) {
+        self.words[0x44 / 4] &= !MAIN_OUTPUT;
+        self.words[0x10 / 4] |= BREAK;
+    }
+
+    /// The break input has this level, or the clock security asks for a break; whether it opened the bridge.
+    pub fn break_input(&mut self, high: bool, clock_failed: bool) -> bool {
+        let word = self.word(0x44);
+        let active = word & BREAK_ON != 0 && high == (word & BREAK_HIGH != 0);
+        let driven = word & MAIN_OUTPUT != 0;
+        // The clock security breaks where the break is enabled (17.3.12).
+        if active || clock_failed && word & BREAK_ON != 0 {
+            self.fail();
+            return driven;
+        }
+        false
+    }
+
+    /// Whether the main output is enabled.
+    #[must_use]
+    pub fn enabled(&self) -> bool {
+        self.word(0x44) & MAIN_OUTPUT != 0
+    }
+
+    /// Whether the outputs are enabled and their two channels: one of the gates is high at any time.
+    #[must_use]
+    pub fn driven(&self) -> bool {
+        self.enabled() && self.word(0x20) & 5 != 0
+    }
+
+    /// Whether the gates are driven to their off level while the outputs are disabled (OSSI).
+    #[must_use]
+    pub fn held_off(&self) -> bool {
+        self.word(0x44) & IDLE_DRIVEN != 0 && self.word(4) & 0x300 == 0
+    }
+
+    /// Clears the main output enable, as a write by a debugger does.
+    pub fn switch_off(&mut self) {
+        self.words[0x44 / 4] &= !MAIN_OUTPUT;
+    }
+
+    /// Sets it.
+    pub fn switch_on(&mut self) {
+        self.words[0x44 / 4] |= MAIN_OUTPUT;
+    }
+
+    /// Mean voltage at the bridge over its supply, -1..1; a counter that stands leaves one switch on.
+    #[must_use]
+    pub fn output(&self, now: u64) -> f32 {
+        if !self.driven() {
+            return 0.0;
+        }
+        if !self.runs() {
+            return if self.place(now) < self.compare {
+                1.0
+            } else {
+                -1.0
+            };
+        }
+        (2.0 * f64::from(self.compare.min(self.reload)) / f64::from(self.reload.max(1)) - 1.0)
+            as f32
+    }
+
+    /// The interrupts that are asked for: update, break.
+    #[must_use]
+    pub fn interrupts(&self) -> [bool; 2] {
+        let both = self.word(0x10) & self.word(0x0c);
+        [both & UPDATE != 0, both & BREAK != 0]
+    }
+
+    /// Counts of the timer's clock in a period, its share that is high, and the dead time in counts.
+    #[must_use]
+    pub fn period(&self) -> (u32, u32, u32) {
+        let turns = if self.centred() { 2 } else { 1 };
+        let dead = match self.word(0x44) & 0xff {
+            code @ 0..0x80 => code,
+            code @ 0x80..0xc0 => 2 * (64 + (code & 0x3f)),
+            code @ 0xc0..0xe0 => 8 * (32 + (code & 0x1f)),
+            code => 16 * (32 + (code & 0x1f)),
+        };
+        (
+            turns * self.reload * (self.prescaler + 1),
+            self.compare,
+            dead,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the firmware sets it: centre-aligned, 4200, an update where the counter turns at its bottom.
+    fn board() -> Bridge {
+        let mut bridge = Bridge::default();
+        bridge.set_cycle(6, 0);
+        bridge.write(0x2c, 4200, 0);
+        bridge.write(0x18, 0x68, 0);
+        bridge.write(0x34, 2100, 0);
+        bridge.write(0x30, 1, 0);
+        bridge.write(0x20, 5, 0);
+        bridge.write(0x00, 0x60 | PRELOAD, 0);
+        bridge.write(0x14, 1, 0);
+        bridge.write(0x04, 0x20, 0);
+        bridge.write(0x00, 0x61 | PRELOAD, 0);
+        bridge
+    }
+
+    #[test]
+    fn an_update_comes_once_a_period_at_the_bottom() {
+        let mut bridge = board();
+        assert_eq!(bridge.due(), 4200 * 6);
+        assert!(!bridge.turn().trigger, "at the top");
+        assert_eq!(bridge.read(0x24, 4200 * 6), 4200);
+        assert_eq!(bridge.due(), 8400 * 6);
+        assert!(bridge.turn().trigger, "at the bottom");
+        assert_eq!(bridge.read(0x24, 8400 * 6), 0);
+        assert_eq!(bridge.period(), (8400, 2100, 0));
+    }
+
+    #[test]
+    fn a_new_comparison_counts_from_the_next_update() {
+        let mut bridge = board();
+        bridge.write(0x44, MAIN_OUTPUT, 0);
+        bridge.write(0x34, 4200, 10);
+        assert_eq!(bridge.output(10), 0.0);
+        bridge.turn();
+        assert_eq!(bridge.output(bridge.since), 0.0);
+        bridge.turn();
+        assert_eq!(bridge.output(bridge.since), 1.0);
+    }
+
+    #[test]
+    fn the_break_opens_the_bridge_and_keeps_it_open() {
+        let mut bridge = board();
+        bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
+        assert!(!bridge.break_input(false, false) && bridge.driven());
+        assert!(bridge.break_input(true, false));
+        assert!(!bridge.driven() && bridge.output(0) == 0.0);
+        assert_eq!(bridge.read(0x10, 0) & BREAK, BREAK);
+        // It is not enabled again by itself.
+        bridge.break_input(false, false);
+        bridge.turn();
+        bridge.turn();
+        assert!(!bridge.driven());
+        let mut bridge = board();
+        bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
+        assert!(bridge.break_input(false, true), "the clock fails");
+    }
+
+    #[test]
+    fn a_lock_keeps_dead_time_and_break_but_not_the_output() {
+        let mut bridge = board();
+        bridge.write(0x44, 0x94 | 2 << 8 | BREAK_ON | BREAK_HIGH | IDLE_DRIVEN, 0);
+        assert_eq!(bridge.period().2, 168);
+        bridge.write(0x44, MAIN_OUTPUT, 0);
+        assert_eq!(
+            bridge.read(0x44, 0),
+            0x94 | 2 << 8 | 0x3000 | IDLE_DRIVEN | MAIN_OUTPUT
+        );
+        assert!(bridge.held_off());
+        bridge.write(0x20, 5 | 0xa, 0);
+        assert_eq!(bridge.read(0x20, 0), 5);
+    }
+
+    #[test]
+    fn a_counter_that_stands_leaves_a_switch_on() {
+        let mut bridge = board();
+        bridge.write(0x44, MAIN_OUTPUT, 0);
+        bridge.set_cycle(0, 100);
+        assert_eq!(bridge.output(200), 1.0);
+    }
+}

@@ -1,0 +1,168 @@
+//! Into an exception and out of it (ARM DDI 0403E, B1.5.6 and B1.5.8).
+
+use super::{Bus, COUNTER, Core, Fault, LINK, STACK, Waits};
+
+/// Bits of CONTROL: the second stack pointer, numbers in the floating-point registers.
+const SECOND_STACK: u32 = 1 << 1;
+const FLOAT: u32 = 1 << 2;
+/// Bytes of a frame, and of one with floating-point registers.
+const FRAME: u32 = 0x20;
+const FLOAT_FRAME: u32 = 0x68;
+/// Cycles into an exception and out of it, and what the floating-point registers add (ARM DDI 0439B, 3.9).
+const LATENCY: u32 = 12;
+const FLOAT_LATENCY: u32 = 17;
+
+impl Core {
+    /// Enters exception `number`, whose handler is at `vector`; cycles taken, and whether the stack took the
+    /// frame.
+    pub fn enter(&mut self, bus: &mut impl Bus, number: u16, vector: u32) -> (u32, bool) {
+        let float = self.control & FLOAT != 0;
+        let size = if float { FLOAT_FRAME } else { FRAME };
+        let stack = self.r[STACK];
+        let place = stack.wrapping_sub(size) & !7;
+        let padded = u32::from(stack & 4 != 0);
+        let status = self.program_status() | padded << 9;
+        let registers = [0, 1, 2, 3, 12, LINK, COUNTER].map(|number| self.r[number]);
+        let mut taken = true;
+        let mut put = |at: u32, value: u32| {
+            taken &= bus.store(place.wrapping_add(at), 4, value).is_some();
+        };
+        for (at, value) in (0_u32..).step_by(4).zip(registers) {
+            put(at, value);
+        }
+        put(28, status);
+        if float {
+            for (at, value) in (32_u32..).step_by(4).zip(&self.s[..16]) {
+                put(at, *value);
+            }
+            put(96, self.status);
+        }
+        let link = match (self.exception != 0, self.control & SECOND_STACK != 0) {
+            (true, _) => 0xffff_fff1,
+            (false, false) => 0xffff_fff9,
+            (false, true) => 0xffff_fffd,
+        };
+        self.r[LINK] = link & !(u32::from(float) << 4);
+        self.r[STACK] = place;
+        self.second_stack(false);
+        self.control &= !FLOAT;
+        self.exception = number;
+        self.block = 0;
+        self.exclusive = false;
+        self.event = true;
+        self.waits = Waits::Not;
+        self.r[COUNTER] = vector & !1;
+        let more = if float { FLOAT_LATENCY } else { 0 };
+        (LATENCY + more, taken)
+    }
+
+    /// Leaves the exception by `link`; the cycles taken.
+    pub fn leave(&mut self, bus: &mut impl Bus, link: u32) -> Result<u32, Fault> {
+        let second = match link & 0xf {
+            0x1 | 0x9 => false,
+            0xd => true,
+            _ => return Err(Fault::Return),
+        };
+        if second {
+            self.second_stack(true);
+        }
+        let float = link & 0x10 == 0;
+        let size = if float { FLOAT_FRAME } else { FRAME };
+        let place = self.r[STACK];
+        let mut get = |at: u32| {
+            let address = place.wrapping_add(at);
+            bus.load(address, 4).ok_or(Fault::Access(address))
+        };
+        for (at, number) in (0_u32..).step_by(4).zip([0, 1, 2, 3, 12, LINK, COUNTER]) {
+            self.r[number] = get(at)?;
+        }
+        let status = get(28)?;
+        if float {
+            for (at, number) in (32_u32..).step_by(4).zip(0..16) {
+                self.s[number] = get(at)?;
+            }
+            self.status = get(96)?;
+            self.control |= FLOAT;
+        } else {
+            self.control &= !FLOAT;
+        }
+        self.r[COUNTER] &= !1;
+        self.r[STACK] = place.wrapping_add(size) | (status >> 9 & 1) << 2;
+        self.set_flags(status);
+        self.block = (status >> 25 & 3 | status >> 8 & 0xfc) as u8;
+        self.exception = (status & 0x1ff) as u16;
+        self.exclusive = false;
+        self.event = true;
+        self.fault_mask = false;
+        let thread = link & 8 != 0;
+        if thread != (self.exception == 0) {
+            return Err(Fault::Return);
+        }
+        let more = if float { FLOAT_LATENCY } else { 0 };
+        Ok(LATENCY + more)
+    }
+
+    fn second_stack(&mut self, second: bool) {
+        if (self.control & SECOND_STACK != 0) != second {
+            self.control ^= SECOND_STACK;
+            std::mem::swap(&mut self.r[STACK], &mut self.other_stack);
+        }
+    }
+
+    /// A special register (B5.2.2).
+    pub(super) fn special(&self, number: u8) -> u32 {
+        let second = self.control & SECOND_STACK != 0;
+        match number {
+            0..=3 => {
+                self.program_status() & 0xf80f_0000
+                    | u32::from(number & 1 == 1) * u32::from(self.exception)
+            }
+            5 | 7 => self.exception.into(),
+            8 if second => self.other_stack,
+            9 if !second => self.other_stack,
+            8 | 9 => self.r[STACK],
+            16 => self.mask.into(),
+            17 | 18 => self.base_priority.into(),
+            19 => self.fault_mask.into(),
+            20 => self.control,
+            _ => 0,
+        }
+    }
+
+    /// Sets a special register.
+    pub(super) fn set_special(&mut self, number: u8, value: u32) {
+        let second = self.control & SECOND_STACK != 0;
+        match number {
+            0..=3 => self.set_flags(value),
+            8 if second => self.other_stack = value & !3,
+            9 if !second => self.other_stack = value & !3,
+            8 | 9 => self.r[STACK] = value & !3,
+            16 => self.mask = value & 1 == 1,
+            17 => self.base_priority = value as u8 & 0xf0,
+            18 => {
+                let value = value as u8 & 0xf0;
+                if value != 0 && (self.base_priority == 0 || value < self.base_priority) {
+                    self.base_priority = value;
+                }
+            }
+            19 => self.fault_mask = value & 1 == 1,
+            20 => {
+                if self.exception == 0 {
+                    self.second_stack(value & SECOND_STACK != 0);
+                }
+                self.control = self.control & SECOND_STACK | value & 5;
+            }
+            _ => {}
+        }
+        self.attention = true;
+    }
+
+    /// A floating-point instruction is executed: its registers belong to the frame from now on.
+    pub(super) fn touch_float(&mut self) -> Result<(), Fault> {
+        if !self.float {
+            return Err(Fault::NoCoprocessor);
+        }
+        self.control |= FLOAT;
+        Ok(())
+    }
+}

@@ -1,0 +1,128 @@
+//! Single precision as the FPv4-SP computes it: to the nearest, subnormal numbers kept, a NaN that is nobody's
+//! without a sign (ARM DDI 0403E, A2.5).
+
+use super::Core;
+use super::op::{Single, Unary};
+
+/// The NaN of an operation on numbers.
+const NAN: u32 = 0x7fc0_0000;
+const QUIET: u32 = 0x0040_0000;
+/// Operands that are no numbers give the default one.
+const DEFAULT_NAN: u32 = 1 << 25;
+
+fn is_nan(bits: u32) -> bool {
+    bits & 0x7fff_ffff > 0x7f80_0000
+}
+
+impl Core {
+    /// A result, where a NaN is the first operand's that is one, signalling ones before.
+    fn number(&self, result: f32, operands: &[u32]) -> u32 {
+        if !result.is_nan() {
+            return result.to_bits();
+        }
+        if self.status & DEFAULT_NAN != 0 {
+            return NAN;
+        }
+        let signalling = |bits: &&u32| is_nan(**bits) && **bits & QUIET == 0;
+        let first = operands.iter().find(signalling);
+        let any = || operands.iter().find(|bits| is_nan(**bits));
+        first.or_else(any).map_or(NAN, |bits| bits | QUIET)
+    }
+
+    /// Two operands and the target.
+    pub(super) fn single(&mut self, operation: Single, d: u8, n: u8, m: u8) -> u32 {
+        let [d, n, m] = [d, n, m].map(usize::from);
+        let bits = [self.s[d], self.s[n], self.s[m]];
+        let [target, one, two] = bits.map(f32::from_bits);
+        let plain = |result: f32| self.number(result, &bits[1..]);
+        let after = |result: f32, sign: u32| {
+            let product = self.number(one * two, &bits[1..]) ^ sign;
+            (result, product)
+        };
+        let sum = |product: u32, target: u32| {
+            let result = f32::from_bits(target) + f32::from_bits(product);
+            self.number(result, &[target, product])
+        };
+        let turned = |bits: u32| bits ^ 0x8000_0000;
+        let fused = |one: u32, target: u32| {
+            let result = f32::from_bits(one).mul_add(two, f32::from_bits(target));
+            self.number(result, &[target, one, bits[2]])
+        };
+        let (value, cycles) = match operation {
+            Single::Add => (plain(one + two), 1),
+            Single::Subtract => (plain(one - two), 1),
+            Single::Multiply => (plain(one * two), 1),
+            Single::NegativeMultiply => (turned(plain(one * two)), 1),
+            Single::Divide => (plain(one / two), 14),
+            Single::MultiplyAdd => (sum(after(target, 0).1, bits[0]), 3),
+            Single::MultiplySubtract => (sum(after(target, 0x8000_0000).1, bits[0]), 3),
+            Single::NegativeMultiplySubtract => (sum(after(target, 0).1, turned(bits[0])), 3),
+            Single::NegativeMultiplyAdd => (sum(after(target, 0x8000_0000).1, turned(bits[0])), 3),
+            Single::Fused => (fused(bits[1], bits[0]), 3),
+            Single::FusedSubtract => (fused(turned(bits[1]), bits[0]), 3),
+            Single::FusedNegativeSubtract => (fused(bits[1], turned(bits[0])), 3),
+            Single::FusedNegativeAdd => (fused(turned(bits[1]), turned(bits[0])), 3),
+        };
+        self.s[d] = value;
+        cycles
+    }
+
+    /// One operand.
+    pub(super) fn unary(&mut self, operation: Unary, d: u8, m: u8) -> u32 {
+        let bits = self.s[usize::from(m)];
+        let value = f32::from_bits(bits);
+        let (result, cycles) = match operation {
+            Unary::Move => (bits, 1),
+            Unary::Absolute => (bits & 0x7fff_ffff, 1),
+            Unary::Negate => (bits ^ 0x8000_0000, 1),
+            Unary::Root => (self.number(value.sqrt(), &[bits]), 14),
+            Unary::FromSigned => ((bits as i32 as f32).to_bits(), 1),
+            Unary::FromUnsigned => ((bits as f32).to_bits(), 1),
+            Unary::ToSigned => (value as i32 as u32, 1),
+            Unary::ToUnsigned => (value as u32, 1),
+            Unary::RoundSigned => (value.round_ties_even() as i32 as u32, 1),
+            Unary::RoundUnsigned => (value.round_ties_even() as u32, 1),
+        };
+        self.s[usize::from(d)] = result;
+        cycles
+    }
+
+    /// To fixed point or from it.
+    pub(super) fn fixed(&mut self, d: u8, to: bool, signed: bool, half: bool, behind: u8) {
+        let place = &mut self.s[usize::from(d)];
+        let scale = f64::from(behind).exp2();
+        *place = if to {
+            let value = f64::from(f32::from_bits(*place)) * scale;
+            match (signed, half) {
+                (true, true) => i32::from(value as i16) as u32,
+                (true, false) => value as i32 as u32,
+                (false, true) => u32::from(value as u16),
+                (false, false) => value as u32,
+            }
+        } else {
+            let value = match (signed, half) {
+                (true, true) => f64::from(*place as i16),
+                (true, false) => f64::from(*place as i32),
+                (false, true) => f64::from(*place as u16),
+                (false, false) => f64::from(*place),
+            };
+            ((value / scale) as f32).to_bits()
+        };
+    }
+
+    /// Compares; the flags go to FPSCR.
+    pub(super) fn compare(&mut self, d: u8, m: u8) {
+        let one = f32::from_bits(self.s[usize::from(d)]);
+        let two = self
+            .s
+            .get(usize::from(m))
+            .map_or(0.0, |bits| f32::from_bits(*bits));
+        let flags = match one.partial_cmp(&two) {
+            Some(std::cmp::Ordering::Less) => 0b1000,
+            Some(std::cmp::Ordering::Equal) => 0b0110,
+            Some(std::cmp::Ordering::Greater) => 0b0010,
+            None => 0b0011,
+        };
+        self.status = self.status & 0x0fff_ffff | flags << 28;
+    }
+}

@@ -1,0 +1,297 @@
+//! A Cortex-M4 with its floating-point unit (ARM DDI 0403E, ARMv7E-M and FPv4-SP).
+//!
+//! Instructions are executed one by one and cost the cycles of the core's manual (ARM DDI 0439B, 3.3, 7.2); what
+//! a memory adds is the bus's to say. That registers, flags and memory are right is shown by QEMU: see
+//! `tests/tests/core.rs`.
+
+mod decode;
+mod exceptions;
+mod execute;
+mod float;
+mod op;
+
+use op::Op;
+
+/// Memory and peripherals as the core sees them; `None` where nothing answers.
+pub trait Bus {
+    /// Reads 1, 2 or 4 bytes.
+    fn load(&mut self, address: u32, size: u32) -> Option<u32>;
+    /// Writes them.
+    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
+    /// An instruction comes from another line of 16 bytes than the last.
+    fn line(&mut self, address: u32) {
+        let _ = address;
+    }
+}
+
+/// Why an instruction was not executed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// There is no such instruction.
+    Undefined,
+    /// There is no Thumb code where it leads.
+    State,
+    /// An access that nothing answers, at this address.
+    Access(u32),
+    /// An instruction is fetched where nothing answers.
+    Fetch,
+    /// An access that has to be aligned and is not.
+    Unaligned,
+    /// The floating-point unit is off.
+    NoCoprocessor,
+    /// A breakpoint instruction.
+    Breakpoint,
+    /// An exception that cannot be returned from.
+    Return,
+}
+
+/// What a core waits for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Waits {
+    /// Nothing.
+    #[default]
+    Not,
+    /// An event.
+    Event,
+    /// An interrupt.
+    Interrupt,
+}
+
+/// The stack pointer, the link register and the program counter.
+pub const STACK: usize = 13;
+/// Where a call returns to.
+pub const LINK: usize = 14;
+/// Address of the next instruction.
+pub const COUNTER: usize = 15;
+
+/// Halfwords of code that are kept decoded.
+const KEPT: usize = 128 * 1024;
+
+/// An instruction and its bytes.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    op: Op,
+    size: u8,
+}
+
+/// Registers and state of the core.
+#[derive(Clone, Debug)]
+pub struct Core {
+    /// r0 to r15; between two instructions r15 is the address of the next.
+    pub r: [u32; 16],
+    /// s0 to s31, as bits.
+    pub s: [u32; 32],
+    negative: bool,
+    zero: bool,
+    carry: bool,
+    overflow: bool,
+    saturated: bool,
+    /// Flags GE, a bit each.
+    greater: u8,
+    /// State of an IT block.
+    block: u8,
+    /// Whether the instruction that is executed lies in one.
+    inside: bool,
+    status: u32,
+    /// PRIMASK, FAULTMASK, BASEPRI, CONTROL.
+    pub mask: bool,
+    /// Everything but NMI is masked.
+    pub fault_mask: bool,
+    /// Priorities from here on are masked; 0: none.
+    pub base_priority: u8,
+    control: u32,
+    /// The stack pointer that is not in use.
+    other_stack: u32,
+    /// The exception that is handled; 0: none.
+    pub exception: u16,
+    /// Whether the floating-point unit is on (CPACR).
+    pub float: bool,
+    /// The event register.
+    pub event: bool,
+    /// What it waits for.
+    pub waits: Waits,
+    /// Something happened that whoever runs the core has to look at: it waits, a mask fell, an exception ends.
+    pub attention: bool,
+    /// The exception return that is due.
+    pub returning: Option<u32>,
+    /// Instructions so far.
+    pub instructions: u64,
+    exclusive: bool,
+    next: u32,
+    /// The last instruction was an access, so that the next one overlaps with it.
+    accessed: bool,
+    line: u32,
+    base: u32,
+    known: Vec<Option<Known>>,
+}
+
+impl Default for Core {
+    fn default() -> Self {
+        Self {
+            r: [0; 16],
+            s: [0; 32],
+            negative: false,
+            zero: false,
+            carry: false,
+            overflow: false,
+            saturated: false,
+            greater: 0,
+            block: 0,
+            inside: false,
+            status: 0,
+            mask: false,
+            fault_mask: false,
+            base_priority: 0,
+            control: 0,
+            other_stack: 0,
+            exception: 0,
+            float: false,
+            event: false,
+            waits: Waits::Not,
+            attention: false,
+            returning: None,
+            instructions: 0,
+            exclusive: false,
+            next: 0,
+            accessed: false,
+            line: u32::MAX,
+            base: 0x0800_0000,
+            known: Vec::new(),
+        }
+    }
+}
+
+impl Core {
+    /// What a reset leaves: the stack pointer and the first instruction as the vectors have them.
+    pub fn reset(&mut self, stack: u32, entry: u32) {
+        let known = std::mem::take(&mut self.known);
+        let instructions = self.instructions;
+        *self = Self {
+            known,
+            instructions,
+            ..Self::default()
+        };
+        self.r[STACK] = stack & !3;
+        self.r[LINK] = u32::MAX;
+        self.r[COUNTER] = entry & !1;
+    }
+
+    /// Forgets what it knows of the code: the memory was changed.
+    pub fn forget(&mut self) {
+        self.known.clear();
+    }
+
+    /// Executes one instruction and gives its cycles; faulting, it leaves the registers as they were, but for
+    /// those that were loaded.
+    #[inline]
+    pub fn step(&mut self, bus: &mut impl Bus) -> Result<u32, Fault> {
+        let address = self.r[COUNTER];
+        if address >> 4 != self.line {
+            self.line = address >> 4;
+            bus.line(address);
+        }
+        let Known { op, size } = self.instruction(bus, address)?;
+        let block = self.block;
+        self.inside = block != 0;
+        self.instructions += 1;
+        if self.inside {
+            self.block = if block & 7 == 0 {
+                0
+            } else {
+                block & 0xe0 | block << 1 & 0x1f
+            };
+            if !self.holds(block >> 4) {
+                self.r[COUNTER] = address + u32::from(size);
+                return Ok(1);
+            }
+        }
+        self.next = address.wrapping_add(size.into());
+        self.r[COUNTER] = address.wrapping_add(4);
+        match self.execute(op, bus) {
+            Ok(cycles) => {
+                self.r[COUNTER] = self.next;
+                Ok(cycles)
+            }
+            Err(fault) => {
+                self.r[COUNTER] = address;
+                self.block = block;
+                Err(fault)
+            }
+        }
+    }
+
+    #[inline]
+    fn instruction(&mut self, bus: &mut impl Bus, address: u32) -> Result<Known, Fault> {
+        let at = (address.wrapping_sub(self.base) / 2) as usize;
+        if let Some(Some(known)) = self.known.get(at) {
+            return Ok(*known);
+        }
+        self.look_up(bus, address, at)
+    }
+
+    #[cold]
+    fn look_up(&mut self, bus: &mut impl Bus, address: u32, at: usize) -> Result<Known, Fault> {
+        let first = bus.load(address, 2).ok_or(Fault::Fetch)? as u16;
+        let wide = decode::is_wide(first);
+        let second = if wide {
+            bus.load(address.wrapping_add(2), 2).ok_or(Fault::Fetch)? as u16
+        } else {
+            0
+        };
+        let known = Known {
+            op: decode::decode(first, second),
+            size: if wide { 4 } else { 2 },
+        };
+        if at < KEPT {
+            if self.known.is_empty() {
+                self.known.resize(KEPT, None);
+            }
+            self.known[at] = Some(known);
+        }
+        Ok(known)
+    }
+
+    /// Whether a condition holds (A7.3).
+    #[inline]
+    fn holds(&self, condition: u8) -> bool {
+        let held = match condition >> 1 {
+            0 => self.zero,
+            1 => self.carry,
+            2 => self.negative,
+            3 => self.overflow,
+            4 => self.carry && !self.zero,
+            5 => self.negative == self.overflow,
+            6 => !self.zero && self.negative == self.overflow,
+            _ => return true,
+        };
+        held != (condition & 1 == 1)
+    }
+
+    /// The program status register, its exception number included (B1.4.2).
+    #[must_use]
+    pub fn program_status(&self) -> u32 {
+        let bit = |value: bool, at: u32| u32::from(value) << at;
+        bit(self.negative, 31)
+            | bit(self.zero, 30)
+            | bit(self.carry, 29)
+            | bit(self.overflow, 28)
+            | bit(self.saturated, 27)
+            | u32::from(self.block & 3) << 25
+            | 1 << 24
+            | u32::from(self.greater) << 16
+            | u32::from(self.block >> 2) << 10
+            | u32::from(self.exception)
+    }
+
+    fn set_flags(&mut self, word: u32) {
+        self.negative = word >> 31 & 1 == 1;
+        self.zero = word >> 30 & 1 == 1;
+        self.carry = word >> 29 & 1 == 1;
+        self.overflow = word >> 28 & 1 == 1;
+        self.saturated = word >> 27 & 1 == 1;
+        self.greater = (word >> 16 & 0xf) as u8;
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,151 @@
+//! A port of sixteen pins (RM0090, chapter 8).
+
+/// What drives a pin from outside.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wire {
+    /// Nothing: the chip's own resistor decides, where it has one.
+    #[default]
+    Open,
+    /// 0 V.
+    Low,
+    /// 3.3 V.
+    High,
+}
+
+/// What a pin does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// It listens.
+    Input,
+    /// It says what its bit says.
+    Output,
+    /// A peripheral has it, by this number.
+    Function(u8),
+    /// It is analogue.
+    Analogue,
+}
+
+/// The registers of a port.
+#[derive(Clone, Debug)]
+pub struct Port {
+    /// What is wired to each pin.
+    pub wires: [Wire; 16],
+    words: [u32; 10],
+    /// Mode and pull after a reset: port A and B have the debugger's pins.
+    first: [u32; 2],
+}
+
+impl Port {
+    /// Port number `number`, A being 0.
+    #[must_use]
+    pub fn new(number: usize) -> Self {
+        let first = match number {
+            0 => [0xa800_0000, 0x6400_0000],
+            1 => [0x0000_0280, 0x0000_0100],
+            _ => [0, 0],
+        };
+        let mut port = Self {
+            wires: [Wire::Open; 16],
+            words: [0; 10],
+            first,
+        };
+        port.reset();
+        port
+    }
+
+    /// The registers as a reset leaves them.
+    pub fn reset(&mut self) {
+        self.words = [0; 10];
+        self.words[0] = self.first[0];
+        self.words[3] = self.first[1];
+    }
+
+    /// A register.
+    #[must_use]
+    pub fn read(&self, offset: u32) -> u32 {
+        match offset {
+            0x10 => (0..16).map(|pin| u32::from(self.level(pin)) << pin).sum(),
+            0x18 => 0,
+            offset => self.words.get(offset as usize / 4).copied().unwrap_or(0),
+        }
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, offset: u32, value: u32) {
+        match offset {
+            0x10 => {}
+            // Set wins over reset (8.4.7).
+            0x18 => self.words[5] = self.words[5] & !(value >> 16) | value & 0xffff,
+            offset => {
+                if let Some(word) = self.words.get_mut(offset as usize / 4) {
+                    *word = value;
+                }
+            }
+        }
+    }
+
+    /// What a pin does.
+    #[must_use]
+    pub fn mode(&self, pin: usize) -> Mode {
+        match self.words[0] >> (2 * pin) & 3 {
+            0 => Mode::Input,
+            1 => Mode::Output,
+            2 => Mode::Function((self.words[8 + pin / 8] >> (4 * (pin % 8)) & 0xf) as u8),
+            _ => Mode::Analogue,
+        }
+    }
+
+    /// The level at a pin as its input register shows it; one that floats reads low.
+    #[must_use]
+    pub fn level(&self, pin: usize) -> bool {
+        match (self.mode(pin), self.wires[pin]) {
+            (Mode::Analogue, _) => false,
+            (Mode::Output, _) => self.words[5] >> pin & 1 == 1,
+            (_, Wire::Low) => false,
+            (_, Wire::High) => true,
+            (_, Wire::Open) => self.words[3] >> (2 * pin) & 3 == 1,
+        }
+    }
+
+    /// What an output says; `None` where the pin is none.
+    #[must_use]
+    pub fn output(&self, pin: usize) -> Option<bool> {
+        (self.mode(pin) == Mode::Output).then(|| self.level(pin))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pin_reads_its_wire_or_its_resistor() {
+        let mut port = Port::new(1);
+        assert!(!port.level(0));
+        port.write(0x0c, 0b01);
+        assert!(port.level(0), "pulled up");
+        port.wires[0] = Wire::Low;
+        assert!(!port.level(0));
+        port.wires[0] = Wire::High;
+        port.write(0x0c, 0b10);
+        assert!(port.level(0));
+        assert_eq!(port.read(0x10) & 1, 1);
+    }
+
+    #[test]
+    fn an_output_is_set_and_reset_by_one_register() {
+        let mut port = Port::new(1);
+        port.write(0x00, 1 << 20);
+        assert_eq!(port.output(10), Some(false));
+        port.write(0x18, 1 << 10);
+        assert_eq!(port.output(10), Some(true));
+        port.write(0x18, 1 << 26);
+        assert_eq!(port.output(10), Some(false));
+        port.write(0x18, 1 << 26 | 1 << 10);
+        assert_eq!(port.output(10), Some(true), "set wins");
+        assert_eq!(port.output(11), None);
+        port.write(0x24, 1 << 20);
+        port.write(0x00, 2 << 26);
+        assert_eq!(port.mode(13), Mode::Function(1));
+    }
+}

@@ -1,0 +1,486 @@
+//! The core's own peripherals: interrupts, faults, SysTick, the cycle counter (ARM DDI 0403E, chapters B1 to B3,
+//! C1).
+
+/// Exceptions that a core may have here.
+const EXCEPTIONS: usize = 112;
+/// Numbers of exceptions.
+pub const NMI: u16 = 2;
+/// The hard fault.
+pub const HARD_FAULT: u16 = 3;
+const SERVICE: u16 = 14;
+const SYSTICK: u16 = 15;
+/// The first interrupt.
+pub const INTERRUPTS: u16 = 16;
+/// Lower than any priority: nothing is handled.
+const IDLE: i32 = 256;
+
+/// What a write asks of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asks {
+    /// Nothing more.
+    Nothing,
+    /// A reset.
+    Reset,
+    /// The floating-point unit on or off.
+    Float(bool),
+}
+
+/// The registers.
+#[derive(Clone, Debug)]
+pub struct System {
+    pending: u128,
+    enabled: u128,
+    active: u128,
+    lines: u128,
+    priorities: [u8; EXCEPTIONS],
+    vectors: u32,
+    grouping: u32,
+    control: u32,
+    configuration: u32,
+    handlers: u32,
+    /// Configurable, hard fault status; addresses of faults.
+    pub fault_status: u32,
+    /// HFSR.
+    pub hard_status: u32,
+    /// BFAR.
+    pub fault_address: u32,
+    access: u32,
+    float_context: u32,
+    tick_control: u32,
+    tick_reload: u32,
+    /// When SysTick next wraps.
+    tick_due: u64,
+    tick_left: u64,
+    /// What the cycle counter started from.
+    cycles_from: u64,
+    counts: bool,
+    trace: u32,
+    /// A monitor or a debugger is to be caught.
+    pub catch: u32,
+}
+
+impl Default for System {
+    fn default() -> Self {
+        Self {
+            pending: 0,
+            enabled: (1 << INTERRUPTS) - 1,
+            active: 0,
+            lines: 0,
+            priorities: [0; EXCEPTIONS],
+            vectors: 0,
+            grouping: 0,
+            control: 0,
+            configuration: 0x200,
+            handlers: 0,
+            fault_status: 0,
+            hard_status: 0,
+            fault_address: 0,
+            access: 0,
+            float_context: 0xc000_0000,
+            tick_control: 0,
+            tick_reload: 0,
+            tick_due: u64::MAX,
+            tick_left: 0,
+            cycles_from: 0,
+            counts: false,
+            trace: 0,
+            catch: 0,
+        }
+    }
+}
+
+impl System {
+    /// The registers as a reset leaves them.
+    pub fn reset(&mut self) {
+        *self = Self {
+            catch: self.catch,
+            ..Self::default()
+        };
+    }
+
+    /// An exception becomes pending.
+    pub fn pend(&mut self, number: u16) {
+        self.pending |= 1 << number;
+    }
+
+    /// An interrupt's line: pending where it rises.
+    pub fn line(&mut self, interrupt: u16, high: bool) {
+        let bit = 1_u128 << (INTERRUPTS + interrupt);
+        if high {
+            self.pending |= bit & !self.lines;
+            self.lines |= bit;
+        } else {
+            self.lines &= !bit;
+        }
+    }
+
+    fn priority(&self, number: u16) -> i32 {
+        match number {
+            NMI => -2,
+            HARD_FAULT => -1,
+            number => self.priorities[usize::from(number)].into(),
+        }
+    }
+
+    /// What is handled now, by priority (B1.5.4), with the masks of the core.
+    #[must_use]
+    pub fn running(&self, mask: bool, fault_mask: bool, base: u8) -> i32 {
+        let mut lowest = IDLE;
+        let mut left = self.active;
+        while left != 0 {
+            lowest = lowest.min(self.priority(left.trailing_zeros() as u16));
+            left &= left - 1;
+        }
+        if base != 0 {
+            lowest = lowest.min(base.into());
+        }
+        if mask {
+            lowest = lowest.min(0);
+        }
+        if fault_mask {
+            lowest = lowest.min(-1);
+        }
+        lowest
+    }
+
+    /// Whether anything enabled is pending at all: what ends a wait for an interrupt, masked or not.
+    #[must_use]
+    pub fn wakes(&self) -> bool {
+        self.pending & self.enabled != 0
+    }
+
+    /// The exception to be entered now.
+    #[must_use]
+    pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
+        let mut left = self.pending & self.enabled;
+        if left == 0 {
+            return None;
+        }
+        let mut best = None;
+        let mut above = self.running(mask, fault_mask, base);
+        while left != 0 {
+            let number = left.trailing_zeros() as u16;
+            left &= left - 1;
+            let priority = self.priority(number);
+            if priority < above {
+                (above, best) = (priority, Some(number));
+            }
+        }
+        best
+    }
+
+    /// An exception is entered.
+    pub fn enter(&mut self, number: u16) {
+        self.pending &= !(1 << number);
+        self.active |= 1 << number;
+    }
+
+    /// It is left; its line, still high, makes it pending again.
+    pub fn leave(&mut self, number: u16) {
+        let bit = 1_u128 << number;
+        self.active &= !bit;
+        self.pending |= self.lines & bit;
+    }
+
+    /// Address of an exception's vector.
+    #[must_use]
+    pub fn vector(&self, number: u16) -> u32 {
+        self.vectors + 4 * u32::from(number)
+    }
+
+    /// When SysTick wraps.
+    #[must_use]
+    pub fn tick_due(&self) -> u64 {
+        self.tick_due
+    }
+
+    /// SysTick wraps; a cycle of the core takes `cycle` ticks.
+    pub fn tick(&mut self, cycle: u64) {
+        self.tick_due += (u64::from(self.tick_reload) + 1) * self.tick_step(cycle).max(1);
+        self.tick_control |= 1 << 16;
+        if self.tick_control & 2 != 0 {
+            self.pend(SYSTICK);
+        }
+    }
+
+    /// Ticks of a count of SysTick: the core's clock, or an eighth of it.
+    fn tick_step(&self, cycle: u64) -> u64 {
+        if self.tick_control & 4 != 0 {
+            cycle
+        } else {
+            8 * cycle
+        }
+    }
+
+    /// The core's clock changes at `now` from `old` to `new` ticks a cycle; 0: it stops.
+    pub fn rescale(&mut self, now: u64, old: u64, new: u64) {
+        if self.tick_control & 1 == 0 {
+            return;
+        }
+        if old > 0 {
+            self.tick_left = self.tick_due.saturating_sub(now) / old;
+        }
+        self.tick_due = if new > 0 {
+            now + self.tick_left * new
+        } else {
+            u64::MAX
+        };
+    }
+
+    /// Time passes that nothing counts: the core is halted.
+    pub fn stands(&mut self, ticks: u64) {
+        self.tick_due = self.tick_due.saturating_add(ticks);
+    }
+
+    /// A register; `cycle` ticks of `now` are one of the core, which counted `cycles`.
+    pub fn read(&mut self, address: u32, now: u64, cycle: u64, cycles: u64) -> u32 {
+        let bits = |set: u128, from: u32| (set >> (16 + 8 * from)) as u32;
+        match address {
+            0xe000_1000 => 0x4000_0000 | u32::from(self.counts),
+            0xe000_1004 if self.counts => cycles.wrapping_sub(self.cycles_from) as u32,
+            0xe000_1004 => self.cycles_from as u32,
+            0xe000_e010 => {
+                let value = self.tick_control;
+                self.tick_control &= !(1 << 16);
+                value
+            }
+            0xe000_e014 => self.tick_reload,
+            0xe000_e018 if self.tick_due != u64::MAX => {
+                (self.tick_due.saturating_sub(now) / self.tick_step(cycle).max(1)) as u32
+                    & 0xff_ffff
+            }
+            0xe000_e01c => 0,
+            0xe000_e100..0xe000_e110 => bits(self.enabled, address - 0xe000_e100),
+            0xe000_e180..0xe000_e190 => bits(self.enabled, address - 0xe000_e180),
+            0xe000_e200..0xe000_e210 => bits(self.pending, address - 0xe000_e200),
+            0xe000_e280..0xe000_e290 => bits(self.pending, address - 0xe000_e280),
+            0xe000_e300..0xe000_e310 => bits(self.active, address - 0xe000_e300),
+            0xe000_e400..0xe000_e460 => self.priority_word(address - 0xe000_e400 + 16),
+            0xe000_ed00 => 0x410f_c241,
+            0xe000_ed04 => self.state(),
+            0xe000_ed08 => self.vectors,
+            0xe000_ed0c => 0xfa05_0000 | self.grouping,
+            0xe000_ed10 => self.control,
+            0xe000_ed14 => self.configuration,
+            0xe000_ed18..0xe000_ed24 => self.priority_word(address - 0xe000_ed18 + 4),
+            0xe000_ed24 => self.handlers,
+            0xe000_ed28 => self.fault_status,
+            0xe000_ed2c => self.hard_status,
+            0xe000_ed38 | 0xe000_ed34 => self.fault_address,
+            0xe000_ed88 => self.access,
+            0xe000_edfc => self.trace,
+            0xe000_ef34 => self.float_context,
+            _ => 0,
+        }
+    }
+
+    fn state(&self) -> u32 {
+        let handled = if self.active == 0 {
+            0
+        } else {
+            let mut left = self.active;
+            let (mut best, mut above) = (0, IDLE + 1);
+            while left != 0 {
+                let number = left.trailing_zeros() as u16;
+                left &= left - 1;
+                if self.priority(number) < above {
+                    (above, best) = (self.priority(number), number);
+                }
+            }
+            best
+        };
+        let pending = |number: u16, at: u32| ((self.pending >> number & 1) as u32) << at;
+        u32::from(handled)
+            | pending(SYSTICK, 26)
+            | pending(SERVICE, 28)
+            | pending(NMI, 31)
+            | u32::from(self.pending >> INTERRUPTS != 0) << 22
+    }
+
+    fn priority_word(&self, first: u32) -> u32 {
+        let at = first as usize;
+        let bytes = [0, 1, 2, 3].map(|n| self.priorities.get(at + n).copied().unwrap_or(0));
+        u32::from_le_bytes(bytes)
+    }
+
+    /// Writes a register of `size` bytes.
+    pub fn write(
+        &mut self,
+        address: u32,
+        size: u32,
+        value: u32,
+        now: u64,
+        cycle: u64,
+        cycles: u64,
+    ) -> Asks {
+        let bits = |from: u32| u128::from(value) << (16 + 8 * from);
+        let mut set_priorities = |first: u32| {
+            for (at, byte) in (first as usize..)
+                .zip(value.to_le_bytes())
+                .take(size as usize)
+            {
+                if let Some(place) = self.priorities.get_mut(at) {
+                    *place = byte & 0xf0;
+                }
+            }
+        };
+        match address {
+            0xe000_1000 => {
+                let counts = value & 1 == 1 && self.trace >> 24 & 1 == 1;
+                if counts != self.counts {
+                    self.cycles_from = cycles.wrapping_sub(self.cycles_from);
+                    self.counts = counts;
+                }
+            }
+            0xe000_1004 => {
+                let value = u64::from(value);
+                self.cycles_from = if self.counts {
+                    cycles.wrapping_sub(value)
+                } else {
+                    value
+                };
+            }
+            0xe000_e010 => {
+                let started = value & 1 == 1 && self.tick_control & 1 == 0;
+                self.tick_control = self.tick_control & 1 << 16 | value & 7;
+                if value & 1 == 0 {
+                    self.tick_due = u64::MAX;
+                } else if started {
+                    self.restart_tick(now, cycle);
+                }
+            }
+            0xe000_e014 => self.tick_reload = value & 0xff_ffff,
+            0xe000_e018 => {
+                self.tick_control &= !(1 << 16);
+                if self.tick_control & 1 == 1 {
+                    self.restart_tick(now, cycle);
+                }
+            }
+            0xe000_e100..0xe000_e110 => self.enabled |= bits(address - 0xe000_e100),
+            0xe000_e180..0xe000_e190 => self.enabled &= !bits(address - 0xe000_e180),
+            0xe000_e200..0xe000_e210 => self.pending |= bits(address - 0xe000_e200),
+            0xe000_e280..0xe000_e290 => self.pending &= !bits(address - 0xe000_e280),
+            0xe000_e400..0xe000_e460 => set_priorities(address - 0xe000_e400 + 16),
+            0xe000_ed18..0xe000_ed24 => set_priorities(address - 0xe000_ed18 + 4),
+            0xe000_ed04 => {
+                if value >> 31 == 1 {
+                    self.pend(NMI);
+                }
+                let clears = (value >> 25 & 1) << SYSTICK | (value >> 27 & 1) << SERVICE;
+                let sets = (value >> 26 & 1) << SYSTICK | (value >> 28 & 1) << SERVICE;
+                self.pending = self.pending & !u128::from(clears) | u128::from(sets);
+            }
+            0xe000_ed08 => self.vectors = value & !0x7f,
+            0xe000_ed0c if value >> 16 == 0x5fa => {
+                self.grouping = value & 0x700;
+                if value & 4 != 0 {
+                    return Asks::Reset;
+                }
+            }
+            0xe000_ed10 => self.control = value & 0x16,
+            0xe000_ed14 => self.configuration = value & 0x31b,
+            0xe000_ed24 => self.handlers = value,
+            0xe000_ed28 => self.fault_status &= !value,
+            0xe000_ed2c => self.hard_status &= !value,
+            0xe000_ed88 => {
+                self.access = value;
+                return Asks::Float(value >> 20 & 0xf == 0xf);
+            }
+            0xe000_edfc => self.trace = value,
+            0xe000_ef00 => self.pend(INTERRUPTS + (value & 0x7f) as u16),
+            0xe000_ef34 => self.float_context = value,
+            _ => {}
+        }
+        Asks::Nothing
+    }
+
+    fn restart_tick(&mut self, now: u64, cycle: u64) {
+        let step = self.tick_step(cycle);
+        self.tick_due = if step > 0 {
+            now + (u64::from(self.tick_reload) + 1) * step
+        } else {
+            u64::MAX
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ADC: u16 = 18;
+
+    fn write(system: &mut System, address: u32, value: u32) -> Asks {
+        system.write(address, 4, value, 0, 6, 0)
+    }
+
+    #[test]
+    fn a_pending_interrupt_is_due_where_it_is_enabled_and_above_what_runs() {
+        let mut system = System::default();
+        system.line(ADC, true);
+        assert_eq!(system.due(false, false, 0), None);
+        write(&mut system, 0xe000_e100, 1 << ADC);
+        assert_eq!(system.due(false, false, 0), Some(INTERRUPTS + ADC));
+        assert_eq!(system.due(true, false, 0), None);
+        system.pend(HARD_FAULT);
+        assert_eq!(system.due(true, false, 0), Some(HARD_FAULT));
+        assert_eq!(system.due(true, true, 0), None);
+    }
+
+    #[test]
+    fn priorities_decide_and_a_level_comes_again() {
+        let mut system = System::default();
+        write(&mut system, 0xe000_e100, 1 << ADC);
+        // SysTick at 0x80, the converter at 0.
+        system.write(0xe000_ed23, 1, 0x80, 0, 6, 0);
+        system.pend(SYSTICK);
+        system.line(ADC, true);
+        let number = system.due(false, false, 0).unwrap();
+        assert_eq!(number, INTERRUPTS + ADC);
+        system.enter(number);
+        assert_eq!(system.due(false, false, 0), None);
+        system.leave(number);
+        assert_eq!(system.due(false, false, 0), Some(number), "still high");
+        system.enter(number);
+        system.line(ADC, false);
+        system.leave(number);
+        assert_eq!(system.due(false, false, 0), Some(SYSTICK));
+        assert_eq!(system.due(false, false, 0x80), None);
+        assert_eq!(system.due(false, false, 0x90), Some(SYSTICK));
+    }
+
+    #[test]
+    fn systick_counts_down_from_its_reload() {
+        let mut system = System::default();
+        write(&mut system, 0xe000_e014, 167_999);
+        write(&mut system, 0xe000_e018, 0);
+        write(&mut system, 0xe000_e010, 7);
+        assert_eq!(system.tick_due(), 168_000 * 6);
+        assert_eq!(system.read(0xe000_e018, 0x600, 6, 0), 168_000 - 0x100);
+        system.tick(6);
+        assert_eq!(system.read(0xe000_e010, 0, 6, 0), 0x1_0007);
+        assert_eq!(system.read(0xe000_e010, 0, 6, 0), 7);
+        assert_eq!(system.due(false, false, 0), Some(SYSTICK));
+    }
+
+    #[test]
+    fn a_reset_needs_its_key() {
+        let mut system = System::default();
+        assert_eq!(write(&mut system, 0xe000_ed0c, 4), Asks::Nothing);
+        assert_eq!(write(&mut system, 0xe000_ed0c, 0x05fa_0004), Asks::Reset);
+        assert_eq!(
+            write(&mut system, 0xe000_ed88, 0xf << 20),
+            Asks::Float(true)
+        );
+    }
+
+    #[test]
+    fn the_cycle_counter_counts_where_tracing_is_on() {
+        let mut system = System::default();
+        write(&mut system, 0xe000_1000, 1);
+        assert_eq!(system.read(0xe000_1004, 0, 6, 500), 0);
+        write(&mut system, 0xe000_edfc, 1 << 24);
+        system.write(0xe000_1000, 4, 1, 0, 6, 1000);
+        assert_eq!(system.read(0xe000_1004, 0, 6, 1500), 500);
+    }
+}

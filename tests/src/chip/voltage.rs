@@ -1,0 +1,62 @@
+//! The first channel of the digital-to-analogue converter, on PA4 (RM0090, chapter 14).
+
+/// The registers.
+#[derive(Clone, Debug, Default)]
+pub struct Voltage {
+    control: u32,
+    held: u32,
+    out: u32,
+}
+
+impl Voltage {
+    /// The registers as a reset leaves them.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// A register.
+    #[must_use]
+    pub fn read(&self, offset: u32) -> u32 {
+        match offset {
+            0x00 => self.control,
+            0x08 | 0x20 => self.held,
+            0x2c => self.out,
+            _ => 0,
+        }
+    }
+
+    /// Writes a register: what is held goes out at once where no trigger is set.
+    pub fn write(&mut self, offset: u32, value: u32) {
+        match offset {
+            0x00 => self.control = value,
+            0x04 if self.control & 4 != 0 && value & 1 != 0 => self.out = self.held,
+            0x08 | 0x20 => self.held = value & 0xfff,
+            0x10 => self.held = (value & 0xff) << 4,
+            _ => {}
+        }
+        if self.control & 4 == 0 {
+            self.out = self.held;
+        }
+    }
+
+    /// The output over its reference, 0..1; `None` where it is off and the pin floats.
+    #[must_use]
+    pub fn output(&self) -> Option<f64> {
+        (self.control & 1 == 1).then(|| f64::from(self.out) / 4096.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_output_follows_once_it_is_on() {
+        let mut voltage = Voltage::default();
+        voltage.write(0x08, 2048);
+        assert_eq!(voltage.output(), None);
+        voltage.write(0x00, 1);
+        assert_eq!(voltage.output(), Some(0.5));
+        assert_eq!(voltage.read(0x2c), 2048);
+    }
+}

@@ -1,0 +1,311 @@
+//! The two watchdogs (RM0090, chapters 21 and 22).
+
+use super::clocks::TICKS;
+
+/// The independent one, from an oscillator of its own.
+#[derive(Clone, Debug)]
+pub struct Independent {
+    /// Its oscillator in Hz: 17 to 47 kHz, 32 typical (DS8626, table 40).
+    pub clock: f64,
+    /// Whether it runs.
+    pub running: bool,
+    /// When it was fed last.
+    pub fed: u64,
+    /// The longest time between two feeds, in ticks.
+    pub longest: u64,
+    open: bool,
+    prescaler: u32,
+    reload: u32,
+    /// What it counts from at `since`.
+    count: f64,
+    since: u64,
+    /// Until then a register passes to its clock (21.4.4).
+    busy: u64,
+}
+
+impl Default for Independent {
+    fn default() -> Self {
+        Self {
+            clock: 32_000.0,
+            running: false,
+            fed: 0,
+            longest: 0,
+            open: false,
+            prescaler: 0,
+            reload: 0xfff,
+            count: 4095.0,
+            since: 0,
+            busy: 0,
+        }
+    }
+}
+
+impl Independent {
+    /// The registers as a reset leaves them; the option bytes may have it run from then on (21.3.1).
+    pub fn reset(&mut self, by_hardware: bool, now: u64) {
+        *self = Self {
+            clock: self.clock,
+            longest: self.longest,
+            running: by_hardware,
+            fed: now,
+            since: now,
+            ..Self::default()
+        };
+    }
+
+    /// A register.
+    #[must_use]
+    pub fn read(&self, offset: u32, now: u64) -> u32 {
+        match offset {
+            0x04 => self.prescaler,
+            0x08 => self.reload,
+            0x0c => u32::from(now < self.busy) * 3,
+            _ => 0,
+        }
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, offset: u32, value: u32, now: u64) {
+        match (offset, value & 0xffff) {
+            (0x00, 0x5555) => self.open = true,
+            (0x00, 0xaaaa) => {
+                self.open = false;
+                if self.running {
+                    self.longest = self.longest.max(now - self.fed);
+                }
+                self.feed(now);
+            }
+            (0x00, 0xcccc) => {
+                self.open = false;
+                self.running = true;
+                self.feed(now);
+            }
+            (0x00, _) => self.open = false,
+            (0x04, value) if self.open => {
+                self.count = self.left(now);
+                self.since = now;
+                self.prescaler = value & 7;
+                self.busy = now + self.passes();
+            }
+            (0x08, value) if self.open => {
+                self.reload = value & 0xfff;
+                self.busy = now + self.passes();
+            }
+            _ => {}
+        }
+    }
+
+    fn passes(&self) -> u64 {
+        (5.0 / self.clock * TICKS as f64) as u64
+    }
+
+    fn feed(&mut self, now: u64) {
+        self.fed = now;
+        self.count = f64::from(self.reload);
+        self.since = now;
+    }
+
+    /// Ticks a count.
+    fn step(&self) -> f64 {
+        f64::from(4_u32 << self.prescaler.min(6)) / self.clock * TICKS as f64
+    }
+
+    fn left(&self, now: u64) -> f64 {
+        self.count - (now - self.since) as f64 / self.step()
+    }
+
+    /// When it bites.
+    #[must_use]
+    pub fn due(&self) -> u64 {
+        if self.running {
+            self.since + (self.count.max(0.0) * self.step()) as u64 + 1
+        } else {
+            u64::MAX
+        }
+    }
+
+    /// Time passes that it does not count: a debugger halts the core and has it stopped.
+    pub fn stands(&mut self, ticks: u64) {
+        self.since += ticks;
+        self.fed += ticks;
+    }
+}
+
+/// The one with a window, from the clock of APB1.
+#[derive(Clone, Debug)]
+pub struct Window {
+    control: u32,
+    configuration: u32,
+    early: bool,
+    since: u64,
+    /// Why it bit, if it did.
+    pub bit: bool,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self {
+            control: 0x7f,
+            configuration: 0x7f,
+            early: false,
+            since: 0,
+            bit: false,
+        }
+    }
+}
+
+impl Window {
+    /// The registers as a reset leaves them.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Whether it runs: nothing but a reset stops it.
+    #[must_use]
+    pub fn running(&self) -> bool {
+        self.control & 0x80 != 0
+    }
+
+    /// Ticks a count, where a cycle of APB1 has `cycle` ticks.
+    fn step(&self, cycle: u64) -> u64 {
+        cycle * 4096 << (self.configuration >> 7 & 3)
+    }
+
+    fn count(&self, now: u64, cycle: u64) -> u32 {
+        if !self.running() {
+            return self.control & 0x7f;
+        }
+        let passed = (now - self.since) / self.step(cycle).max(1);
+        (self.control & 0x7f).saturating_sub(passed.min(0x7f) as u32)
+    }
+
+    /// A register.
+    #[must_use]
+    pub fn read(&self, offset: u32, now: u64, cycle: u64) -> u32 {
+        match offset {
+            0x00 => self.control & 0x80 | self.count(now, cycle),
+            0x04 => self.configuration,
+            0x08 => self.early.into(),
+            _ => 0,
+        }
+    }
+
+    /// Writes a register; a reload outside the window, or of less than 0x40, bites (22.3).
+    pub fn write(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
+        match offset {
+            0x00 => {
+                let running = self.running();
+                let soon = running && self.count(now, cycle) > self.configuration & 0x7f;
+                self.control = value & 0xff | u32::from(running) << 7;
+                self.since = now;
+                self.bit |= soon || self.running() && self.control & 0x40 == 0;
+            }
+            0x04 => {
+                self.control = self.control & 0x80 | self.count(now, cycle);
+                self.since = now;
+                self.configuration = value & 0x3ff;
+            }
+            0x08 => self.early &= value & 1 == 1,
+            _ => {}
+        }
+    }
+
+    /// When it bites: where its count falls from 0x40 to 0x3f.
+    #[must_use]
+    pub fn due(&self, cycle: u64) -> u64 {
+        if self.bit {
+            return 0;
+        }
+        if !self.running() || cycle == 0 {
+            return u64::MAX;
+        }
+        let counts = u64::from((self.control & 0x7f).saturating_sub(0x3f));
+        self.since + counts * self.step(cycle)
+    }
+
+    /// When it gives its early warning, if it is asked to.
+    #[must_use]
+    pub fn warns(&self, cycle: u64) -> u64 {
+        let asked = self.configuration >> 9 & 1 == 1 && !self.early;
+        if !self.running() || !asked || cycle == 0 {
+            return u64::MAX;
+        }
+        let counts = u64::from((self.control & 0x7f).saturating_sub(0x40));
+        self.since + counts * self.step(cycle)
+    }
+
+    /// The early warning: its interrupt is pending.
+    pub fn warn(&mut self) {
+        self.early = true;
+    }
+
+    /// Whether its interrupt is pending.
+    #[must_use]
+    pub fn interrupts(&self) -> bool {
+        self.early && self.configuration >> 9 & 1 == 1
+    }
+
+    /// Time passes that it does not count.
+    pub fn stands(&mut self, ticks: u64) {
+        self.since += ticks;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_independent_one_bites_when_prescaler_reload_and_clock_say() {
+        for clock in [17_000.0, 32_000.0, 47_000.0] {
+            let mut dog = Independent {
+                clock,
+                ..Independent::default()
+            };
+            // Locked: nothing is taken.
+            dog.write(0x04, 3, 0);
+            assert_eq!(dog.read(0x04, 0), 0);
+            dog.write(0x00, 0x5555, 0);
+            dog.write(0x04, 3, 0);
+            dog.write(0x08, 800, 0);
+            assert_eq!(dog.read(0x0c, 1), 3);
+            assert_eq!(dog.read(0x0c, TICKS), 0);
+            assert_eq!(dog.due(), u64::MAX);
+            dog.write(0x00, 0xcccc, 0);
+            let expected = 800.0 * 32.0 / clock;
+            let due = dog.due() as f64 / TICKS as f64;
+            assert!((due - expected).abs() < 1e-6, "{due} {expected}");
+            dog.write(0x00, 0xaaaa, TICKS / 4);
+            assert!(dog.due() > TICKS / 4 + (0.99 * expected * TICKS as f64) as u64);
+            assert_eq!(dog.longest, TICKS / 4);
+        }
+    }
+
+    #[test]
+    fn the_window_one_bites_early_late_and_by_a_wrong_value() {
+        // 42 MHz: 24 ticks; 4096 cycles a count: 97.5 us.
+        let (cycle, count) = (24, 24 * 4096);
+        let fresh = || {
+            let mut dog = Window::default();
+            dog.write(0x04, 0x60, 0, cycle);
+            dog.write(0x00, 0xff, 0, cycle);
+            dog
+        };
+        let mut dog = fresh();
+        assert_eq!(dog.due(cycle), 0x40 * count);
+        assert_eq!(dog.read(0, 3 * count, cycle), 0x80 | 0x7c);
+        dog.write(0x00, 0xff, 0x20 * count, cycle);
+        assert!(!dog.bit, "within the window");
+        let mut dog = fresh();
+        dog.write(0x00, 0xff, 5 * count, cycle);
+        assert!(dog.bit, "before the window");
+        let mut dog = fresh();
+        dog.write(0x00, 0xbf, 0x30 * count, cycle);
+        assert!(dog.bit, "a reload below 0x40");
+        let mut dog = fresh();
+        dog.write(0x04, 0x260, 0, cycle);
+        assert_eq!(dog.warns(cycle), 0x3f * count);
+        dog.warn();
+        assert!(dog.interrupts());
+    }
+}

@@ -1,0 +1,309 @@
+//! A board on a test rig: the flashed image on its chip, the track on its bridge, and what is done to them.
+//!
+//! ```no_run
+//! use kband_tests::rig::{Act, Rig};
+//!
+//! let mut rig = Rig::boot(std::path::Path::new("feeder"));
+//! rig.at(0.5, Act::Enable(true)).at(3.0, Act::Converts(false));
+//! rig.run(4.0);
+//! assert!(rig.opens_after(3.0).unwrap() < 0.005);
+//! ```
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use kband::plant::{Change, Scene};
+use kband::wire::{FRAME_MOST, Outgoing, Receiver, Request, Response, read_answer, write_request};
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader};
+
+use crate::chip::clocks::{Cause, TICKS};
+use crate::chip::gpio::Wire;
+use crate::chip::world::{Seen, World};
+use crate::chip::{Chip, Hang, flash};
+
+/// What is done to a board.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Act {
+    /// The enable input (PB0), wired to 3.3 V or to 0 V.
+    Enable(bool),
+    /// The thermal switch (PB1) to ground, or open: hot.
+    Cool(bool),
+    /// The over-current signal (PB12).
+    OverCurrent(bool),
+    /// Any pin: port, number, what is wired to it.
+    Wire(usize, usize, Wire),
+    /// Something happens to track or sensor.
+    Plant(Change),
+    /// Conversions are triggered, or not any more.
+    Converts(bool),
+    /// The crystal stops.
+    CrystalStops,
+    /// The supply, in volts.
+    Volts(f64),
+    /// The desk sends these bytes.
+    Link(Vec<u8>),
+    /// The program goes on the spot.
+    Hang(Hang),
+    /// A debugger halts the core.
+    Halt,
+}
+
+/// Ticks of a time in seconds.
+#[must_use]
+pub fn ticks(seconds: f64) -> u64 {
+    (seconds * TICKS as f64) as u64
+}
+
+/// A board on the rig.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    /// Its chip.
+    pub chip: Chip,
+    acts: VecDeque<(u64, Act)>,
+    /// Bytes of the board that the desk has read, and the number of its last request.
+    read: usize,
+    sequence: u8,
+    /// Whether what no program may do is kept without a panic.
+    pub tolerant: bool,
+}
+
+/// Longest wait for an answer, in s.
+const PATIENCE: f64 = 2.0;
+
+impl Rig {
+    /// A chip on the rig, its supply still off: the scene's track, nothing wired but a cool thermal switch and an
+    /// over-current signal that is low.
+    ///
+    /// # Panics
+    /// Where the scene is refused.
+    #[must_use]
+    pub fn with(chip: Chip, scene: &Scene) -> Self {
+        let mut rig = Self {
+            chip,
+            acts: VecDeque::new(),
+            read: 0,
+            sequence: 0,
+            tolerant: false,
+        };
+        rig.chip.board.world = World::new(scene).expect("a scene that is accepted");
+        rig.chip.board.now = 0;
+        rig.act(&Act::Cool(true));
+        rig.act(&Act::OverCurrent(false));
+        rig.act(&Act::Enable(false));
+        rig
+    }
+
+    /// An image in the flash of a chip without settings, on the track of the default scene, powered on.
+    ///
+    /// # Panics
+    /// Where the file is no image.
+    #[must_use]
+    pub fn boot(image: &Path) -> Self {
+        let mut rig = Self::with(holding(image), &Scene::default());
+        rig.chip.power_on();
+        rig
+    }
+
+    /// Something is done at a time in s.
+    pub fn at(&mut self, seconds: f64, act: Act) -> &mut Self {
+        let time = ticks(seconds);
+        let place = self.acts.partition_point(|(other, _)| *other <= time);
+        self.acts.insert(place, (time, act));
+        self
+    }
+
+    /// Time since the beginning in s.
+    #[must_use]
+    pub fn time(&self) -> f64 {
+        self.chip.board.now as f64 / TICKS as f64
+    }
+
+    /// Runs to a time in s.
+    ///
+    /// # Panics
+    /// Where the program did what no program may: see [`World::violations`].
+    pub fn run(&mut self, seconds: f64) -> &mut Self {
+        let end = ticks(seconds);
+        while self.chip.board.now < end {
+            let next = self.acts.front().map_or(u64::MAX, |act| act.0);
+            self.chip.run(end.min(next));
+            while let Some((time, _)) = self.acts.front()
+                && *time <= self.chip.board.now
+            {
+                if let Some((_, act)) = self.acts.pop_front() {
+                    self.act(&act);
+                }
+            }
+        }
+        let violations = &self.chip.board.world.violations;
+        assert!(self.tolerant || violations.is_empty(), "{violations:?}");
+        self
+    }
+
+    /// Does it now.
+    pub fn act(&mut self, act: &Act) {
+        let board = &mut self.chip.board;
+        let high = |on: bool| if on { Wire::High } else { Wire::Low };
+        match act {
+            Act::Enable(on) => board.ports[1].wires[0] = high(*on),
+            Act::Cool(true) => board.ports[1].wires[1] = Wire::Low,
+            Act::Cool(false) => board.ports[1].wires[1] = Wire::Open,
+            Act::OverCurrent(on) => {
+                board.ports[1].wires[12] = high(*on);
+                board.break_input(false);
+            }
+            Act::Wire(port, pin, wire) => {
+                board.ports[*port].wires[*pin] = *wire;
+                board.break_input(false);
+            }
+            Act::Plant(change) => board.world.bench.apply(*change),
+            Act::Converts(on) => board.converts = *on,
+            Act::CrystalStops => board.crystal_stops(),
+            Act::Volts(volts) => self.supply(*volts),
+            Act::Link(bytes) => {
+                let now = board.now;
+                board.serials[1].receive(now, bytes);
+                board.refresh();
+            }
+            Act::Hang(hang) => self.chip.hangs = Some(*hang),
+            Act::Halt => self.chip.debugger_halts(),
+        }
+        self.chip.board.refresh();
+    }
+
+    fn supply(&mut self, volts: f64) {
+        let was = self.chip.board.supplied;
+        self.chip.board.set_volts(volts);
+        let board = &mut self.chip.board;
+        if was || board.reset.is_some() {
+            return;
+        }
+        board.supplied = true;
+        if volts < 0.5 {
+            self.chip.power_on();
+        } else {
+            self.chip.reset(Cause::BrownOut);
+        }
+    }
+
+    /// When the bridge opens at or after a time in s, in s from then on; 0 where it is open already.
+    #[must_use]
+    pub fn opens_after(&self, seconds: f64) -> Option<f64> {
+        let from = ticks(seconds);
+        let trace = &self.chip.board.world.trace;
+        let bridge = |entry: &&(u64, Seen)| matches!(entry.1, Seen::Bridge(_));
+        let before = trace.iter().rfind(|entry| entry.0 < from && bridge(entry));
+        if !matches!(before, Some((_, Seen::Bridge(true)))) {
+            return Some(0.0);
+        }
+        let opened = trace
+            .iter()
+            .find(|entry| entry.0 >= from && entry.1 == Seen::Bridge(false));
+        opened.map(|(time, _)| (time - from) as f64 / TICKS as f64)
+    }
+
+    /// When something was first seen at or after a time in s.
+    #[must_use]
+    pub fn seen_after(&self, seconds: f64, seen: &Seen) -> Option<f64> {
+        let from = ticks(seconds);
+        let trace = &self.chip.board.world.trace;
+        let found = trace
+            .iter()
+            .find(|entry| entry.0 >= from && entry.1 == *seen);
+        found.map(|(time, _)| *time as f64 / TICKS as f64)
+    }
+
+    /// Causes of the resets since the beginning, and when.
+    #[must_use]
+    pub fn resets(&self) -> Vec<(f64, Cause)> {
+        let trace = self.chip.board.world.trace.iter();
+        trace
+            .filter_map(|(time, seen)| match seen {
+                Seen::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// Amplitude of the track now in mm.
+    #[must_use]
+    pub fn amplitude(&self) -> f64 {
+        f64::from(self.chip.board.world.amplitude()) * 1e3
+    }
+
+    /// Largest displacement of the track in mm since this was last asked.
+    pub fn peak(&mut self) -> f64 {
+        f64::from(std::mem::take(&mut self.chip.board.world.peak)) * 1e3
+    }
+
+    /// The desk asks over the link, and the board answers.
+    ///
+    /// # Panics
+    /// Where it does not, within two seconds of its own.
+    pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+        self.sequence = self.sequence % 255 + 1;
+        let mut buffer = [0; FRAME_MOST];
+        let frame = write_request(&mut buffer, self.sequence, request).expect("a short request");
+        self.act(&Act::Link(frame.to_vec()));
+        let mut receiver = Receiver::new();
+        self.read = self.chip.board.serials[1].sent.len();
+        let end = self.time() + PATIENCE;
+        while self.time() < end {
+            self.run(self.time() + 1e-3);
+            let sent: Vec<u8> = self.sent().split_off(self.read);
+            self.read += sent.len();
+            for byte in sent {
+                if let Some(Ok(inside)) = receiver.take(byte)
+                    && let Ok(Outgoing::Response { sequence, response }) = read_answer(inside)
+                    && sequence == self.sequence
+                {
+                    return look(response);
+                }
+            }
+        }
+        panic!("no answer to {request:?}");
+    }
+
+    /// The desk asks for something that the board does.
+    ///
+    /// # Panics
+    /// Where it refuses, or does not answer.
+    pub fn done(&mut self, request: &Request<'_>) -> &mut Self {
+        self.ask(request, |response| {
+            assert_eq!(response, Response::Done, "{request:?}");
+        });
+        self
+    }
+
+    /// What the board sent over its link so far.
+    #[must_use]
+    pub fn sent(&self) -> Vec<u8> {
+        let sent = self.chip.board.serials[1].sent.iter();
+        sent.map(|(_, byte)| *byte).collect()
+    }
+}
+
+/// A chip without supply that holds an image.
+///
+/// # Panics
+/// Where the file is no image for this chip.
+#[must_use]
+pub fn holding(image: &Path) -> Chip {
+    let mut chip = Chip::default();
+    let bytes = std::fs::read(image).expect("the image is read");
+    let header =
+        FileHeader32::<object::Endianness>::parse(&*bytes).expect("an ELF file of 32 bits");
+    let endian = header.endian().expect("an order of bytes");
+    for segment in header.program_headers(endian, &*bytes).expect("segments") {
+        let data = segment.data(endian, &*bytes).expect("a segment's bytes");
+        if segment.p_type(endian) != PT_LOAD || data.is_empty() {
+            continue;
+        }
+        let at = (segment.p_paddr(endian) - flash::START) as usize;
+        chip.flash_mut()[at..at + data.len()].copy_from_slice(data);
+    }
+    chip.board.bridge.reset();
+    chip.board.supplied = false;
+    chip
+}

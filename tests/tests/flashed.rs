@@ -1,0 +1,55 @@
+//! The board's image itself, bytes unchanged, on the emulated chip with the simulated track on its bridge.
+
+use kband::control::State;
+use kband::plant::{ClosedLoop, Scene};
+use kband::wire::{Request, Response};
+use kband_tests::chip::clocks::Cause;
+use kband_tests::chip::world::Seen;
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+use kband_tests::rig::{Act, Rig};
+
+/// The image on a chip, powered on at 0 s.
+fn board() -> Rig {
+    Rig::boot(&images::build(
+        "kband-firmware",
+        "feeder",
+        Machine::CortexM4F,
+    ))
+}
+
+/// Amplitude in mm that the desk holds once it is locked.
+fn desk() -> f64 {
+    let mut desk = ClosedLoop::build(&Scene::default()).unwrap();
+    let last = (0..500).map(|_| desk.cycle().report).last().unwrap();
+    assert_eq!(last.state, State::Locked);
+    f64::from(last.amplitude) * 1e3
+}
+
+#[test]
+fn from_power_on_to_lock_it_does_what_the_desk_does() {
+    let mut rig = board();
+    rig.at(0.5, Act::Enable(true)).run(0.5);
+    assert_eq!(rig.resets(), [(0.0, Cause::Power)]);
+    assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
+    rig.run(8.0);
+    let begins = rig.seen_after(0.5, &Seen::Bridge(true)).unwrap();
+    assert!(begins < 0.6, "{begins} s");
+    assert!(rig.seen_after(0.5, &Seen::Ready(true)).is_some());
+    let (board, desk) = (rig.amplitude(), desk());
+    println!("flashed image: b {board:.4} mm, desk {desk:.4} mm, locked at 8 s");
+    assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
+    assert!(rig.peak() < 0.3);
+    // One reset, no fault, and the core ran at its clock on flash of five wait states.
+    assert_eq!(rig.resets().len(), 1);
+    assert_eq!(rig.seen_after(0.0, &Seen::Fault(true)), None);
+    assert_eq!(rig.chip.board.clock(), 168_000_000);
+    assert_eq!(rig.chip.board.flash.latency(), 5);
+    // It answers the desk.
+    let state = rig.ask(&Request::SelfTest, |response| match response {
+        Response::Refused(_) => "runs",
+        _ => "another",
+    });
+    assert_eq!(state, "runs");
+    rig.done(&Request::Alive);
+}
