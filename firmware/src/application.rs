@@ -180,9 +180,8 @@ mod tests {
             (2.515, Change::Enable(true)),
             (3.015, Change::SensorLost(true)),
         ];
-        for (slot, (at, change)) in scene.disturbances.iter_mut().zip(changes) {
-            *slot = Some(Disturbance { at, change });
-        }
+        let changes = changes.map(|(at, change)| Disturbance { at, change });
+        scene.disturbances = changes.into_iter().collect();
         scene
     }
 

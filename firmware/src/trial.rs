@@ -81,7 +81,7 @@ impl Trial {
 /// The default scene with livelier parts.
 fn lively() -> Scene {
     let mut scene = Scene::default();
-    scene.parts[0] = 0.5;
+    scene.parts.fill(0.5);
     scene.settings.restitution_low = 0.48;
     scene.settings.restitution_high = 0.52;
     scene
@@ -91,45 +91,45 @@ fn lively() -> Scene {
 fn linked() -> Scene {
     let mut scene = Scene::default();
     let changes = [Change::Link(false), Change::Enable(false)];
-    for (slot, change) in scene.disturbances.iter_mut().zip(changes) {
-        *slot = Some(Disturbance { at: 0.0, change });
-    }
+    scene.disturbances = changes
+        .map(|change| Disturbance { at: 0.0, change })
+        .into_iter()
+        .collect();
     scene
 }
 
 /// The default scene with only the link to be heard.
 fn running() -> Scene {
-    let mut scene = Scene::default();
-    if let Some(slot) = scene.disturbances.first_mut() {
-        *slot = Some(Disturbance {
-            at: 0.0,
-            change: Change::Link(false),
-        });
+    let unheard = Disturbance {
+        at: 0.0,
+        change: Change::Link(false),
+    };
+    Scene {
+        disturbances: [unheard].into_iter().collect(),
+        ..Scene::default()
     }
-    scene
 }
 
 /// The default scene with the enable input withdrawn from 1 s to 2 s.
 fn sagged() -> Scene {
     let mut scene = Scene::default();
     let changes = [(1.015, false), (2.015, true)];
-    for (slot, (at, enable)) in scene.disturbances.iter_mut().zip(changes) {
-        *slot = Some(Disturbance {
+    scene.disturbances = changes
+        .map(|(at, enable)| Disturbance {
             at,
             change: Change::Enable(enable),
-        });
-    }
+        })
+        .into_iter()
+        .collect();
     scene
 }
 
 /// Everything that may happen, once: targets, drift, another lot of parts, a stop, a lost sensor.
 fn eventful() -> Scene {
     let mut scene = Scene {
-        part_count: 3,
+        parts: [0.2, 0.18, 0.22].into_iter().collect(),
         ..Scene::default()
     };
-    scene.parts[1] = 0.18;
-    scene.parts[2] = 0.22;
     let changes = [
         (1.015, Change::Gain(0.8)),
         (2.015, Change::Target(Target::Chaotic)),
@@ -143,9 +143,10 @@ fn eventful() -> Scene {
         (9.015, Change::SensorLost(true)),
         (9.515, Change::Enable(false)),
     ];
-    for (slot, (at, change)) in scene.disturbances.iter_mut().zip(changes) {
-        *slot = Some(Disturbance { at, change });
-    }
+    scene.disturbances = changes
+        .map(|(at, change)| Disturbance { at, change })
+        .into_iter()
+        .collect();
     scene
 }
 

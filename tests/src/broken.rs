@@ -49,21 +49,13 @@ impl Broken {
     /// Where the scene is refused.
     #[must_use]
     pub fn build(scene: &Scene, how: Break) -> Self {
-        let mut told = *scene;
+        let mut told = scene.clone();
         if let Break::Told(tell) = how {
             tell(&mut told);
         }
         let shown = if let Break::Hidden(hidden) = how {
-            let mut other = *scene;
-            let kept = scene
-                .disturbances
-                .into_iter()
-                .flatten()
-                .filter(|d| !hidden(&d.change));
-            other.disturbances = [None; _];
-            for (slot, disturbance) in other.disturbances.iter_mut().zip(kept) {
-                *slot = Some(disturbance);
-            }
+            let mut other = scene.clone();
+            other.disturbances.retain(|d| !hidden(&d.change));
             Some(Bench::build(&other).expect("a scene"))
         } else {
             None

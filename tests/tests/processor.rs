@@ -23,10 +23,11 @@ fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
     let mut file = SceneFile::parse(DEFAULT).unwrap();
     // Soft start, plan, kick, judging, lock; then the supply sags.
     file.duration = 2.9;
-    file.scene.disturbances[0] = Some(Disturbance {
+    let sag = Disturbance {
         at: 2.515,
         change: Change::BrownOut(true),
-    });
+    };
+    file.scene.disturbances = std::iter::once(sag).collect();
     let desk = Desk::new(Some(1)).unwrap();
     let line = Address::of(&board.port().display().to_string(), None)
         .open(Emulated::AtRest)

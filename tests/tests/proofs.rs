@@ -376,7 +376,7 @@ fn a_withdrawn_enable_is_obeyed_within_one_cycle() {
     for (name, ..) in PROOFS {
         let outcome = run(&read(name), Nothing);
         let scene = &outcome.file().scene;
-        for disturbance in scene.disturbances.iter().flatten() {
+        for disturbance in &scene.disturbances {
             if disturbance.change != Change::Enable(false) {
                 continue;
             }

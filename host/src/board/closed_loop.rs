@@ -50,7 +50,7 @@ impl BoardLoop {
             bench: Bench::build(scene)?,
             signal: Signal::build(&scene.settings)?,
             before: 0,
-            scene: *scene,
+            scene: scene.clone(),
         })
     }
 

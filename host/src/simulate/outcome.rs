@@ -277,7 +277,7 @@ impl Outcome {
     /// What the parts really do at the end, in words.
     #[must_use]
     pub fn regime(&self) -> String {
-        let parts = self.file.scene.part_count;
+        let parts = self.file.scene.parts.len() as u8;
         let mut words: Vec<String> = (0..parts).map(|part| words(self.regime_of(part))).collect();
         words.sort();
         words.dedup();
@@ -352,8 +352,12 @@ impl Outcome {
         let scene = &self.file.scene;
         let settings = &scene.settings;
         let lot = settings.restitution_low..=settings.restitution_high;
-        let parts = &scene.parts[..usize::from(scene.part_count)];
-        let mut strays: Vec<f32> = parts.iter().copied().filter(|r| !lot.contains(r)).collect();
+        let mut strays: Vec<f32> = scene
+            .parts
+            .iter()
+            .copied()
+            .filter(|r| !lot.contains(r))
+            .collect();
         strays.sort_by(f32::total_cmp);
         strays.dedup();
         strays
@@ -405,7 +409,7 @@ impl Outcome {
 
 /// The target at the end of a scene.
 fn last_target(file: &SceneFile) -> Target {
-    let changes = file.scene.disturbances.iter().flatten().rev();
+    let changes = file.scene.disturbances.iter().rev();
     changes
         .filter_map(|disturbance| match disturbance.change {
             Change::Target(target) => Some(target),

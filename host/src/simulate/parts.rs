@@ -46,7 +46,7 @@ impl Distribution {
 
     /// Draws the parts of a scene.
     pub fn draw_parts(self, scene: &mut Scene, noise: &mut Noise) {
-        for part in &mut scene.parts[..usize::from(scene.part_count)] {
+        for part in &mut scene.parts {
             *part = self.draw(noise);
         }
     }
@@ -76,19 +76,20 @@ pub(super) fn read(
         }
         _ => return Err(part.refuse("actual", value, &accepted)),
     };
-    scene.part_count = list.len() as u8;
-    for (slot, item) in scene.parts.iter_mut().zip(&list) {
-        *slot = number(item)
+    let restitution = |item| {
+        number(item)
             .filter(|r| (0.0..=1.0).contains(r))
-            .ok_or_else(|| part.refuse("actual", item, &accepted))? as f32;
-    }
+            .map(|r| r as f32)
+            .ok_or_else(|| part.refuse("actual", item, &accepted))
+    };
+    scene.parts = list.iter().map(restitution).collect::<Result<_, _>>()?;
     Ok(None)
 }
 
 fn distribution(section: &mut Section, scene: &mut Scene) -> Result<Distribution, Refusal> {
     let most = PARTS as f32;
     let count = section.number("count", 1.0..=most, &format!("1..{PARTS} parts"))?;
-    scene.part_count = count as u8;
+    scene.parts = core::iter::repeat_n(0.0, count as usize).collect();
     let kinds = "\"uniform\" with low and high, or \"normal\" with mean and deviation";
     let kind = section
         .take("distribution")

@@ -127,8 +127,7 @@ impl SceneFile {
         part.setting(&mut settings, "tangential_restitution", false)?;
         let (low, high) = part.interval("restitution")?;
         (settings.restitution_low, settings.restitution_high) = (low, high);
-        scene.parts[0] = 0.5 * (low + high);
-        scene.part_count = 1;
+        scene.parts = core::iter::once(0.5 * (low + high)).collect();
         let distribution = match part.take("actual") {
             Some(value) => parts::read(&part, &value, &mut scene)?,
             None => None,
@@ -198,7 +197,7 @@ impl SceneFile {
         let mut controller =
             Controller::build(settings, self.scene.target, self.scene.start).map_err(named)?;
         self.scene.check().map_err(named)?;
-        let targets = self.scene.disturbances.iter().flatten();
+        let targets = self.scene.disturbances.iter();
         let later = targets.filter_map(|disturbance| match disturbance.change {
             Change::Target(target) => Some(target),
             _ => None,
@@ -366,10 +365,10 @@ mod tests {
         let file = SceneFile::parse(&with("at = 2.0\ntarget = { k = 0.4 }")).unwrap();
         assert_eq!(
             file.scene.disturbances[0],
-            Some(Disturbance {
+            Disturbance {
                 at: 2.0,
                 change: Change::Target(Target::K(0.4))
-            })
+            }
         );
         for (text, expected) in [
             ("at = 2.0", "has 0 changes"),

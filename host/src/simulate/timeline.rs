@@ -1,7 +1,7 @@
 //! What is asked of a feeder, and what happens to it in time.
 
 use kband::control::Target;
-use kband::plant::{Change, DISTURBANCES, Disturbance};
+use kband::plant::{Change, DISTURBANCES, Disturbance, Disturbances};
 use toml::Value;
 
 use super::fields::{CHANGES, FLAGS};
@@ -65,10 +65,9 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
 pub(super) fn read_disturbances(
     root: &mut Section,
     duration: f32,
-) -> Result<[Option<Disturbance>; DISTURBANCES], Refusal> {
-    let mut list = [None; DISTURBANCES];
+) -> Result<Disturbances, Refusal> {
     let Some(value) = root.take("disturbance") else {
-        return Ok(list);
+        return Ok(Disturbances::new());
     };
     let tables = match value {
         Value::Array(tables) if tables.len() <= DISTURBANCES => tables,
@@ -89,10 +88,7 @@ pub(super) fn read_disturbances(
         read.push(read_disturbance(&mut section, duration)?);
     }
     read.sort_by(|a, b| a.at.total_cmp(&b.at));
-    for (slot, disturbance) in list.iter_mut().zip(read) {
-        *slot = Some(disturbance);
-    }
-    Ok(list)
+    Ok(read.into_iter().collect())
 }
 
 fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance, Refusal> {

@@ -192,14 +192,12 @@ mod tests {
     fn what_many_parts_ring_is_no_amplitude_in_either_fidelity() {
         for (frequency, count) in [(800.0, 1), (800.0, 6), (800.0, 24), (2400.0, 24)] {
             let mut scene = Scene {
-                part_count: count,
                 target: Target::Locked { order: 1 },
                 ..Scene::default()
             };
             scene.sensor.ringing_frequency = frequency;
-            for (n, part) in scene.parts.iter_mut().enumerate() {
-                *part = 0.18 + 0.04 * (n as f32 % 24.0) / 23.0;
-            }
+            let restitution = |n| 0.18 + 0.04 * (n as f32 % 24.0) / 23.0;
+            scene.parts = (0..count).map(restitution).collect();
             let mut closed = ClosedLoop::build(&scene).unwrap();
             let mut envelope = EnvelopeLoop::build(&scene).unwrap();
             for _ in 0..500 {

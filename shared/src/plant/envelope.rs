@@ -3,10 +3,11 @@
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
+use heapless::Vec;
 use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
-use super::feeder::STRIKES;
+use super::feeder::{STRIKES, mean_way, parts_at_rest};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track, turned};
@@ -40,8 +41,7 @@ pub struct EnvelopePlant {
     sense: Sense,
     readings: Readings,
     onset: OnsetModel,
-    parts: [Part; PARTS],
-    part_count: usize,
+    parts: Vec<Part, PARTS>,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
@@ -57,11 +57,9 @@ pub struct EnvelopePlant {
     inverted: bool,
     settings: TangentialSettings,
     watched: bool,
-    strikes: [Strike; STRIKES],
-    strike_count: usize,
+    strikes: Vec<Strike, STRIKES>,
     /// Impacts heard whose cycle has not ended, in the order of time.
-    waiting: [HeardAt; WAITING],
-    waiting_count: usize,
+    waiting: Vec<HeardAt, WAITING>,
     /// The detector's median, which follows the noise over some cycles.
     median: f64,
 }
@@ -76,10 +74,6 @@ impl EnvelopePlant {
         let full = f64::from((1_u32 << settings.converter_bits as u32) - 1);
         let volts = f64::from(settings.converter_reference) / (full + 1.0);
         let codes = f64::from(settings.sensitivity) / STANDARD_GRAVITY / volts;
-        let mut parts = [Part::at_rest(0.0); PARTS];
-        for (part, &restitution) in parts.iter_mut().zip(&scene.parts) {
-            *part = Part::at_rest(f64::from(restitution));
-        }
         let sense = Sense {
             floor: 1.0 / codes,
             zero: f64::from(settings.sensor_zero) / volts,
@@ -93,8 +87,7 @@ impl EnvelopePlant {
             readings: Readings::new(&scene.sensor, &sense),
             sense,
             onset: OnsetModel::new(&scene.sensor),
-            parts,
-            part_count: usize::from(scene.part_count),
+            parts: parts_at_rest(scene),
             normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             time: -i64::from(phase_step(settings.frequency)),
@@ -105,10 +98,8 @@ impl EnvelopePlant {
             inverted: false,
             settings: TangentialSettings::on(&track, f64::from(settings.tangential_restitution)),
             watched: true,
-            strikes: [Strike::default(); STRIKES],
-            strike_count: 0,
-            waiting: [HeardAt::default(); WAITING],
-            waiting_count: 0,
+            strikes: Vec::new(),
+            waiting: Vec::new(),
             median: 1.0 / codes,
         };
         plant.sense();
@@ -139,7 +130,7 @@ impl EnvelopePlant {
     /// Runs one drive cycle at an output amplitude (share of full) and a step of the phase.
     /// `next` is what the signal path is told for the cycle after it: what it is to fold, and to leave out.
     pub fn cycle(&mut self, output: f32, step: u32, next: &Command) -> Cycle {
-        self.strike_count = 0;
+        self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         self.drive
             .begin(self.output(f64::from(output), step, middle), step);
@@ -217,7 +208,7 @@ impl EnvelopePlant {
             angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             tangential: self.watched.then_some(self.settings),
         };
-        for index in 0..self.part_count {
+        for index in 0..self.parts.len() {
             let mut part = self.parts[index];
             let mut from = self.time.max(0) as u64;
             for _ in 0..EVENTS_PER_CYCLE {
@@ -236,20 +227,18 @@ impl EnvelopePlant {
                 }
                 from = next;
                 let swing = self.swing(next);
-                if let Some(strike) = part.event(swing, &track)
-                    && let Some(slot) = self.strikes.get_mut(self.strike_count)
-                {
-                    *slot = Strike {
+                if let Some(strike) = part.event(swing, &track) {
+                    // What is too much is not remembered.
+                    let _ = self.strikes.push(Strike {
                         part: index as u8,
                         ..strike
-                    };
-                    self.strike_count += 1;
+                    });
                 }
             }
             self.parts[index] = part;
         }
-        if self.part_count > 1 {
-            self.strikes[..self.strike_count].sort_unstable_by_key(|strike| strike.time);
+        if self.parts.len() > 1 {
+            self.strikes.sort_unstable_by_key(|strike| strike.time);
         }
     }
 
@@ -311,7 +300,7 @@ impl EnvelopePlant {
         };
         self.onset.begin(self.sample, self.drive.samples());
         let mut sum = Complex::new(0.0, 0.0);
-        for index in 0..self.strike_count {
+        for index in 0..self.strikes.len() {
             let strike = self.strikes[index];
             let samples = self.samples_to(strike.time);
             let down = samples as u32;
@@ -327,7 +316,7 @@ impl EnvelopePlant {
                 self.wait(heard);
             }
         }
-        if self.strike_count > 0 {
+        if !self.strikes.is_empty() {
             sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / factor.max(1e-9);
         }
         sum
@@ -394,7 +383,7 @@ impl EnvelopePlant {
             drive: &self.drive,
             sensor: &self.sensor,
             sense: &self.sense,
-            strikes: &self.strikes[..self.strike_count],
+            strikes: &self.strikes,
             time: self.time,
             sample: self.sample,
             inverted: self.inverted,
@@ -404,13 +393,9 @@ impl EnvelopePlant {
 
     /// Keeps what was heard for the cycle of its sample; what is too much is not heard.
     fn wait(&mut self, heard: HeardAt) {
-        let before = &self.waiting[..self.waiting_count];
-        let at = before.partition_point(|other| other.sample <= heard.sample);
-        if self.waiting_count < WAITING {
-            self.waiting.copy_within(at..self.waiting_count, at + 1);
-            self.waiting[at] = heard;
-            self.waiting_count += 1;
-        }
+        let waiting = &self.waiting;
+        let at = waiting.partition_point(|other| other.sample <= heard.sample);
+        let _ = self.waiting.insert(at, heard);
     }
 
     /// Gives out what is heard within the cycle that ends, `samples` long.
@@ -420,12 +405,8 @@ impl EnvelopePlant {
         let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
-        let due = self.waiting[..self.waiting_count]
-            .iter()
-            .take_while(|heard| heard.sample < end);
-        let mut told = 0;
-        for heard in due {
-            told += 1;
+        let due = self.waiting.partition_point(|heard| heard.sample < end);
+        for heard in self.waiting.drain(..due) {
             if self.lost {
                 continue;
             }
@@ -441,10 +422,6 @@ impl EnvelopePlant {
             }
             cycle.heard_count = cycle.heard_count.saturating_add(1);
         }
-        if told > 0 {
-            self.waiting.copy_within(told..self.waiting_count, 0);
-            self.waiting_count -= told;
-        }
         self.time += i64::from(samples) * i64::from(step);
     }
 
@@ -456,7 +433,7 @@ impl EnvelopePlant {
     /// Impacts of the last cycle, at most [`STRIKES`], in the order of time.
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
-        &self.strikes[..self.strike_count]
+        &self.strikes
     }
 
     /// Time since the start in s.
@@ -474,9 +451,7 @@ impl EnvelopePlant {
     /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
     pub fn way(&self) -> f64 {
-        let parts = &self.parts[..self.part_count];
-        let sum: f64 = parts.iter().map(Part::way).sum();
-        sum / parts.len().max(1) as f64
+        mean_way(&self.parts)
     }
 
     /// Makes a change of the plant.

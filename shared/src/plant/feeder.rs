@@ -2,6 +2,8 @@
 
 use core::f64::consts::TAU;
 
+use heapless::Vec;
+
 use super::drive::{Resonator, Ringing, Swing};
 use super::noise::Noise;
 use super::part::{Part, Strike, Track};
@@ -26,8 +28,7 @@ pub struct Plant {
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
-    parts: [Part; PARTS],
-    part_count: usize,
+    parts: Vec<Part, PARTS>,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
@@ -46,8 +47,7 @@ pub struct Plant {
     mains_step: u32,
     ripple: f32,
     tangential: Option<TangentialSettings>,
-    strikes: [Strike; STRIKES],
-    strike_count: usize,
+    strikes: Vec<Strike, STRIKES>,
 }
 
 impl Plant {
@@ -59,10 +59,6 @@ impl Plant {
         let track = settings.track()?;
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
         let volts = settings.converter_reference / (full + 1.0);
-        let mut parts = [Part::at_rest(0.0); PARTS];
-        for (part, &restitution) in parts.iter_mut().zip(&scene.parts) {
-            *part = Part::at_rest(f64::from(restitution));
-        }
         Ok(Self {
             drive: Resonator::new(&scene.drive),
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
@@ -72,8 +68,7 @@ impl Plant {
                 scene.sensor.ringing_decay * 1e-3,
             ),
             sensor: scene.sensor,
-            parts,
-            part_count: usize::from(scene.part_count),
+            parts: parts_at_rest(scene),
             normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             output: 0.0,
@@ -92,8 +87,7 @@ impl Plant {
                 &track,
                 f64::from(settings.tangential_restitution),
             )),
-            strikes: [Strike::default(); STRIKES],
-            strike_count: 0,
+            strikes: Vec::new(),
         })
     }
 
@@ -139,7 +133,7 @@ impl Plant {
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
         // Downward acceleration of the track over gravity, as the harmonic motion has it.
         let thrown = f64::from(x) * angular * angular > self.normal_gravity;
-        for index in 0..self.part_count {
+        for index in 0..self.parts.len() {
             let due = match self.parts[index].next() {
                 Some(next) => next <= now,
                 None => thrown,
@@ -171,13 +165,11 @@ impl Plant {
                 phase: swing.phase - Phase::from_bits(late as u32),
             };
             if let Some(strike) = part.event(then, &track) {
-                if let Some(slot) = self.strikes.get_mut(self.strike_count) {
-                    *slot = Strike {
-                        part: index as u8,
-                        ..strike
-                    };
-                    self.strike_count += 1;
-                }
+                // What is too much is not remembered.
+                let _ = self.strikes.push(Strike {
+                    part: index as u8,
+                    ..strike
+                });
                 let share = (late as f32 / self.step as f32).min(1.0);
                 self.ringing
                     .strike(self.sensor.ringing * strike.speed as f32, share);
@@ -194,12 +186,12 @@ impl Plant {
     /// Impacts since [`Plant::forget_strikes`], at most [`STRIKES`].
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
-        &self.strikes[..self.strike_count]
+        &self.strikes
     }
 
     /// Forgets the impacts so far.
     pub fn forget_strikes(&mut self) {
-        self.strike_count = 0;
+        self.strikes.clear();
     }
 
     /// Drive cycles so far.
@@ -211,16 +203,13 @@ impl Plant {
     /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
     pub fn way(&self) -> f64 {
-        let parts = &self.parts[..self.part_count];
-        let sum: f64 = parts.iter().map(Part::way).sum();
-        sum / parts.len().max(1) as f64
+        mean_way(&self.parts)
     }
 
     /// Parts that lie on the track now.
     #[must_use]
     pub fn resting(&self) -> usize {
-        let parts = &self.parts[..self.part_count];
-        parts.iter().filter(|part| part.rests()).count()
+        self.parts.iter().filter(|part| part.rests()).count()
     }
 
     /// The drive's gain over the one it began with.
@@ -264,4 +253,16 @@ impl Plant {
     pub fn set_sensor_inverted(&mut self, inverted: bool) {
         self.inverted = inverted;
     }
+}
+
+/// The parts of a scene.
+pub(super) fn parts_at_rest(scene: &Scene) -> Vec<Part, PARTS> {
+    let restitutions = scene.parts.iter().copied();
+    restitutions.map(|r| Part::at_rest(r.into())).collect()
+}
+
+/// Mean way of parts along the track so far in m, positive upwards; 0 without parts.
+pub(super) fn mean_way(parts: &[Part]) -> f64 {
+    let sum: f64 = parts.iter().map(Part::way).sum();
+    sum / parts.len().max(1) as f64
 }

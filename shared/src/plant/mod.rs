@@ -34,4 +34,6 @@ pub use envelope_loop::EnvelopeLoop;
 pub use feeder::{Plant, STRIKES};
 pub use noise::Noise;
 pub use part::Strike;
-pub use scene::{Change, DISTURBANCES, Disturbance, DriveModel, PARTS, Scene, SensorModel};
+pub use scene::{
+    Change, DISTURBANCES, Disturbance, Disturbances, DriveModel, PARTS, Parts, Scene, SensorModel,
+};

@@ -1,6 +1,8 @@
 //! A scene: the plant as it is, where it differs from what the controller was told, and what happens
 //! to it in time.
 
+use heapless::Vec;
+
 use crate::control::{Settings, Start, Target};
 use crate::feeder::{OutOfRange, accept};
 
@@ -8,6 +10,11 @@ use crate::feeder::{OutOfRange, accept};
 pub const PARTS: usize = 24;
 /// Most disturbances of a scene.
 pub const DISTURBANCES: usize = 32;
+
+/// Restitution of each part of a scene.
+pub type Parts = Vec<f32, PARTS>;
+/// What happens in a scene, in the order of time.
+pub type Disturbances = Vec<Disturbance, DISTURBANCES>;
 
 /// The drive as it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,7 +116,7 @@ pub struct Disturbance {
 }
 
 /// A whole scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// What the controller is told.
     pub settings: Settings,
@@ -122,30 +129,25 @@ pub struct Scene {
     /// The accelerometer as it is.
     pub sensor: SensorModel,
     /// Restitution of each part.
-    pub parts: [f32; PARTS],
-    /// Parts in use, 0..=24.
-    pub part_count: u8,
+    pub parts: Parts,
     /// Seed of the noise.
     pub seed: u64,
-    /// What happens, in the order of time; `None` ends the list.
-    pub disturbances: [Option<Disturbance>; DISTURBANCES],
+    /// What happens, in the order of time.
+    pub disturbances: Disturbances,
 }
 
 impl Default for Scene {
     /// The paper's application: 50 Hz, R in 0.18..0.22, incline 3 degrees, eta 1.5, one part of R = 0.2.
     fn default() -> Self {
-        let mut parts = [0.0; PARTS];
-        parts[0] = 0.2;
         Self {
             settings: Settings::default(),
             target: Target::Locked { order: 1 },
             start: Start::Ordinary,
             drive: DriveModel::default(),
             sensor: SensorModel::default(),
-            parts,
-            part_count: 1,
+            parts: core::iter::once(0.2).collect(),
             seed: 1,
-            disturbances: [None; DISTURBANCES],
+            disturbances: Vec::new(),
         }
     }
 }
@@ -193,17 +195,10 @@ impl Scene {
             50.0,
             "0.05..50 ms",
         )?;
-        within(
-            "part count",
-            f32::from(self.part_count),
-            0.0,
-            PARTS as f32,
-            "0..24",
-        )?;
-        for &restitution in &self.parts[..usize::from(self.part_count)] {
+        for &restitution in &self.parts {
             within("part restitution", restitution, 0.0, 1.0, "0..1")?;
         }
-        for disturbance in self.disturbances.iter().flatten() {
+        for disturbance in &self.disturbances {
             accept(
                 "disturbance at",
                 disturbance.at,

@@ -1,6 +1,6 @@
 //! What happens to the plant in time, and what the board's inputs say of it.
 
-use super::scene::{Change, DISTURBANCES, Disturbance, Scene};
+use super::scene::{Change, Disturbances, Scene};
 use crate::control::{Inputs, SAMPLE_RATE, Target};
 
 /// The disturbances of a scene, each handed out once when it is due.
@@ -9,7 +9,7 @@ pub struct Timeline {
     inputs: Inputs,
     target: Option<Target>,
     sagged: bool,
-    disturbances: [Option<Disturbance>; DISTURBANCES],
+    disturbances: Disturbances,
     next: usize,
     /// Sample before which the next disturbance happens.
     due: u64,
@@ -27,7 +27,7 @@ impl Timeline {
             },
             target: None,
             sagged: false,
-            disturbances: scene.disturbances,
+            disturbances: scene.disturbances.clone(),
             next: 0,
             due: 0,
         };
@@ -37,8 +37,8 @@ impl Timeline {
 
     fn look_ahead(&mut self) {
         self.due = match self.disturbances.get(self.next) {
-            Some(Some(disturbance)) => (disturbance.at * f64::from(SAMPLE_RATE)) as u64,
-            _ => u64::MAX,
+            Some(disturbance) => (disturbance.at * f64::from(SAMPLE_RATE)) as u64,
+            None => u64::MAX,
         };
     }
 
@@ -48,10 +48,10 @@ impl Timeline {
         if self.due > sample {
             return None;
         }
-        let disturbance = self.disturbances.get(self.next).copied().flatten();
+        let change = self.disturbances.get(self.next)?.change;
         self.next += 1;
         self.look_ahead();
-        disturbance.map(|disturbance| disturbance.change)
+        Some(change)
     }
 
     /// Takes a change of an input or of the target; gives back one of the plant.

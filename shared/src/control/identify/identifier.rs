@@ -390,8 +390,9 @@ mod tests {
     use crate::plant::{ClosedLoop, Scene, SensorModel};
 
     fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
-        let mut scene = Scene {
+        let scene = Scene {
             target: Target::Identify,
+            parts: parts.iter().copied().collect(),
             settings: Settings {
                 restitution_low: 0.0,
                 restitution_high: 0.9,
@@ -401,8 +402,6 @@ mod tests {
             seed,
             ..Scene::default()
         };
-        scene.parts[..parts.len()].copy_from_slice(parts);
-        scene.part_count = parts.len() as u8;
         let mut closed = ClosedLoop::build(&scene).unwrap();
         // Twenty levels of forty cycles, then at most sixteen folds of ninety, with what the amplitude takes.
         for _ in 0..3000 {
