@@ -66,7 +66,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
         if sampled.wrapped {
             self.roll.check_in(Watched::Samples);
-            self.exchange.post(*self.signal.cycle());
+            self.exchange.post(self.signal.cycle().clone());
         }
     }
 

@@ -127,7 +127,7 @@ impl Broken {
     fn control(&mut self) -> Report {
         let told = self.shown.as_mut().unwrap_or(&mut self.bench);
         let (target, inputs) = (told.new_target(), told.inputs());
-        let mut cycle = *self.signal.cycle();
+        let mut cycle = self.signal.cycle().clone();
         if let Break::Seen(falsify) = self.how {
             falsify(&mut cycle);
         }

@@ -52,7 +52,7 @@ fn parts(change: &Change) -> bool {
 }
 
 fn deaf(cycle: &mut Cycle) {
-    cycle.heard_count = 0;
+    cycle.heard.clear();
 }
 fn unfolded(cycle: &mut Cycle) {
     cycle.folded.residual.fill(0.01);

@@ -412,15 +412,12 @@ impl EnvelopePlant {
             }
             let n = (heard.sample.max(last) - self.sample) as u32;
             last = heard.sample.max(last);
-            if let Some(slot) = cycle.heard.get_mut(usize::from(cycle.heard_count)) {
-                // The signal path stamps the sample before the one at which the detector finds it.
-                let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
-                *slot = Heard {
-                    phase: Phase::from_bits(phase),
-                    strength: heard.strength as f32,
-                };
-            }
-            cycle.heard_count = cycle.heard_count.saturating_add(1);
+            // The signal path stamps the sample before the one at which the detector finds it.
+            let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
+            let _ = cycle.heard.push(Heard {
+                phase: Phase::from_bits(phase),
+                strength: heard.strength as f32,
+            });
         }
         self.time += i64::from(samples) * i64::from(step);
     }

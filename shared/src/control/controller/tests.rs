@@ -17,15 +17,14 @@ fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
         samples: 400,
         low: 1500,
         high: 2500,
-        heard_count: 1,
         ..Cycle::default()
     };
-    cycle.heard[0] = Heard {
+    let impact = Heard {
         phase: Phase::from_radians(0.445),
         strength: 5.0,
     };
     let mut heard = |silent: bool| {
-        cycle.heard_count = u8::from(!silent);
+        cycle.heard = (!silent).then_some(impact).into_iter().collect();
         let mut report = Report::default();
         for _ in 0..120 {
             report = controller.cycle(&cycle, &inputs);

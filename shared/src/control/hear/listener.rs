@@ -58,7 +58,7 @@ impl Listening {
     ) {
         let lock = lock.map(|lock| (lock.phase, lock.width));
         self.hearing.cycle(cycle, lead, lock);
-        for heard in cycle.impacts() {
+        for heard in &cycle.heard {
             let time = (u64::from(count) << 32 | u64::from(heard.phase.bits()))
                 .wrapping_add_signed(i64::from(lead.bits() as i32));
             self.classifier

@@ -37,7 +37,7 @@ impl Hearing {
             *sum *= KEEP;
         }
         self.cycles += 1.0;
-        for heard in cycle.impacts() {
+        for heard in &cycle.heard {
             let phase = heard.phase + lead;
             let (sine, cosine) = sine_cosine_single(phase);
             self.sine += sine;
@@ -116,15 +116,14 @@ mod tests {
     use crate::control::angle::phase_of;
 
     fn heard(phases: &[f32]) -> Cycle {
-        let mut cycle = Cycle::default();
-        for (slot, &phase) in cycle.heard.iter_mut().zip(phases) {
-            *slot = Heard {
-                phase: phase_of(phase),
-                strength: 1.0,
-            };
+        let heard = phases.iter().map(|&phase| Heard {
+            phase: phase_of(phase),
+            strength: 1.0,
+        });
+        Cycle {
+            heard: heard.collect(),
+            ..Cycle::default()
         }
-        cycle.heard_count = phases.len() as u8;
-        cycle
     }
 
     #[test]

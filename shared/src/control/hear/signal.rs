@@ -1,5 +1,7 @@
 //! The signal path of one sample: drive phase, demodulation, listening, drive output.
 
+use heapless::Vec;
+
 use super::fold::{Fold, Folded, HANDED};
 use super::onset::{HEARD_PER_CYCLE, Heard, OnsetDetector};
 use crate::arithmetic::{Phase, sine_cosine_single};
@@ -32,7 +34,7 @@ pub struct Command {
 }
 
 /// What one cycle of the drive brought.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cycle {
     /// Samples in it.
     pub samples: u16,
@@ -50,20 +52,10 @@ pub struct Cycle {
     pub saturated: u16,
     /// RMS of the noise in the residual in m/s^2.
     pub noise: f32,
-    /// The impacts heard, in the order of their time; [`Cycle::impacts`] gives those that count.
-    pub heard: [Heard; HEARD_PER_CYCLE],
-    /// Impacts heard, [`HEARD_PER_CYCLE`] and beyond included.
-    pub heard_count: u8,
+    /// The impacts heard, in the order of their time; what is too much is not kept.
+    pub heard: Vec<Heard, HEARD_PER_CYCLE>,
     /// A part of what was folded ([`Command::fold`]) until a cycle before.
     pub folded: Folded,
-}
-
-impl Cycle {
-    /// The impacts heard in this cycle, at most [`HEARD_PER_CYCLE`].
-    #[must_use]
-    pub fn impacts(&self) -> &[Heard] {
-        &self.heard[..usize::from(self.heard_count).min(HEARD_PER_CYCLE)]
-    }
 }
 
 /// What a sample gives back to the interrupt that took it.
@@ -85,7 +77,7 @@ pub struct Sampled {
 ///
 /// Deadline: one sample (50 us); the sample interrupt calls [`Signal::sample`] and nothing else. A
 /// missed sample shifts the drive's phase, which the demodulator then measures with everything else.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Signal {
     scale: f32,
     zero: f32,
@@ -156,11 +148,7 @@ impl Signal {
         high: 0,
         saturated: 0,
         noise: 0.0,
-        heard: [Heard {
-            phase: Phase::ZERO,
-            strength: 0.0,
-        }; HEARD_PER_CYCLE],
-        heard_count: 0,
+        heard: Vec::new(),
         folded: Folded {
             first: 0,
             residual: [0.0; HANDED],
@@ -220,15 +208,11 @@ impl Signal {
             cycle.saturated = cycle.saturated.wrapping_add(1);
         }
         if let Some(strength) = heard {
-            let index = usize::from(cycle.heard_count);
-            if let Some(slot) = cycle.heard.get_mut(index) {
-                // The ringing rises over the threshold within its first two samples: half of them on average.
-                *slot = Heard {
-                    phase: before,
-                    strength,
-                };
-            }
-            cycle.heard_count = cycle.heard_count.saturating_add(1);
+            // The ringing rises over the threshold within its first two samples: half of them on average.
+            let _ = cycle.heard.push(Heard {
+                phase: before,
+                strength,
+            });
         }
         Sampled {
             output: self.amplitude * sine,
@@ -249,15 +233,14 @@ impl Signal {
             mean: self.mean + self.accelerations * inverse,
             noise: self.detector.noise(),
             folded: self.fold.finish(self.pending.fold, self.pending.step),
-            ..self.running
+            ..self.running.clone()
         };
         self.mean = self.finished.mean;
-        // Heard impacts are counted anew; their list need not be cleared.
         self.running.samples = 0;
         self.running.low = u16::MAX;
         self.running.high = 0;
         self.running.saturated = 0;
-        self.running.heard_count = 0;
+        self.running.heard.clear();
         self.amplitude = self.pending.amplitude;
         if self.step != self.pending.step {
             self.step = self.pending.step;

@@ -317,7 +317,7 @@ impl Identifier {
         let landing = Chatter::of(self.k, 0.5).map_or(TAU, |chatter| chatter.landing);
         let in_air = landing - LANDING_WIDTH - (lift_off - EARLY);
         let since = phase_of(lift_off - EARLY);
-        let astray = cycle.impacts().iter().filter(|heard| {
+        let astray = cycle.heard.iter().filter(|heard| {
             let after = (heard.phase + lead - since).radians() as f32;
             after < in_air
         });

@@ -94,11 +94,10 @@ fn the_table_is_what_the_controller_does() {
             let mut cycle = seen(reference, frequency);
             if ear > 0 {
                 let turn = if ear == 1 { 0 } else { 1 << 31 };
-                cycle.heard[0] = Heard {
+                let _ = cycle.heard.push(Heard {
                     phase: phase + Phase::from_bits(turn),
                     strength: 5.0,
-                };
-                cycle.heard_count = 1;
+                });
             }
             match trouble {
                 1 => cycle.high = cycle.low,
