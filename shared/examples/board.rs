@@ -38,7 +38,7 @@ fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut 
         .feeder
         .hold(sampled.output, (signal.phase() - before).bits());
     if sampled.wrapped {
-        mailbox.cycle = Some(*signal.cycle());
+        mailbox.cycle = Some(signal.cycle().clone());
     }
 }
 

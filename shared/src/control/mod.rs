@@ -45,7 +45,9 @@ pub use aim::{Chaos, NoSetpoint, Planned, Target};
 pub use angle::{SAMPLE_RATE, phase_of, phase_step, radians_of};
 pub use controller::{Controller, PLAN_SLICES};
 pub use drive::AmplitudeLoop;
-pub use hear::{AdcCode, Command, Cycle, Folded, HEARD_PER_CYCLE, Heard, Hearing, Sampled, Signal};
+pub use hear::{
+    AdcCode, Command, Cycle, Folded, HEARD_PER_CYCLE, Heard, PhaseStatistics, Sampled, Signal,
+};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{Fold, HighPass, MOST_LEFT_OUT, Onset, OnsetDetector, QUARTILE, Standard};
 pub use identify::{Identification, Identified, Unidentified};

@@ -1,6 +1,6 @@
 //! The search for the kicks that throw parts onto the wanted orbit.
 
-use crate::control::hear::LockAt;
+use crate::control::hear::LockWindow;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::impact::Hybrid;
@@ -41,7 +41,7 @@ pub struct Search {
 impl Search {
     /// A search for the kicks that bring the lot onto a lock whose amplitude a kick may exceed `reserve`
     /// times.
-    pub fn begin(settings: &Settings, lock: &LockAt, reserve: f32) -> Result<Self, OutOfRange> {
+    pub fn begin(settings: &Settings, lock: &LockWindow, reserve: f32) -> Result<Self, OutOfRange> {
         let envelope = f64::from(settings.envelope);
         let settings = PlanSettings {
             lot: Lot {

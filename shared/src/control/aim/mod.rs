@@ -16,5 +16,5 @@ mod speed;
 
 pub use chaos::{Chaos, ChaosSearch};
 pub use kicks::Planned;
-pub use selection::Aim;
+pub use selection::Selection;
 pub use setpoint::{NoSetpoint, Target};

@@ -1,21 +1,21 @@
-//! What is aimed at: the target, the setpoint chosen for it, and the searches that belong to it.
+//! Setpoint selection: the target, the setpoint chosen for it, and the searches that belong to it.
 
 use super::chaos::ChaosSearch;
 use super::kicks::Search;
 use super::setpoint::{Choice, Level, NoSetpoint, Target};
 use super::speed::SpeedSearch;
 use crate::control::drive::Scale;
-use crate::control::hear::LockAt;
+use crate::control::hear::LockWindow;
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
 use crate::feeder::OutOfRange;
 
 /// The target, with what was chosen for it and what is still searched for.
 #[derive(Clone, Copy, Debug)]
-pub struct Aim {
+pub struct Selection {
     target: Target,
     level: Level,
-    lock: Option<LockAt>,
+    lock: Option<LockWindow>,
     speed: Option<SpeedSearch>,
     /// The search for the kicks that bring the parts onto the lock.
     pub search: Search,
@@ -23,7 +23,7 @@ pub struct Aim {
     pub chaos: Option<ChaosSearch>,
 }
 
-impl Aim {
+impl Selection {
     /// At a target; the refusal names the number that is out of range.
     pub fn at(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let choice = Choice::of(target, settings)?;
@@ -51,7 +51,7 @@ impl Aim {
     }
 
     /// The lock that is wanted, also as the way to chaos or for a speed.
-    pub fn lock(&self) -> Option<&LockAt> {
+    pub fn lock(&self) -> Option<&LockWindow> {
         self.lock.as_ref()
     }
 

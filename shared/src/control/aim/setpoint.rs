@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::control::angle::phase_of;
-use crate::control::hear::LockAt;
+use crate::control::hear::LockWindow;
 use crate::control::identify;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, accept};
@@ -78,7 +78,7 @@ pub struct Choice {
     /// The setpoint.
     pub level: Level,
     /// The lock that is wanted at it, if one is.
-    pub lock: Option<LockAt>,
+    pub lock: Option<LockWindow>,
 }
 
 /// Half width of the phases that a lock is heard at, beyond those that the interval of restitution
@@ -148,7 +148,7 @@ impl Choice {
         };
         let lock = at(lot.low())?
             .zip(at(lot.high())?)
-            .map(|(low, high)| LockAt {
+            .map(|(low, high)| LockWindow {
                 order,
                 k,
                 phase: phase_of(0.5 * (low + high)),

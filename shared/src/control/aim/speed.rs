@@ -1,7 +1,7 @@
 //! The lock that conveys at a wanted speed, searched order by order.
 
 use super::setpoint::{Choice, Level, NoSetpoint, ORDERS};
-use crate::control::hear::LockAt;
+use crate::control::hear::LockWindow;
 use crate::control::settings::Settings;
 use crate::impact::TangentialSettings;
 use crate::regime::{Lock, band};
@@ -76,7 +76,7 @@ fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
 }
 
 /// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
-fn conveys(lock: &LockAt, settings: &Settings) -> Option<f32> {
+fn conveys(lock: &LockWindow, settings: &Settings) -> Option<f32> {
     let track = settings.track().ok()?;
     let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
     let orbit = Lock::at(lock.k, settings.lot().ok()?.middle(), u32::from(lock.order)).ok()??;

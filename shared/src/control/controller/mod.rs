@@ -1,11 +1,14 @@
 //! The controller: one call per drive cycle decides what the drive does next.
 
 use crate::arithmetic::Phase;
-use crate::control::aim::{Aim, Target};
+use crate::control::aim::{Selection, Target};
 use crate::control::angle::{phase_of, radians_of};
-use crate::control::course::{self, Course, Decision, Expected, Rest, Restraint, Suspicions, Turn};
+use crate::control::course::{
+    Decision, EnableResponse, Expected, FaultDetector, LimitInputs, LimitMonitor, Observation,
+    Standstill, StateMachine,
+};
 use crate::control::drive::{AmplitudeLoop, Move, Reference, Resonance, Scale};
-use crate::control::hear::{Cycle, Listening};
+use crate::control::hear::{Cycle, Listener};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::report::{Inputs, Report, Start};
 use crate::control::settings::Settings;
@@ -28,20 +31,20 @@ pub struct Controller {
     scale: Scale,
     resonance: Resonance,
     amplitude: AmplitudeLoop,
-    aim: Aim,
-    course: Course,
-    listening: Listening,
+    selection: Selection,
+    machine: StateMachine,
+    listener: Listener,
     identifier: Identifier,
     /// Lead of the track at the last cycle that could be trusted, in rad.
     lead: f32,
     /// Events that happened between two cycles.
     news: Events,
-    restraint: Restraint,
+    limits: LimitMonitor,
     reference: Reference,
     output: f32,
     /// Envelope that nominal gain would give, in m.
     expected: f32,
-    suspicions: Suspicions,
+    faults: FaultDetector,
     count: u32,
     seen: Seen,
 }
@@ -67,17 +70,17 @@ impl Controller {
             scale,
             resonance,
             amplitude,
-            aim: Aim::at(target, settings, &scale)?,
-            course: Course::begin(start, settings.capture_attempts),
-            listening: Listening::build()?,
+            selection: Selection::at(target, settings, &scale)?,
+            machine: StateMachine::begin(start, settings.capture_attempts),
+            listener: Listener::build()?,
             identifier: Identifier::new(),
             lead: 0.0,
             news: Events::default(),
-            restraint: Restraint::default(),
+            limits: LimitMonitor::default(),
             reference: Reference::default(),
             output: 0.0,
             expected: 0.0,
-            suspicions: Suspicions::default(),
+            faults: FaultDetector::default(),
             count: 0,
             seen: Seen::default(),
         };
@@ -96,7 +99,7 @@ impl Controller {
     /// The lock for a speed is searched for by [`Controller::plan_step`]: until it is
     /// [chosen](Controller::chosen) a running drive keeps its amplitude, and one that is off does not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
-        self.aim = Aim::at(target, &self.settings, &self.scale)?;
+        self.selection = Selection::at(target, &self.settings, &self.scale)?;
         self.news.push(Event::TargetSet);
         self.pursue();
         Ok(())
@@ -104,14 +107,14 @@ impl Controller {
 
     /// Begins the way to the target.
     fn pursue(&mut self) {
-        self.course.aim(self.aim.chaos.is_some());
-        self.listening.forget();
-        if self.aim.target() == Target::Identify {
+        self.machine.pursue(self.selection.chaos.is_some());
+        self.listener.forget();
+        if self.selection.target() == Target::Identify {
             self.identifier.begin();
         } else {
             self.identifier.stop();
         }
-        if self.aim.no_setpoint().is_some() {
+        if self.selection.no_setpoint().is_some() {
             self.news.push(Event::NoSetpoint);
         }
     }
@@ -128,14 +131,14 @@ impl Controller {
         self.count = self.count.wrapping_add(1);
         // After 99 days at 500 Hz the count begins anew, and with it the classifier's time.
         if self.count == 0 {
-            self.listening.begin();
+            self.listener.begin();
         }
-        self.course.count();
+        self.machine.count();
         let sine = -cycle.quadrature / self.scale.square;
         let cosine = -cycle.in_phase / self.scale.square;
         let measured = libm::sqrtf(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
-        let held_back = !self.restraint.limits().is_empty();
+        let held_back = !self.limits.limits().is_empty();
         let blind = self.watch(cycle, inputs, measured, radians_of(lead), &mut events);
         self.obey(inputs, measured, &mut events);
         if !blind {
@@ -143,7 +146,7 @@ impl Controller {
         }
         self.limit(inputs);
         let goal = self.move_reference();
-        if !self.course.running() {
+        if !self.machine.running() {
             self.rest();
         } else if self.resonance.sweeps() {
             self.sweep(measured, &mut events);
@@ -151,18 +154,18 @@ impl Controller {
             // A sensor that may be lost is not followed: the output waits for the verdict.
             if !blind {
                 self.output = self.amplitude.cycle(measured, self.reference.now);
-                let wanted = self.course.listens_for_chaos();
-                self.listening
-                    .cycle(cycle, self.count, lead, self.aim.lock(), wanted);
+                let wanted = self.machine.listens_for_chaos();
+                self.listener
+                    .cycle(cycle, self.count, lead, self.selection.lock(), wanted);
                 self.follow_resonance(measured);
             }
             self.progress(goal, measured, &mut events);
             self.identify(cycle, goal, measured, &mut events);
         }
-        let limits = self.restraint.limits();
+        let limits = self.limits.limits();
         if !held_back && !limits.is_empty() {
             events.push(Event::Limited);
-        } else if held_back && limits.is_empty() && self.course.running() {
+        } else if held_back && limits.is_empty() && self.machine.running() {
             events.push(Event::Freed);
         }
         let keep = self.scale.keep;
@@ -185,61 +188,64 @@ impl Controller {
         events: &mut Events,
     ) -> bool {
         if inputs.stack_low {
-            self.course.fail(Fault::StackLow, events);
+            self.machine.fail(Fault::StackLow, events);
         }
-        if inputs.over_temperature && self.course.running() {
-            self.course.fail(Fault::OverTemperature, events);
+        if inputs.over_temperature && self.machine.running() {
+            self.machine.fail(Fault::OverTemperature, events);
         }
         let expected = Expected {
-            running: self.course.running(),
+            running: self.machine.running(),
             amplitude: self.expected,
             ceiling: self.scale.ceiling,
         };
-        let (fault, blind) = self.suspicions.cycle(cycle, measured, lead, &expected);
+        let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
         if let Some(fault) = fault {
-            self.course.fail(fault, events);
+            self.machine.fail(fault, events);
         }
         blind
     }
 
     /// Follows the enable input.
     fn obey(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
-        let rest = Rest {
+        let rest = Standstill {
             reached: self.reference.now <= 0.0 && measured < 0.02 * self.scale.ceiling,
             patience: 4.0 * self.settings.soft_stop * self.settings.frequency,
         };
-        let turn = self.course.obey(inputs, self.aim.chosen(), &rest, events);
-        match turn {
-            Some(Turn::Acknowledged) => self.suspicions = Suspicions::default(),
-            Some(Turn::Stopping) if self.resonance.sweeps() => {
+        let response = self
+            .machine
+            .obey(inputs, self.selection.chosen(), &rest, events);
+        match response {
+            Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
+            Some(EnableResponse::Stopping) if self.resonance.sweeps() => {
                 self.resonance.stop();
                 self.amplitude.resume(measured, self.output);
             }
-            Some(Turn::Started) => {
+            Some(EnableResponse::Started) => {
                 self.expected = 0.0;
-                if self.aim.target() == Target::Identify {
+                if self.selection.target() == Target::Identify {
                     self.identifier.begin();
-                    self.aim.go(identify::FIRST);
+                    self.selection.go(identify::FIRST);
                 }
                 if self.resonance.tracks() {
                     self.resonance.begin();
                     self.retune();
                 }
             }
-            Some(Turn::Stopping) | None => {}
+            Some(EnableResponse::Stopping) | None => {}
         }
     }
 
     /// What holds the drive back in this cycle.
     fn limit(&mut self, inputs: &Inputs) {
         let timeout = self.settings.link_timeout;
-        self.restraint.cycle(&course::Restrained {
-            running: self.course.running(),
+        self.limits.cycle(&LimitInputs {
+            running: self.machine.running(),
             link_heard: inputs.link_heard,
             link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
-            no_setpoint: self.aim.no_setpoint().is_some(),
+            no_setpoint: self.selection.no_setpoint().is_some(),
             // The frequencies of a sweep are not those of the setpoint.
-            cut: !self.resonance.sweeps() && self.aim.setpoint(&self.scale) > self.scale.ceiling,
+            cut: !self.resonance.sweeps()
+                && self.selection.setpoint(&self.scale) > self.scale.ceiling,
             ceiling_limit: self.scale.ceiling_limit,
             saturated: self.amplitude.saturated(),
         });
@@ -247,20 +253,20 @@ impl Controller {
 
     /// Moves the reference by one cycle; where it goes, in m.
     fn move_reference(&mut self) -> f32 {
-        let (settings, setpoint) = (&self.settings, self.aim.setpoint(&self.scale));
-        let limits = self.restraint.limits();
+        let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
+        let limits = self.limits.limits();
         let safe = settings.safe_amplitude * 1e-3;
         let scale = setpoint.max(safe) / settings.frequency;
         let up = Move::Ramp(scale / settings.soft_start);
         let down = Move::Ramp(scale / settings.soft_stop);
-        let (goal, pace) = match (self.course.state(), self.course.kick()) {
-            (State::Off | State::Fault, _) => (0.0, Move::At),
+        let (goal, pace) = match (self.machine.state(), self.machine.kick()) {
+            (State::Off | State::Fault, _) => (0.0, Move::Step),
             (State::Stopping, _) => (0.0, down),
             _ if limits.contains(Limits::LINK_LOST) => (safe, down),
             _ if limits.contains(Limits::NO_SETPOINT) => (safe, up),
-            _ if !self.aim.chosen() => (self.reference.now, Move::At),
-            (_, Some(kick)) => (setpoint * kick, Move::Envelope),
-            _ if self.course.glides() => (setpoint, Move::Ramp(setpoint * (0.25 / GLIDE))),
+            _ if !self.selection.chosen() => (self.reference.now, Move::Step),
+            (_, Some(kick)) => (setpoint * kick, Move::Lag),
+            _ if self.machine.glides() => (setpoint, Move::Ramp(setpoint * (0.25 / GLIDE))),
             _ => (setpoint, up),
         };
         let goal = goal.min(self.scale.ceiling);
@@ -274,9 +280,9 @@ impl Controller {
         self.output = 0.0;
         self.reference.now = 0.0;
         self.amplitude.reset();
-        self.listening.forget();
-        self.restraint.rest();
-        let decision = self.course.rest();
+        self.listener.forget();
+        self.limits.rest();
+        let decision = self.machine.rest();
         self.carry_out(decision);
         self.identifier.interrupt();
     }
@@ -309,20 +315,20 @@ impl Controller {
 
     /// Moves between the states of a running drive.
     fn progress(&mut self, goal: f32, measured: f32, events: &mut Events) {
-        let shown = course::Shown {
-            near: self.aim.chosen()
+        let seen = Observation {
+            near: self.selection.chosen()
                 && self.reference.now == goal
                 && (measured - goal).abs() < 0.01 * goal,
-            limits: self.restraint.limits(),
+            limits: self.limits.limits(),
             lock: self
-                .aim
+                .selection
                 .lock()
-                .map(|lock| self.listening.confidence(Some(lock))),
-            regime: self.listening.regime,
-            plan: self.aim.search.plan(),
-            chaos: self.aim.found_chaos(),
+                .map(|lock| self.listener.confidence(Some(lock))),
+            regime: self.listener.regime,
+            plan: self.selection.search.plan(),
+            chaos: self.selection.found_chaos(),
         };
-        let decision = self.course.progress(&shown, events);
+        let decision = self.machine.progress(&seen, events);
         self.carry_out(decision);
     }
 
@@ -330,10 +336,10 @@ impl Controller {
     fn carry_out(&mut self, decision: Decision) {
         match decision {
             Decision::Stay => {}
-            Decision::ListenAnew => self.listening.forget(),
-            Decision::GoToChaos(k) => self.aim.go(k),
-            Decision::GoToLock => self.aim.go_to_lock(),
-            Decision::NoChaos => self.aim.give_up_chaos(),
+            Decision::ListenAnew => self.listener.forget(),
+            Decision::GoToChaos(k) => self.selection.go(k),
+            Decision::GoToLock => self.selection.go_to_lock(),
+            Decision::NoChaos => self.selection.give_up_chaos(),
         }
     }
 
@@ -342,7 +348,7 @@ impl Controller {
         if !self.identifier.listens() {
             return;
         }
-        if self.course.state() != State::Holding {
+        if self.machine.state() != State::Holding {
             self.identifier.interrupt();
             return;
         }
@@ -362,8 +368,8 @@ impl Controller {
         match self.identifier.cycle(&driven, cycle) {
             Step::Going => {}
             Step::At(k) => {
-                self.listening.forget();
-                self.aim.go(k);
+                self.listener.forget();
+                self.selection.go(k);
             }
             Step::Done(true) => events.push(Event::Identified),
             Step::Done(false) => events.push(Event::NotIdentified),
@@ -373,7 +379,9 @@ impl Controller {
     /// One bounded slice of planning; whether more is to be done. Call it in idle time, at most
     /// as often per cycle as it says that there is more.
     pub fn plan_step(&mut self) -> bool {
-        self.aim.step(&self.settings, &self.scale, &mut self.news) || self.identifier.step()
+        self.selection
+            .step(&self.settings, &self.scale, &mut self.news)
+            || self.identifier.step()
     }
 }
 

@@ -14,7 +14,7 @@ impl Controller {
     /// What was seen and done in the last cycle.
     #[must_use]
     pub fn report(&self) -> Report {
-        let (seen, hearing) = (&self.seen, &self.listening.hearing);
+        let (seen, hearing) = (&self.seen, &self.listener.hearing);
         Report {
             cycle: self.count,
             k: self.k(seen.amplitude),
@@ -25,14 +25,14 @@ impl Controller {
             rate: hearing.rate(),
             phase: hearing.phase(),
             concentration: hearing.concentration(),
-            confidence: self.listening.confidence(self.aim.lock()),
-            attempts: self.course.attempts(),
+            confidence: self.listener.confidence(self.selection.lock()),
+            attempts: self.machine.attempts(),
             identification: self.identifier.result(),
-            regime: self.listening.regime,
+            regime: self.listener.regime,
             frequency: self.resonance.frequency(),
-            state: self.course.state(),
-            fault: self.course.fault(),
-            limits: self.restraint.limits(),
+            state: self.machine.state(),
+            fault: self.machine.fault(),
+            limits: self.limits.limits(),
             events: seen.events,
             command: self.command(),
         }
@@ -44,7 +44,7 @@ impl Controller {
         Command {
             amplitude: self.output,
             step: self.scale.step,
-            immediate: !self.course.running(),
+            immediate: !self.machine.running(),
             fold: self.identifier.fold(),
             whole: self.identifier.listens(),
         }
@@ -53,7 +53,7 @@ impl Controller {
     /// What the controller is doing.
     #[must_use]
     pub fn state(&self) -> State {
-        self.course.state()
+        self.machine.state()
     }
 
     /// What happened in the last cycle.
@@ -89,31 +89,31 @@ impl Controller {
     /// The target.
     #[must_use]
     pub fn target(&self) -> Target {
-        self.aim.target()
+        self.selection.target()
     }
 
     /// Order of the lock that is wanted, also as the way to chaos or for a speed.
     #[must_use]
     pub fn order(&self) -> Option<u8> {
-        self.aim.lock().map(|lock| lock.order)
+        self.selection.lock().map(|lock| lock.order)
     }
 
     /// Amplitude chosen for the target in m, before any limit; 0 where there is none.
     #[must_use]
     pub fn setpoint(&self) -> f32 {
-        self.aim.setpoint(&self.scale)
+        self.selection.setpoint(&self.scale)
     }
 
     /// Whether the setpoint for the target is known, or that it has none: the lock for a speed is searched for.
     #[must_use]
     pub fn chosen(&self) -> bool {
-        self.aim.chosen()
+        self.selection.chosen()
     }
 
     /// Why the target has no setpoint, and what would allow one.
     #[must_use]
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
-        self.aim.no_setpoint()
+        self.selection.no_setpoint()
     }
 
     /// Largest amplitude in m that the settings let the drive reach.
@@ -138,35 +138,35 @@ impl Controller {
     /// Whether the regime is judged where the controller does not act on it, for [`Report::regime`]: it is,
     /// unless this says otherwise.
     pub fn watch_regime(&mut self, watched: bool) {
-        self.listening.watched = watched;
+        self.listener.watched = watched;
     }
 
     /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
     #[must_use]
     pub fn planning(&self) -> Option<&PlanSettings> {
-        self.aim.search.asked()
+        self.selection.search.asked()
     }
 
     /// Spares the search that [`Controller::planning`] tells of, where another controller has done it.
     pub fn plan_known(&mut self, known: Planned) {
-        self.aim.search.know(known);
+        self.selection.search.know(known);
     }
 
     /// The search that has come to its end for the present target.
     #[must_use]
     pub fn planned(&self) -> Option<Planned> {
-        self.aim.search.planned()
+        self.selection.search.planned()
     }
 
     /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
     #[must_use]
     pub fn chaos_asked(&self) -> Option<[f32; 2]> {
-        self.aim.chaos.as_ref().and_then(ChaosSearch::asked)
+        self.selection.chaos.as_ref().and_then(ChaosSearch::asked)
     }
 
     /// Spares the search that [`Controller::chaos_asked`] tells of, where another controller has done it.
     pub fn chaos_known(&mut self, known: Chaos) {
-        if let Some(chaos) = &mut self.aim.chaos {
+        if let Some(chaos) = &mut self.selection.chaos {
             chaos.know(known);
         }
     }
@@ -174,6 +174,6 @@ impl Controller {
     /// The search for chaos that has come to its end for the present target.
     #[must_use]
     pub fn chaos_found(&self) -> Option<Chaos> {
-        self.aim.chaos.as_ref().and_then(ChaosSearch::found)
+        self.selection.chaos.as_ref().and_then(ChaosSearch::found)
     }
 }

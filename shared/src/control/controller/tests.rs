@@ -144,7 +144,7 @@ fn whatever_comes_between_the_slices_of_a_search_the_lock_is_that_of_the_last_ta
             }
             assert_eq!(controller.setpoint(), wanted.setpoint());
             assert_eq!(controller.order(), Some(2));
-            assert!(controller.course.running(), "{slices} {trouble}");
+            assert!(controller.machine.running(), "{slices} {trouble}");
         }
     }
 }

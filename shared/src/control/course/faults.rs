@@ -1,15 +1,15 @@
-//! Suspicions: what looks like a fault, and is one where it lasts.
+//! The fault detector: what looks like a fault, and is one where it persists.
 
 use core::f32::consts::PI;
 
 use crate::control::hear::Cycle;
 use crate::control::state::Fault;
 
-/// Cycles after which a suspicion is a fault.
+/// Cycles in a row in which a sign of a fault was seen.
 #[derive(Clone, Copy, Debug, Default)]
-struct Suspicion(u8);
+struct Persistence(u8);
 
-impl Suspicion {
+impl Persistence {
     /// Whether `present` has been true for `cycles` cycles in a row.
     fn lasts(&mut self, present: bool, cycles: u8) -> bool {
         self.0 = if present { self.0.saturating_add(1) } else { 0 };
@@ -30,15 +30,15 @@ pub struct Expected {
 
 /// What the reading of the accelerometer is suspected of.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Suspicions {
-    still: Suspicion,
-    saturated: Suspicion,
-    inverted: Suspicion,
-    unanswered: Suspicion,
-    excessive: Suspicion,
+pub struct FaultDetector {
+    still: Persistence,
+    saturated: Persistence,
+    inverted: Persistence,
+    unanswered: Persistence,
+    excessive: Persistence,
 }
 
-impl Suspicions {
+impl FaultDetector {
     /// Takes a cycle with the amplitude (m) and the lead (rad) measured in it; the fault that it proves, and
     /// whether its reading may not be trusted.
     pub fn cycle(

@@ -1,13 +1,13 @@
-//! What holds the drive back.
+//! The limit monitor: what holds the drive back, and since when.
 
 use crate::control::state::Limits;
 
 /// Cycles that the output may stand at its limit: short stays there belong to every start and kick.
-const STRAIN: u32 = 25;
+const SATURATION: u32 = 25;
 
-/// What a cycle shows of the limits.
+/// What the limits depend on in a cycle.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct LimitInputs {
     /// Whether the drive runs.
     pub running: bool,
     /// Whether the link brought a valid frame.
@@ -24,49 +24,49 @@ pub struct Shown {
     pub saturated: bool,
 }
 
-/// The limits that hold the drive back, and for how long they have been suspected.
+/// The limits that hold the drive back, and how long their causes have lasted.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Restraint {
+pub struct LimitMonitor {
     limits: Limits,
     /// Cycles that the output has stood at its limit.
-    strained: u32,
+    saturated_for: u32,
     link_silence: u32,
     link_known: bool,
 }
 
-impl Restraint {
+impl LimitMonitor {
     /// What holds the drive back.
     pub fn limits(&self) -> Limits {
         self.limits
     }
 
     /// Takes a cycle.
-    pub fn cycle(&mut self, shown: &Shown) {
-        if shown.link_heard {
+    pub fn cycle(&mut self, inputs: &LimitInputs) {
+        if inputs.link_heard {
             self.link_known = true;
             self.link_silence = 0;
         } else {
             self.link_silence = self.link_silence.saturating_add(1);
         }
         let lost = self.link_known
-            && (shown.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
-        self.strained = if shown.saturated {
-            self.strained.saturating_add(1)
+            && (inputs.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
+        self.saturated_for = if inputs.saturated {
+            self.saturated_for.saturating_add(1)
         } else {
             0
         };
-        let running = shown.running;
+        let running = inputs.running;
         self.limits.set(Limits::LINK_LOST, running && lost);
         self.limits
-            .set(Limits::NO_SETPOINT, running && shown.no_setpoint);
-        self.limits.set(shown.ceiling_limit, running && shown.cut);
+            .set(Limits::NO_SETPOINT, running && inputs.no_setpoint);
+        self.limits.set(inputs.ceiling_limit, running && inputs.cut);
         self.limits
-            .set(Limits::OUTPUT, running && self.strained > STRAIN);
+            .set(Limits::OUTPUT, running && self.saturated_for > SATURATION);
     }
 
     /// The drive is off: nothing holds it back.
     pub fn rest(&mut self) {
-        self.strained = 0;
+        self.saturated_for = 0;
         self.limits = Limits::default();
     }
 }

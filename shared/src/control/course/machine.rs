@@ -34,7 +34,7 @@ enum Glide {
 
 /// What a turn of the enable input asks of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
+pub enum EnableResponse {
     /// The fault is acknowledged.
     Acknowledged,
     /// The soft stop begins.
@@ -45,7 +45,7 @@ pub enum Turn {
 
 /// What a cycle shows of a drive that is to stop.
 #[derive(Clone, Copy, Debug)]
-pub struct Rest {
+pub struct Standstill {
     /// Whether the track is at rest.
     pub reached: bool,
     /// Cycles after which it is taken for at rest.
@@ -54,7 +54,7 @@ pub struct Rest {
 
 /// What a cycle shows of a running drive.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown<'a> {
+pub struct Observation<'a> {
     /// Whether the amplitude is at the setpoint.
     pub near: bool,
     /// What holds the drive back.
@@ -86,7 +86,7 @@ pub enum Decision {
 
 /// The state, and what the way to the next one depends on.
 #[derive(Clone, Debug)]
-pub struct Course {
+pub struct StateMachine {
     state: State,
     fault: Option<Fault>,
     /// Whether the enable input must be withdrawn before the drive may start.
@@ -103,8 +103,8 @@ pub struct Course {
     capture: Capture,
 }
 
-impl Course {
-    /// The course of a drive that starts for a reason and may be kicked `attempts` times.
+impl StateMachine {
+    /// The state machine of a drive that starts for a reason and may be kicked `attempts` times.
     pub fn begin(start: Start, attempts: f32) -> Self {
         let fault = match start {
             Start::Ordinary => None,
@@ -166,7 +166,7 @@ impl Course {
     }
 
     /// Begins the way to a new target; `chaotic` is whether it leads through a lock to chaos.
-    pub fn aim(&mut self, chaotic: bool) {
+    pub fn pursue(&mut self, chaotic: bool) {
         self.glide = if chaotic {
             Glide::Ahead
         } else {
@@ -219,9 +219,9 @@ impl Course {
         &mut self,
         inputs: &Inputs,
         ready: bool,
-        rest: &Rest,
+        rest: &Standstill,
         events: &mut Events,
-    ) -> Option<Turn> {
+    ) -> Option<EnableResponse> {
         match self.state {
             State::Fault if !inputs.enable => {
                 // Each fault is reported for a cycle at least, and stays while its cause does: refused
@@ -239,13 +239,13 @@ impl Course {
                 self.latched = false;
                 self.enter(State::Off);
                 events.push(Event::Acknowledged);
-                Some(Turn::Acknowledged)
+                Some(EnableResponse::Acknowledged)
             }
             State::Off if inputs.enable && ready && !self.latched => {
                 self.enter(State::Starting);
                 self.arrived = 0;
                 events.push(Event::Started);
-                Some(Turn::Started)
+                Some(EnableResponse::Started)
             }
             State::Stopping => {
                 if self.in_state > 0 && (rest.reached || self.in_state as f32 > rest.patience) {
@@ -258,16 +258,16 @@ impl Course {
             _ if !inputs.enable => {
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);
-                Some(Turn::Stopping)
+                Some(EnableResponse::Stopping)
             }
             _ => None,
         }
     }
 
     /// Moves between the states of a running drive.
-    pub fn progress(&mut self, shown: &Shown<'_>, events: &mut Events) -> Decision {
-        let Shown { near, limits, .. } = *shown;
-        let confidence = shown.lock.unwrap_or(0.0);
+    pub fn progress(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
+        let Observation { near, limits, .. } = *seen;
+        let confidence = seen.lock.unwrap_or(0.0);
         let locked = confidence >= BELIEVED;
         if self.settled() && self.state != State::Limiting && !limits.is_empty() {
             self.capture.stop();
@@ -295,8 +295,8 @@ impl Course {
                 self.arrived = 0;
                 self.enter(State::Starting);
             }
-            State::Holding if self.listens_for_chaos() => return self.glide_on(shown, events),
-            State::Holding if shown.lock.is_some() => {
+            State::Holding if self.listens_for_chaos() => return self.glide_on(seen, events),
+            State::Holding if seen.lock.is_some() => {
                 if locked {
                     self.enter(State::Locked);
                     events.push(Event::Locked);
@@ -305,7 +305,7 @@ impl Course {
                     self.enter(State::Capturing);
                 }
             }
-            State::Capturing => match self.capture.cycle(shown.plan, locked, near) {
+            State::Capturing => match self.capture.cycle(seen.plan, locked, near) {
                 Progress::Going => {}
                 Progress::Planned { sure: true } => events.push(Event::KickPlanned),
                 Progress::Planned { sure: false } => events.push(Event::KickUncertain),
@@ -335,7 +335,7 @@ impl Course {
                     self.enter(State::Lost);
                     events.push(Event::LockLost);
                 } else if self.glide == Glide::Ahead && self.in_state >= SETTLED {
-                    return self.leave_lock(shown.chaos, events);
+                    return self.leave_lock(seen.chaos, events);
                 }
             }
             State::Lost => {
@@ -379,14 +379,14 @@ impl Course {
     }
 
     /// On the way to chaos, and there: listens whether the parts are in it.
-    fn glide_on(&mut self, shown: &Shown<'_>, events: &mut Events) -> Decision {
+    fn glide_on(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
         match self.glide {
-            Glide::Going if shown.near => {
+            Glide::Going if seen.near => {
                 self.glide = Glide::There { heard: false };
                 return Decision::ListenAnew;
             }
             Glide::There { heard } => {
-                let sure = shown.regime.filter(|verdict| verdict.confidence >= SURE);
+                let sure = seen.regime.filter(|verdict| verdict.confidence >= SURE);
                 match sure.map(|verdict| verdict.regime) {
                     Some(Regime::Chaotic) if !heard => {
                         self.glide = Glide::There { heard: true };

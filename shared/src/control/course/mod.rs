@@ -12,6 +12,6 @@ mod faults;
 mod limits;
 mod machine;
 
-pub use faults::{Expected, Suspicions};
-pub use limits::{Restraint, Shown as Restrained};
-pub use machine::{Course, Decision, Rest, Shown, Turn};
+pub use faults::{Expected, FaultDetector};
+pub use limits::{LimitInputs, LimitMonitor};
+pub use machine::{Decision, EnableResponse, Observation, Standstill, StateMachine};

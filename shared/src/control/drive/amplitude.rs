@@ -37,7 +37,8 @@ pub struct AmplitudeLoop {
     tuning: Tuning,
     /// Estimated track amplitude for full output, in m.
     gain: f32,
-    integral: f32,
+    /// Share of full output.
+    integral_term: f32,
     /// Reference at the ends of the last cycles, newest first, in m: the cycle that the output
     /// computed now will drive, the one running, the one measured, and the one before.
     reference: [f32; 4],
@@ -65,7 +66,7 @@ impl AmplitudeLoop {
                 nominal,
             },
             gain: nominal,
-            integral: 0.0,
+            integral_term: 0.0,
             reference: [0.0; 4],
             output: [0.0; 3],
             model: 0.0,
@@ -75,7 +76,7 @@ impl AmplitudeLoop {
 
     /// Forgets all but the estimate of the gain: the drive is at rest.
     pub fn reset(&mut self) {
-        self.integral = 0.0;
+        self.integral_term = 0.0;
         self.reference = [0.0; 4];
         self.output = [0.0; 3];
         self.model = 0.0;
@@ -115,20 +116,20 @@ impl AmplitudeLoop {
             let old = self.gain;
             let seen = saturate(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
             self.gain += LEARNING * (seen - old);
-            // What the feedforward now does, the integral need not do any more.
-            self.integral += self.reference[2] * (1.0 / old - 1.0 / self.gain);
+            // What the feedforward now does, the integral term need not do any more.
+            self.integral_term += self.reference[2] * (1.0 / old - 1.0 / self.gain);
         }
         let wanted = 0.5 * (self.reference[2] + self.reference[3]);
         let error = wanted - measured;
         let inverse = 1.0 / self.gain;
         let feedforward = (self.reference[0] - keep * self.reference[1]) * inverse / (1.0 - keep);
-        let kick = proportional * error * inverse;
-        let raw = feedforward + kick + self.integral;
+        let proportional_term = proportional * error * inverse;
+        let raw = feedforward + proportional_term + self.integral_term;
         let output = saturate(raw, low, high);
         self.saturated = raw > high;
-        // Anti-windup: the integral stops where it would push further into the limit.
+        // Anti-windup: the integral term stops where it would push further into the limit.
         if (raw <= high || error < 0.0) && (raw >= low || error > 0.0) {
-            self.integral += integral * kick;
+            self.integral_term += integral * proportional_term;
         }
         let [newest, before, _] = self.output;
         self.output = [output, newest, before];
@@ -153,13 +154,13 @@ mod tests {
     use super::*;
 
     /// The drive's envelope, exactly, with gain as a factor on the nominal one; mean of each cycle.
-    struct Drive {
+    struct SimulatedDrive {
         envelope: f32,
         latched: f32,
         gain: f32,
     }
 
-    impl Drive {
+    impl SimulatedDrive {
         fn cycle(&mut self, output: f32) -> f32 {
             let keep = libm::expf(-core::f32::consts::PI / 25.0);
             let before = self.envelope;
@@ -171,7 +172,7 @@ mod tests {
 
     fn settle(gain: f32) -> (f32, f32, usize) {
         let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-        let mut drive = Drive {
+        let mut drive = SimulatedDrive {
             envelope: 0.0,
             latched: 0.0,
             gain,
@@ -205,7 +206,7 @@ mod tests {
     #[test]
     fn a_reference_out_of_reach_does_not_wind_up() {
         let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-        let mut drive = Drive {
+        let mut drive = SimulatedDrive {
             envelope: 0.0,
             latched: 0.0,
             gain: 1.0,

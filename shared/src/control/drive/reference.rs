@@ -9,10 +9,10 @@ use crate::control::saturate::saturate;
 pub enum Move {
     /// By at most this much a cycle, in m.
     Ramp(f32),
-    /// Along the envelope of kicks.
-    Envelope,
+    /// With the first-order lag of a kick.
+    Lag,
     /// At once.
-    At,
+    Step,
 }
 
 /// The reference.
@@ -26,24 +26,25 @@ pub struct Reference {
 
 impl Reference {
     /// A cycle on to a goal in m, with the lead of the track in rad and the time constant of a kick's
-    /// envelope in cycles.
-    pub fn go(&mut self, goal: f32, pace: Move, lead: f32, envelope: f32) {
+    /// lag in cycles.
+    pub fn go(&mut self, goal: f32, pace: Move, lead: f32, time_constant: f32) {
         self.now = match pace {
-            Move::At => goal,
+            Move::Step => goal,
             Move::Ramp(rate) => self.now + saturate(goal - self.now, -rate, rate),
-            Move::Envelope => self.after_a_cycle(goal, lead, envelope),
+            Move::Lag => self.after_a_cycle(goal, lead, time_constant),
         };
         self.commanded = goal;
     }
 
-    /// The reference a cycle on, along the envelope of kicks. A kick's cycles begin at phase 0 of the
+    /// The reference a cycle on, with the first-order lag of kicks. A kick's cycles begin at phase 0 of the
     /// track, where the plan has them, so the first part of the output's cycle still belongs to the
     /// command before.
-    fn after_a_cycle(&self, goal: f32, lead: f32, envelope: f32) -> f32 {
+    fn after_a_cycle(&self, goal: f32, lead: f32, time_constant: f32) -> f32 {
         let before = -lead * (1.0 / TAU);
         let before = before - libm::floorf(before);
-        let along =
-            |from: f32, to: f32, cycles: f32| to + (from - to) * libm::expf(-cycles / envelope);
+        let along = |from: f32, to: f32, cycles: f32| {
+            to + (from - to) * libm::expf(-cycles / time_constant)
+        };
         let next = along(along(self.now, self.commanded, before), goal, 1.0 - before);
         // The last thousandth is no use to the parts.
         if (next - goal).abs() < 1e-3 * goal {

@@ -1,9 +1,9 @@
 //! What the parts are heard to do: the lock, and the regime.
 
-use super::phases::Hearing;
+use super::phases::PhaseStatistics;
 use super::signal::Cycle;
 use crate::arithmetic::Phase;
-use crate::control::hear::LockAt;
+use crate::control::hear::LockWindow;
 use crate::feeder::OutOfRange;
 use crate::regime::classify::{Classifier, HearingSettings, Verdict};
 
@@ -12,9 +12,9 @@ const LOOK: u32 = 8;
 
 /// The parts as they are heard.
 #[derive(Clone, Debug)]
-pub struct Listening {
+pub struct Listener {
     /// When in a cycle they strike.
-    pub hearing: Hearing,
+    pub hearing: PhaseStatistics,
     classifier: Classifier<64>,
     /// What they were last heard to do.
     pub regime: Option<Verdict>,
@@ -22,11 +22,11 @@ pub struct Listening {
     pub watched: bool,
 }
 
-impl Listening {
+impl Listener {
     /// Nothing heard yet.
     pub fn build() -> Result<Self, OutOfRange> {
         Ok(Self {
-            hearing: Hearing::default(),
+            hearing: PhaseStatistics::default(),
             classifier: Classifier::build(HearingSettings::EAR)?,
             regime: None,
             watched: true,
@@ -53,7 +53,7 @@ impl Listening {
         cycle: &Cycle,
         count: u32,
         lead: Phase,
-        lock: Option<&LockAt>,
+        lock: Option<&LockWindow>,
         wanted: bool,
     ) {
         let lock = lock.map(|lock| (lock.phase, lock.width));
@@ -71,7 +71,7 @@ impl Listening {
     }
 
     /// Confidence that the parts are in a lock, 0..1.
-    pub fn confidence(&self, lock: Option<&LockAt>) -> f32 {
+    pub fn confidence(&self, lock: Option<&LockWindow>) -> f32 {
         lock.map_or(0.0, |lock| self.hearing.lock_confidence(lock.order))
     }
 }

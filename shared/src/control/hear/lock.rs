@@ -4,7 +4,7 @@ use crate::arithmetic::Phase;
 
 /// Where a lock is heard.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LockAt {
+pub struct LockWindow {
     /// Drive cycles per impact.
     pub order: u8,
     /// k of the setpoint.

@@ -19,13 +19,13 @@ mod signal;
 #[cfg(feature = "plant")]
 pub use fold::Fold;
 pub use fold::{Folded, HANDED, Layout, PLACES};
-pub use listener::Listening;
-pub use lock::LockAt;
+pub use listener::Listener;
+pub use lock::LockWindow;
 
 pub use onset::{HEARD_PER_CYCLE, Heard, HighPass, Onset, Standard};
 #[cfg(any(test, feature = "plant"))]
 pub use onset::{OnsetDetector, QUARTILE};
-pub use phases::Hearing;
+pub use phases::PhaseStatistics;
 #[cfg(feature = "plant")]
 pub use signal::MOST_LEFT_OUT;
 pub use signal::{AdcCode, Command, Cycle, Sampled, Signal};

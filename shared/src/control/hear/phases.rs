@@ -9,7 +9,7 @@ use crate::control::angle::radians_of;
 /// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead. Locked parts
 /// strike at one phase, however many they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Hearing {
+pub struct PhaseStatistics {
     sine: f32,
     cosine: f32,
     /// Impacts in memory.
@@ -23,7 +23,7 @@ pub struct Hearing {
 /// Share of the memory that a cycle leaves: 16 cycles.
 const KEEP: f32 = 1.0 - 1.0 / 16.0;
 
-impl Hearing {
+impl PhaseStatistics {
     /// Adds the impacts of one cycle with the track's lead; `lock` is the phase at which a locked part
     /// would strike and the half width around it that counts, in rad.
     pub fn cycle(&mut self, cycle: &Cycle, lead: Phase, lock: Option<(Phase, f32)>) {
@@ -128,8 +128,8 @@ mod tests {
 
     #[test]
     fn one_phase_is_concentrated_across_the_wrap_and_two_opposite_ones_are_not() {
-        let mut one = Hearing::default();
-        let mut two = Hearing::default();
+        let mut one = PhaseStatistics::default();
+        let mut two = PhaseStatistics::default();
         for n in 0..100 {
             let jitter = 0.02 * (n % 3 - 1) as f32;
             one.cycle(&heard(&[3.1 + 2.0 * jitter]), phase_of(0.04), None);
@@ -149,7 +149,7 @@ mod tests {
     fn a_lock_is_believed_where_it_belongs_at_its_rate_and_not_elsewhere() {
         let lock = Some((phase_of(0.45), 0.3));
         let run = |phases: &[&[f32]], order| {
-            let mut hearing = Hearing::default();
+            let mut hearing = PhaseStatistics::default();
             for n in 0..60 {
                 hearing.cycle(&heard(phases[n % phases.len()]), Phase::ZERO, lock);
             }

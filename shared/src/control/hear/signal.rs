@@ -1,4 +1,4 @@
-//! The signal path of one sample: drive phase, demodulation, listening, drive output.
+//! The signal path of one sample: drive phase, demodulation, onset detection, drive output.
 
 use heapless::Vec;
 

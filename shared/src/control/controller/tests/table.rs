@@ -33,7 +33,7 @@ fn ready(target: Target) -> (Controller, Phase) {
     };
     let mut controller = Controller::build(&settings, target, Start::Ordinary).unwrap();
     while controller.plan_step() {}
-    let phase = controller.aim.lock().unwrap().phase;
+    let phase = controller.selection.lock().unwrap().phase;
     (controller, phase)
 }
 
