@@ -166,7 +166,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
         instructions(dearest) / 100
     );
     let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
-    let mut path = signal;
+    let mut path = signal.clone();
     let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
     let (mut sum, mut most, mut samples, mut whole_sum, mut whole_most) = (0, 0, 0_u32, 0, 0);
     cycles = 0;
