@@ -222,25 +222,22 @@ impl Signal {
 
     fn finish(&mut self) {
         let inverse = 1.0 / (self.weight - self.left_out);
-        let Cycle {
-            in_phase,
-            quadrature,
-            ..
-        } = self.finished;
-        self.finished = Cycle {
-            in_phase: (2.0 * self.cosines - self.left_out * in_phase) * inverse,
-            quadrature: (2.0 * self.sines - self.left_out * quadrature) * inverse,
-            mean: self.mean + self.accelerations * inverse,
-            noise: self.detector.noise(),
-            folded: self.fold.finish(self.pending.fold, self.pending.step),
-            ..self.running.clone()
-        };
-        self.mean = self.finished.mean;
-        self.running.samples = 0;
-        self.running.low = u16::MAX;
-        self.running.high = 0;
-        self.running.saturated = 0;
-        self.running.heard.clear();
+        let (running, finished) = (&mut self.running, &mut self.finished);
+        finished.in_phase = (2.0 * self.cosines - self.left_out * finished.in_phase) * inverse;
+        finished.quadrature = (2.0 * self.sines - self.left_out * finished.quadrature) * inverse;
+        finished.mean = self.mean + self.accelerations * inverse;
+        finished.noise = self.detector.noise();
+        finished.folded = self.fold.finish(self.pending.fold, self.pending.step);
+        finished.samples = running.samples;
+        (finished.low, finished.high) = (running.low, running.high);
+        finished.saturated = running.saturated;
+        finished.heard.clear();
+        finished.heard.extend(running.heard.iter().copied());
+        self.mean = finished.mean;
+        running.samples = 0;
+        (running.low, running.high) = (u16::MAX, 0);
+        running.saturated = 0;
+        running.heard.clear();
         self.amplitude = self.pending.amplitude;
         if self.step != self.pending.step {
             self.step = self.pending.step;
