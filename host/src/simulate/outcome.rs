@@ -314,7 +314,7 @@ impl Outcome {
     /// Whether every part is locked at the end, told from its impacts alone.
     #[must_use]
     pub fn is_locked(&self) -> bool {
-        let parts = self.file.scene.part_count;
+        let parts = self.file.scene.parts.len() as u8;
         parts > 0 && (0..parts).all(|part| matches!(self.regime_of(part), Regime::Locked { .. }))
     }
 
