@@ -217,3 +217,50 @@ fn every_name_of_the_glossary_is_in_the_sources() {
         );
     }
 }
+
+/// Names that were private to this project, where they may not come back, and the word of the field for each.
+const GIVEN_UP: &[(&str, &str, &str)] = &[
+    ("Ear", "", "onset detector (OnsetDetector)"),
+    (
+        "flank",
+        "shared/src/impact",
+        "slope at lift-off (lift_off_cosine)",
+    ),
+    (
+        "edge_cosine",
+        "shared/src/impact",
+        "slope at lift-off (lift_off_cosine)",
+    ),
+    (
+        "is_home",
+        "shared/src/impact",
+        "a flight that meets the track once (meets_once)",
+    ),
+    (
+        "home",
+        "shared/src/impact",
+        "a flight that meets the track once (meets_once)",
+    ),
+    ("is_high", "shared/src/impact", "a tall flight (is_tall)"),
+    ("nudge", "shared/src/impact", "release (Release)"),
+    ("PER_24", "shared/src", "a fixed-point number (Fixed)"),
+    ("PER_26", "shared/src", "a fixed-point number (Fixed)"),
+    ("PER_30", "shared/src", "a fixed-point number (Fixed)"),
+    ("Line", "host/src/board", "link (Link)"),
+];
+
+#[test]
+fn private_words_do_not_come_back() {
+    let inside = |c: char| c.is_alphanumeric() || c == '_';
+    for (path, text) in texts(&[".rs"]) {
+        let name = shown(&path);
+        let words: BTreeSet<&str> = text.split(|c| !inside(c)).collect();
+        for (word, folder, instead) in GIVEN_UP {
+            assert!(
+                !(name.starts_with(folder) && words.contains(word))
+                    || name.ends_with("documentation.rs"),
+                "{name}: '{word}' is {instead}; see docs/glossary.md"
+            );
+        }
+    }
+}
