@@ -246,6 +246,20 @@ const GIVEN_UP: &[(&str, &str, &str)] = &[
     ("PER_24", "shared/src", "a fixed-point number (Fixed)"),
     ("PER_26", "shared/src", "a fixed-point number (Fixed)"),
     ("PER_30", "shared/src", "a fixed-point number (Fixed)"),
+    ("Suspicions", "", "fault detector (FaultDetector)"),
+    ("Suspicion", "", "fault detector (FaultDetector)"),
+    ("Restraint", "", "limit monitor (LimitMonitor)"),
+    (
+        "Course",
+        "shared/src/control",
+        "state machine (StateMachine)",
+    ),
+    (
+        "Hearing",
+        "shared/src/control",
+        "phase statistics (PhaseStatistics)",
+    ),
+    ("LockAt", "", "lock window (LockWindow)"),
     ("Line", "host/src/board", "link (Link)"),
 ];
 
