@@ -64,7 +64,7 @@ fn holds(chip: &Chip, image: &Image) -> bool {
 #[test]
 fn an_image_is_written_verified_and_started_with_the_drive_off() {
     let (folder, path) = (folder(), feeder());
-    let image = Image::read(&path, &STM32F405RG).unwrap();
+    let image = Image::read(&path).unwrap();
     let probe = Probe::before(board());
     let name = probe.name();
     let words = ["flash", path.to_str().unwrap(), "--probe", &name];
@@ -82,7 +82,7 @@ fn an_image_is_written_verified_and_started_with_the_drive_off() {
 #[test]
 fn a_board_that_was_cut_off_does_not_start_until_it_is_written_again() {
     let (folder, path) = (folder(), feeder());
-    let image = Image::read(&path, &STM32F405RG).unwrap();
+    let image = Image::read(&path).unwrap();
     let flash = |probe: &Probe| {
         kband(
             folder.path(),
@@ -311,7 +311,7 @@ fn says(chip: &mut Chip, words: &Words, bytes: &[u8]) -> bool {
 #[test]
 fn the_log_of_a_board_is_read_while_it_runs() {
     let (folder, path) = (folder(), feeder());
-    let (image, words) = (Image::read(&path, &STM32F405RG).unwrap(), Words::of(&path));
+    let (image, words) = (Image::read(&path).unwrap(), Words::of(&path));
     // Near the end of the ring, which the first line goes across.
     let probe = Probe::before(logging(&image, &words, 0x2000_c000, RING - 20));
     let line = |number: u64| words.started(number, "0.1.0+test", "power");
@@ -359,7 +359,7 @@ fn the_log_of_a_board_is_read_while_it_runs() {
 #[test]
 fn a_log_of_another_image_and_a_log_through_nothing_are_refused() {
     let (folder, path) = (folder(), feeder());
-    let (image, words) = (Image::read(&path, &STM32F405RG).unwrap(), Words::of(&path));
+    let (image, words) = (Image::read(&path).unwrap(), Words::of(&path));
     let elf = path.to_str().unwrap();
     let monitor = |probe: &Probe, more: &[&str]| {
         let name = probe.name();

@@ -7,7 +7,7 @@ use object::elf::{EM_ARM, ET_EXEC, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader};
 use object::{FileKind, LittleEndian};
 
-use super::model::{Chip, Sector};
+use super::model::{CHIPS, Chip, Sector};
 use crate::refusal::Refusal;
 
 /// Builds the board's image.
@@ -22,22 +22,23 @@ pub struct Piece {
     pub bytes: Vec<u8>,
 }
 
-/// An image that fits a chip.
+/// An image that fits the chip that it names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
+    chip: &'static Chip,
     pieces: Vec<Piece>,
     memory: u32,
 }
 
 impl Image {
     /// Reads and checks an image; the refusal says what does not fit.
-    pub fn read(path: &Path, chip: &Chip) -> Result<Self, Refusal> {
+    pub fn read(path: &Path) -> Result<Self, Refusal> {
         let bytes = crate::file::read(path, BUILD)?;
-        Self::parse(&bytes, chip).map_err(|refusal| refusal.at(path.display()))
+        Self::parse(&bytes).map_err(|refusal| refusal.at(path.display()))
     }
 
     /// The image in the bytes of an ELF file.
-    pub fn parse(file: &[u8], chip: &Chip) -> Result<Self, Refusal> {
+    pub fn parse(file: &[u8]) -> Result<Self, Refusal> {
         let damaged = |error: object::read::Error| {
             Refusal::new(format!("the file is damaged: {error}"), BUILD)
         };
@@ -45,10 +46,7 @@ impl Image {
             Ok(FileKind::Elf32) => {}
             Ok(FileKind::Elf64) => {
                 return Err(Refusal::new(
-                    format!(
-                        "this is a program of 64 bits, not one for the {}",
-                        chip.name
-                    ),
+                    "this is a program of 64 bits, not one for a board",
                     BUILD,
                 ));
             }
@@ -70,6 +68,22 @@ impl Image {
                 BUILD,
             ));
         }
+        let sections = header.sections(endian, file).map_err(damaged)?;
+        let section = |name: &[u8]| {
+            sections
+                .section_by_name(endian, name)
+                .map(|(_, found)| found)
+        };
+        let size = |name: &[u8]| section(name).map(|found| found.sh_size(endian));
+        // It asks a debugger for everything: alone it would hang.
+        if size(b".emulated").is_some() {
+            return Err(Refusal::new("this image is the emulated board's", BUILD));
+        }
+        let name = section(b".chip").map(|found| found.data(endian, file));
+        let name = name.transpose().map_err(damaged)?;
+        let chip = named(name.ok_or_else(|| {
+            Refusal::new("this image names no chip: it is another program's", BUILD)
+        })?)?;
         let mut pieces = Vec::new();
         let mut memory = chip.memory.start..chip.memory.start;
         for segment in header.program_headers(endian, file).map_err(damaged)? {
@@ -109,14 +123,9 @@ impl Image {
             }
         }
         let image = Self {
+            chip,
             pieces,
             memory: memory.end - memory.start,
-        };
-        image.check_vectors(chip)?;
-        let sections = header.sections(endian, file).map_err(damaged)?;
-        let size = |name: &[u8]| {
-            let found = sections.section_by_name(endian, name);
-            found.map(|(_, section)| section.sh_size(endian))
         };
         let vectors = size(b".vector_table").unwrap_or(0) as usize / 4;
         if vectors != chip.vectors {
@@ -124,13 +133,10 @@ impl Image {
                 "entries of the vector table",
                 vectors,
                 format!("{} on the {}", chip.vectors, chip.name),
-                format!("it is for another chip; {BUILD}"),
+                format!("build it anew: {}", chip.build),
             ));
         }
-        // It asks a debugger for everything: alone it would hang.
-        if size(b".emulated").is_some() {
-            return Err(Refusal::new("this image is the emulated board's", BUILD));
-        }
+        image.check_vectors()?;
         if size(b".defmt").is_none_or(|size| size == 0) {
             return Err(Refusal::new(
                 "this image has no log as a board's has: it is another program's",
@@ -138,6 +144,12 @@ impl Image {
             ));
         }
         Ok(image)
+    }
+
+    /// The chip that it is for.
+    #[must_use]
+    pub fn chip(&self) -> &'static Chip {
+        self.chip
     }
 
     /// What goes where in the flash, by address.
@@ -185,7 +197,8 @@ impl Image {
     }
 
     /// The stack in RAM; every handler that is named in the image, in Thumb.
-    fn check_vectors(&self, chip: &Chip) -> Result<(), Refusal> {
+    fn check_vectors(&self) -> Result<(), Refusal> {
+        let chip = self.chip;
         let vector = |number: u32| {
             self.word(chip.flash.start + 4 * number).ok_or_else(|| {
                 Refusal::new(
@@ -225,6 +238,15 @@ impl Image {
     }
 }
 
+/// The chip of this name.
+fn named(name: &[u8]) -> Result<&'static Chip, Refusal> {
+    let name = String::from_utf8_lossy(name);
+    Chip::named(&name).ok_or_else(|| {
+        let known: Vec<&str> = CHIPS.iter().map(|chip| chip.name).collect();
+        Refusal::value("chip of the image", &name, known.join(", "), BUILD)
+    })
+}
+
 fn span(start: u32, length: u32) -> Result<Range<u32>, Refusal> {
     let end = start.checked_add(length).ok_or_else(|| {
         Refusal::new(
@@ -253,7 +275,7 @@ fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::STM32F405RG;
+    use super::super::model::{STM32F405RG, STM32G474RE};
     use super::*;
 
     /// A small image that is accepted: vector table, code, data, stack.
@@ -268,6 +290,7 @@ mod tests {
         stack: (u32, u32),
         log: u32,
         emulated: bool,
+        chip: &'static str,
     }
 
     fn elf_with(change: impl FnOnce(&mut Parts)) -> Vec<u8> {
@@ -278,11 +301,12 @@ mod tests {
             stack: (0x2000_0000, 0x8000),
             log: 15,
             emulated: false,
+            chip: "stm32f405rg",
         };
         parts.vectors[0] = 0x2000_8000;
         parts.vectors[7] = 0;
         change(&mut parts);
-        let names = b"\0.vector_table\0.defmt\0.names\0.emulated\0\0";
+        let names = b"\0.vector_table\0.defmt\0.names\0.emulated\0.chip\0";
         let table: Vec<u8> = parts
             .vectors
             .iter()
@@ -293,7 +317,8 @@ mod tests {
         let table_at = segments_at + 32 * count;
         let code_at = table_at + table.len() as u32;
         let names_at = code_at + code.len() as u32;
-        let sections_at = names_at + names.len() as u32;
+        let chip_at = names_at + names.len() as u32;
+        let sections_at = chip_at + parts.chip.len() as u32;
         let mut file = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
         let half = |file: &mut Vec<u8>, value: u16| file.extend_from_slice(&value.to_le_bytes());
         let words = |file: &mut Vec<u8>, values: &[u32]| {
@@ -307,7 +332,7 @@ mod tests {
             &mut file,
             &[1, 0x0800_0189, segments_at, sections_at, 0x0500_0400],
         );
-        let sections = 4 + u16::from(parts.emulated);
+        let sections = 4 + u16::from(!parts.chip.is_empty()) + u16::from(parts.emulated);
         for value in [52, 32, count as u16, 40, sections, 3] {
             half(&mut file, value);
         }
@@ -345,6 +370,7 @@ mod tests {
         file.extend_from_slice(&table);
         file.extend_from_slice(&code);
         file.extend_from_slice(names);
+        file.extend_from_slice(parts.chip.as_bytes());
         words(&mut file, &[0; 10]);
         words(
             &mut file,
@@ -355,6 +381,10 @@ mod tests {
             &mut file,
             &[22, 3, 0, 0, names_at, names.len() as u32, 0, 0, 1, 0],
         );
+        let length = parts.chip.len() as u32;
+        if length > 0 {
+            words(&mut file, &[39, 1, 0, 0, chip_at, length, 0, 0, 1, 0]);
+        }
         if parts.emulated {
             words(&mut file, &[29, 1, 0, 0, code_at, 1, 0, 0, 1, 0]);
         }
@@ -362,12 +392,12 @@ mod tests {
     }
 
     fn refused(file: &[u8]) -> String {
-        Image::parse(file, &STM32F405RG).unwrap_err().to_string()
+        Image::parse(file).unwrap_err().to_string()
     }
 
     #[test]
     fn an_image_that_fits_is_taken() {
-        let image = Image::parse(&elf(), &STM32F405RG).unwrap();
+        let image = Image::parse(&elf()).unwrap();
         assert_eq!((image.size(), image.memory()), (98 * 4 + 64, 0x8000));
         let bytes: Vec<u32> = STM32F405RG
             .sectors()
@@ -377,9 +407,30 @@ mod tests {
     }
 
     #[test]
+    fn an_image_is_for_the_chip_that_it_names() {
+        let longer = |parts: &mut Parts| {
+            parts.vectors.resize(118, 0);
+            parts.code_at = 0x0800_01d8;
+            parts.vectors[1..4].fill(0x0800_01d9);
+            parts.vectors[4..].fill(0);
+        };
+        let second = elf_with(|parts| {
+            longer(parts);
+            parts.chip = "stm32g474re";
+        });
+        assert_eq!(Image::parse(&second).unwrap().chip(), &STM32G474RE);
+        assert_eq!(Image::parse(&elf()).unwrap().chip(), &STM32F405RG);
+        let mixed = refused(&elf_with(longer));
+        assert!(
+            mixed.contains("118") && mixed.contains("98 on the STM32F405RG"),
+            "{mixed}"
+        );
+    }
+
+    #[test]
     fn what_does_not_fit_is_refused_with_what_it_is() {
         type Change = fn(&mut Parts);
-        let cases: [(Change, &[&str]); 11] = [
+        let cases: [(Change, &[&str]); 14] = [
             (|parts| parts.machine = 3, &["machine", "3", "40"]),
             (|parts| parts.code_at = 0x0807_fff0, &["0x0807", "settings"]),
             (
@@ -406,6 +457,19 @@ mod tests {
             ),
             (|parts| parts.log = 0, &["no log"]),
             (|parts| parts.emulated = true, &["emulated board"]),
+            (|parts| parts.chip = "", &["names no chip"]),
+            (
+                |parts| parts.chip = "stm32h743zi",
+                &["stm32h743zi", "STM32F405RG, STM32G474RE"],
+            ),
+            (
+                |parts| parts.chip = "stm32g474re",
+                &[
+                    "entries of the vector table",
+                    "98",
+                    "118 on the STM32G474RE",
+                ],
+            ),
         ];
         for (change, expected) in cases {
             let message = refused(&elf_with(change));
@@ -414,14 +478,6 @@ mod tests {
             }
             assert!(message.contains("cargo feeder"), "{message}");
         }
-        // The second board's table is longer.
-        let longer = elf_with(|parts| {
-            parts.vectors.resize(118, 0);
-            parts.code_at = 0x0800_01d8;
-            parts.vectors[1..4].fill(0x0800_01d9);
-            parts.vectors[4..].fill(0);
-        });
-        assert!(refused(&longer).contains("another chip"));
         for (file, words) in [
             (&b""[..], "no ELF"),
             (b":020000040800F2", "no ELF"),
@@ -435,16 +491,13 @@ mod tests {
     fn a_file_cut_or_changed_anywhere_is_refused_or_still_fits() {
         let whole = elf();
         for cut in 0..whole.len() {
-            assert!(
-                Image::parse(&whole[..cut], &STM32F405RG).is_err(),
-                "cut at {cut}"
-            );
+            assert!(Image::parse(&whole[..cut]).is_err(), "cut at {cut}");
         }
         for at in 0..whole.len() {
             for change in [0x01, 0x80, 0xff] {
                 let mut bad = whole.clone();
                 bad[at] ^= change;
-                if let Ok(image) = Image::parse(&bad, &STM32F405RG) {
+                if let Ok(image) = Image::parse(&bad) {
                     for piece in image.pieces() {
                         let end = piece.address + piece.bytes.len() as u32;
                         assert!(0x0800_0000 <= piece.address && end <= 0x0808_0000);

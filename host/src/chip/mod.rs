@@ -1,4 +1,4 @@
-//! The board's chip: what it is, the image that fits it, and the way to it through a debug probe.
+//! The chips of the boards: what they are, the images that fit them, and the way to them through a debug probe.
 
 #[cfg(feature = "flash")]
 mod apart;
@@ -12,7 +12,7 @@ mod ring;
 mod write;
 
 pub use image::{Image, Piece};
-pub use model::{Chip, STM32F405RG, Sector};
+pub use model::{CHIPS, Chip, Controller, STM32F405RG, STM32G474RE, Sector};
 #[cfg(feature = "flash")]
 pub use ring::follow;
 #[cfg(feature = "flash")]

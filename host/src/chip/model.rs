@@ -1,16 +1,18 @@
-//! The chip of the board: where its memories lie and how its flash is erased.
+//! The chips of the boards: where their memories lie, how their flash is erased and written.
 
 use std::ops::Range;
 
 /// A chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chip {
-    /// Its name.
+    /// Its name; in small letters that of the board's cargo feature, by which an image names it.
     pub name: &'static str,
+    /// Builds its image.
+    pub build: &'static str,
     /// Flash.
     pub flash: Range<u32>,
-    /// Sizes of the sectors of the flash in KiB, in order.
-    pub sectors: &'static [u32],
+    /// Sectors of the flash in order, as runs of so many of so many KiB.
+    pub sectors: &'static [(usize, u32)],
     /// Sectors of settings and faults: an image must not touch them.
     pub settings: Range<u32>,
     /// RAM.
@@ -19,29 +21,97 @@ pub struct Chip {
     pub vectors: usize,
     /// Its family in the register that identifies the chip.
     pub family: u32,
+    /// Address of the half word that tells the size of its flash in KiB.
+    pub flash_size: u32,
+    /// Address and bit that have to be set for the flash to be divided as `sectors` says, where an option divides it.
+    pub divided: Option<(u32, u32)>,
     /// Address and bit that stop the bridge's timer with the core, its outputs switched off.
     pub stops: (u32, u32),
     /// Address and bits that stop both watchdogs with the core: none must bite while the flash is written.
     pub rests: (u32, u32),
     /// Address and bit that let the bridge's timer drive its outputs.
     pub drives: (u32, u32),
+    /// The controller of its flash.
+    pub controller: Controller,
 }
 
-/// The board's chip (RM0090, sections 2.3, 3.4 and 12.2; DBGMCU_IDCODE in 38.6.1, DBGMCU_APB1_FZ and
-/// APB2_FZ in 38.16.4 and 38.16.5,
-/// TIM1_BDTR in 17.4.18).
+/// The controller of a flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Controller {
+    /// Its register for the keys.
+    pub keys: u32,
+    /// Its register of the status, with the bit [`Controller::BUSY`].
+    pub status: u32,
+    /// Its register of control, with the bit [`Controller::LOCK`].
+    pub control: u32,
+    /// What has it program words of 32 bits that a debugger writes.
+    pub program: u32,
+    /// Bits of the status that tell of errors; cleared by writing them.
+    pub errors: u32,
+}
+
+impl Controller {
+    /// The keys that open it, in order (RM0090, 3.6.1; RM0440, 3.3.6).
+    pub const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+    /// The status is busy.
+    pub const BUSY: u32 = 1 << 16;
+    /// Closes it.
+    pub const LOCK: u32 = 1 << 31;
+}
+
+/// The default board's chip (RM0090, sections 2.3, 3.4, 3.9 and 12.2; DBGMCU_IDCODE in 38.6.1, DBGMCU_APB1_FZ and
+/// APB2_FZ in 38.16.4 and 38.16.5, flash size in 39.2, TIM1_BDTR in 17.4.18).
 pub const STM32F405RG: Chip = Chip {
     name: "STM32F405RG",
+    build: "cargo feeder",
     flash: 0x0800_0000..0x0810_0000,
-    sectors: &[16, 16, 16, 16, 64, 128, 128, 128, 128, 128, 128, 128],
+    sectors: &[(4, 16), (1, 64), (7, 128)],
     settings: 0x0808_0000..0x0810_0000,
     memory: 0x2000_0000..0x2002_0000,
     vectors: 98,
     family: 0x413,
+    flash_size: 0x1fff_7a22,
+    divided: None,
     stops: (0xe004_200c, 1),
     rests: (0xe004_2008, 3 << 11),
     drives: (0x4001_0044, 1 << 15),
+    controller: Controller {
+        keys: 0x4002_3c04,
+        status: 0x4002_3c0c,
+        control: 0x4002_3c10,
+        // With a parallelism of 32 bits.
+        program: 1 | 2 << 8,
+        errors: 0xf2,
+    },
 };
+
+/// The chip of the Nucleo-G474RE, its flash in two banks (RM0440, sections 2.2, 3.3 and 3.7; DBGMCU in 47, flash size
+/// in 48.2, TIM1_BDTR in 28.6.20).
+pub const STM32G474RE: Chip = Chip {
+    name: "STM32G474RE",
+    build: "cargo feeder --no-default-features --features stm32g474re",
+    flash: 0x0800_0000..0x0808_0000,
+    sectors: &[(256, 2)],
+    settings: 0x0807_e000..0x0808_0000,
+    memory: 0x2000_0000..0x2001_8000,
+    vectors: 118,
+    family: 0x469,
+    flash_size: 0x1fff_75e0,
+    divided: Some((0x4002_2020, 1 << 22)),
+    stops: (0xe004_2010, 1 << 11),
+    rests: (0xe004_2008, 3 << 11),
+    drives: (0x4001_2c44, 1 << 15),
+    controller: Controller {
+        keys: 0x4002_2008,
+        status: 0x4002_2010,
+        control: 0x4002_2014,
+        program: 1,
+        errors: 0xc3fa,
+    },
+};
+
+/// Every chip that the firmware is built for.
+pub const CHIPS: [&Chip; 2] = [&STM32F405RG, &STM32G474RE];
 
 /// One sector of a flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,10 +123,22 @@ pub struct Sector {
 }
 
 impl Chip {
+    /// The chip that an image names.
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        CHIPS
+            .into_iter()
+            .find(|chip| chip.name.eq_ignore_ascii_case(name))
+    }
+
     /// Its sectors.
     pub fn sectors(&self) -> impl Iterator<Item = Sector> + '_ {
         let mut end = self.flash.start;
-        self.sectors.iter().enumerate().map(move |(number, size)| {
+        let sizes = self
+            .sectors
+            .iter()
+            .flat_map(|(count, size)| std::iter::repeat_n(size, *count));
+        sizes.enumerate().map(move |(number, size)| {
             let start = end;
             end += size * 1024;
             Sector {
@@ -69,15 +151,57 @@ impl Chip {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
     use super::*;
 
     #[test]
     fn the_sectors_fill_the_flash_and_the_settings_are_whole_ones() {
-        let sectors: Vec<Sector> = STM32F405RG.sectors().collect();
-        assert_eq!(sectors[11].range.end, STM32F405RG.flash.end);
-        assert_eq!(
-            STM32F405RG.settings,
-            sectors[8].range.start..sectors[11].range.end
-        );
+        for chip in CHIPS {
+            let sectors: Vec<Sector> = chip.sectors().collect();
+            assert_eq!(sectors.last().unwrap().range.end, chip.flash.end);
+            let settings: Vec<&Sector> = sectors
+                .iter()
+                .filter(|sector| sector.range.start >= chip.settings.start)
+                .collect();
+            assert_eq!(settings.len(), 4, "{}", chip.name);
+            assert_eq!(settings[0].range.start, chip.settings.start);
+            assert_eq!(settings[3].range.end, chip.settings.end);
+        }
+    }
+
+    /// A memory's start and end in the description that a board's image is linked with.
+    fn described(description: &str, memory: &str) -> Range<u32> {
+        let line = description
+            .lines()
+            .find(|line| line.trim().starts_with(memory))
+            .unwrap();
+        let value = |key: &str| {
+            let rest = line.split_once(key).unwrap().1;
+            let rest = rest.trim_start_matches([' ', '=']);
+            rest.split([',', ' ']).next().unwrap().to_owned()
+        };
+        let start = u32::from_str_radix(value("ORIGIN").trim_start_matches("0x"), 16).unwrap();
+        let kib: u32 = value("LENGTH").trim_end_matches('K').parse().unwrap();
+        start..start + 1024 * kib
+    }
+
+    #[test]
+    fn every_board_of_the_firmware_has_its_chip_with_the_memory_that_its_image_is_linked_for() {
+        let firmware = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware");
+        let mut boards = BTreeSet::new();
+        for file in std::fs::read_dir(firmware).unwrap().flatten() {
+            let name = file.file_name().into_string().unwrap();
+            let Some(board) = name.strip_suffix(".x") else {
+                continue;
+            };
+            let chip = Chip::named(board).unwrap_or_else(|| panic!("no chip for {name}"));
+            let description = std::fs::read_to_string(file.path()).unwrap();
+            assert_eq!(described(&description, "FLASH"), chip.flash, "{name}");
+            assert_eq!(described(&description, "RAM"), chip.memory, "{name}");
+            boards.insert(chip.name);
+        }
+        assert_eq!(boards.len(), CHIPS.len());
     }
 }

@@ -10,9 +10,8 @@ use probe_rs::{Permissions, Session};
 use super::model::Chip;
 use crate::refusal::Refusal;
 
-/// The register that identifies the chip, and the one that tells its flash (RM0090, 38.6.1 and 39.2).
+/// The register that identifies a chip (RM0090, 38.6.1; RM0440, 47.6.1).
 const IDENTITY: u32 = 0xe004_2000;
-const FLASH_SIZE: u32 = 0x1fff_7a22;
 /// What the identity says of the family.
 const FAMILY: u32 = 0xfff;
 
@@ -71,21 +70,40 @@ impl Reached {
 
     fn identify(&mut self) -> Result<(), Refusal> {
         let family = self.word(IDENTITY)? & FAMILY;
-        let mut half = [0; 2];
-        self.read(FLASH_SIZE, &mut half)?;
-        let kib = u32::from(u16::from_le_bytes(half));
         let size = (self.chip.flash.end - self.chip.flash.start) / 1024;
-        if family == self.chip.family && kib >= size {
-            return Ok(());
+        let mut found = format!("family {family:#05x}");
+        // Another family has something else where this one tells its flash.
+        if family == self.chip.family {
+            let mut half = [0; 2];
+            self.read(self.chip.flash_size, &mut half)?;
+            let kib = u32::from(u16::from_le_bytes(half));
+            if kib >= size {
+                return self.look_at_division();
+            }
+            found += &format!(" with {kib} KiB of flash");
         }
         Err(Refusal::value(
             "chip",
-            format!("family {family:#05x} with {kib} KiB of flash"),
+            found,
             format!(
-                "{:#05x} with {size} KiB: {}",
+                "{:#05x} with {size} KiB: {}, for which the image is",
                 self.chip.family, self.chip.name
             ),
-            "nothing was touched: look whether this is the right board",
+            "nothing was touched: look whether this is the right board, or give its image",
+        ))
+    }
+
+    /// Refused where an option divides the flash otherwise than the image has it.
+    fn look_at_division(&mut self) -> Result<(), Refusal> {
+        let Some((address, bit)) = self.chip.divided else {
+            return Ok(());
+        };
+        if self.word(address)? & bit != 0 {
+            return Ok(());
+        }
+        Err(Refusal::new(
+            "the flash of this chip is one bank, and the image keeps its settings in the second of two",
+            "nothing was touched: set the chip's option DBANK, as with STM32CubeProgrammer",
         ))
     }
 

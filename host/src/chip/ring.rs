@@ -14,7 +14,6 @@ use object::read::elf::{FileHeader, Sym};
 
 use super::apart;
 use super::image::Image;
-use super::model::Chip;
 use super::reach::Reached;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
@@ -40,13 +39,12 @@ const LOOK: Duration = Duration::from_millis(50);
 /// The image `elf` must be the one that runs there.
 pub fn follow(
     elf: &Path,
-    chip: &'static Chip,
     wanted: Option<&str>,
     desk: &Desk,
 ) -> Result<impl FnMut() -> Result<Vec<u8>, Refusal> + use<>, Refusal> {
     let (elf, wanted) = (elf.to_path_buf(), wanted.map(str::to_owned));
     let said = apart::start(move |sender| {
-        let mut ring = match Ring::of(&elf, chip, wanted.as_deref()) {
+        let mut ring = match Ring::of(&elf, wanted.as_deref()) {
             Ok(ring) => ring,
             Err(refusal) => {
                 // Nobody listens any more: then nobody misses it.
@@ -80,8 +78,9 @@ struct Ring {
 
 impl Ring {
     /// The ring that the image `elf` has on the chip behind the probe that is wanted.
-    fn of(elf: &Path, chip: &'static Chip, wanted: Option<&str>) -> Result<Self, Refusal> {
-        let image = Image::read(elf, chip)?;
+    fn of(elf: &Path, wanted: Option<&str>) -> Result<Self, Refusal> {
+        let image = Image::read(elf)?;
+        let chip = image.chip();
         let head = place(elf)?;
         let mut reached = Reached::by(wanted, chip)?;
         let table = image.pieces().first().map_or(&[][..], |piece| &piece.bytes);

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use probe_rs::flashing::{DownloadOptions, FlashProgress, ProgressEvent, ProgressOperation};
-use probe_rs::{MemoryInterface, Session};
+use probe_rs::{Core, MemoryInterface, Session};
 
 use super::apart;
 use super::image::{Image, Piece};
-use super::model::Chip;
+use super::model::{Chip, Controller};
 use super::reach::{Reached, causes};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
@@ -16,6 +16,8 @@ use crate::refusal::Refusal;
 const HALT: Duration = Duration::from_millis(500);
 /// Stack and entry of the image: erased, no core starts.
 const FIRST: usize = 8;
+/// Looks at a controller until it counts as stuck.
+const LOOKS: usize = 1_000;
 /// What to do after it was cut.
 const AGAIN: &str = "run kband flash again: until it ends well the board does not start, and its settings are untouched";
 
@@ -26,7 +28,6 @@ const AGAIN: &str = "run kband flash again: until it ends well the board does no
 /// was verified: cut at any moment, the board does not start, and its drive stays off.
 pub fn write(
     image: Image,
-    chip: &'static Chip,
     probe: Option<&str>,
     desk: &Desk,
     mut written: impl FnMut(u64),
@@ -35,7 +36,7 @@ pub fn write(
     let said = apart::start(move |sender| {
         // Nobody listens any more: then nobody misses it.
         let mut told = |bytes| _ = sender.send(Said::Written(bytes));
-        let end = write_here(&image, chip, probe.as_deref(), &mut told);
+        let end = write_here(&image, probe.as_deref(), &mut told);
         _ = sender.send(Said::Ended(end));
     })?;
     let mut begun = false;
@@ -59,17 +60,18 @@ enum Said {
 
 fn write_here(
     image: &Image,
-    chip: &'static Chip,
     probe: Option<&str>,
     written: &mut impl FnMut(u64),
 ) -> Result<(), Refusal> {
+    let chip = image.chip();
     let mut reached = Reached::by(probe, chip)?;
     reached.drive_off()?;
     let mut session = reached.control()?;
     stop(&mut session, chip)?;
-    let (first, rest) = parts(image, chip);
-    commit(&mut session, &rest, true, written)?;
-    commit(&mut session, &first, false, written)?;
+    let (first, rest) = parts(image);
+    commit(&mut session, &rest, written)?;
+    begin(&mut session, chip, first)?;
+    written(FIRST as u64);
     let started = session.core(0).and_then(|mut core| core.reset());
     started.map_err(|error| {
         Refusal::new(
@@ -83,20 +85,24 @@ fn write_here(
 }
 
 /// The image's first words, and all that is behind them.
-fn parts(image: &Image, chip: &Chip) -> (Vec<Piece>, Vec<Piece>) {
+fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
+    let start = image.chip().flash.start;
+    let mut first = [0; 2];
     let mut pieces = image.pieces().to_vec();
-    let head = pieces
-        .iter_mut()
-        .find(|piece| piece.address == chip.flash.start && piece.bytes.len() > FIRST);
-    let first = head.map(|piece| {
-        let rest = piece.bytes.split_off(FIRST);
-        piece.address += FIRST as u32;
-        Piece {
-            address: chip.flash.start,
-            bytes: std::mem::replace(&mut piece.bytes, rest),
+    // An image begins with its vector table, or it would not have been read.
+    for piece in &mut pieces {
+        if piece.address == start && piece.bytes.len() > FIRST {
+            let rest = piece.bytes.split_off(FIRST);
+            for (word, bytes) in first.iter_mut().zip(piece.bytes.chunks_exact(4)) {
+                *word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+            }
+            *piece = Piece {
+                address: start + FIRST as u32,
+                bytes: rest,
+            };
         }
-    });
-    (first.into_iter().collect(), pieces)
+    }
+    (first, pieces)
 }
 
 /// Stops the core, and looks that the drive is off.
@@ -119,19 +125,61 @@ fn stop(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
     }
 }
 
-/// Erases where it is asked to, writes and verifies.
+fn unwritten(why: &str) -> Refusal {
+    Refusal::new(format!("the flash was not written: {why}"), AGAIN)
+}
+
+/// Writes the first words, stack before entry, by the flash's controller itself: a loader writes a whole page, and some
+/// flashes take no word a second time, not even an erased one over one that is programmed.
+fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refusal> {
+    let its = chip.controller;
+    let written = session.core(0).and_then(|mut core| {
+        if core.read_word_32(its.control.into())? & Controller::LOCK != 0 {
+            for key in Controller::KEYS {
+                core.write_word_32(its.keys.into(), key)?;
+            }
+        }
+        core.write_word_32(its.status.into(), its.errors)?;
+        core.write_word_32(its.control.into(), its.program)?;
+        let mut errors = 0;
+        let places = || (chip.flash.start..).step_by(4).map(u64::from);
+        for (place, word) in places().zip(words) {
+            core.write_word_32(place, word)?;
+            errors |= idle(&mut core, its)? & its.errors;
+        }
+        core.write_word_32(its.control.into(), Controller::LOCK)?;
+        let mut held = [0; 2];
+        core.read_32(chip.flash.start.into(), &mut held)?;
+        Ok((errors, held == words))
+    });
+    match written {
+        Ok((0, true)) => Ok(()),
+        Ok((errors, _)) => Err(unwritten(&format!(
+            "its first words do not hold (errors {errors:#x} of the flash's controller)"
+        ))),
+        Err(error) => Err(unwritten(&causes(&error))),
+    }
+}
+
+/// The status of the controller once it is idle; programming a word takes it 100 us (datasheet of the STM32F405, table
+/// 39; of the STM32G474, table 51), less than a look.
+fn idle(core: &mut Core<'_>, controller: Controller) -> Result<u32, probe_rs::Error> {
+    for _ in 0..LOOKS {
+        let status = core.read_word_32(controller.status.into())?;
+        if status & Controller::BUSY == 0 {
+            return Ok(status);
+        }
+    }
+    Err(probe_rs::Error::Timeout)
+}
+
+/// Erases, writes and verifies.
 fn commit(
     session: &mut Session,
     pieces: &[Piece],
-    erase: bool,
     written: &mut impl FnMut(u64),
 ) -> Result<(), Refusal> {
-    let failed = |error: &dyn std::error::Error| {
-        Refusal::new(
-            format!("the flash was not written: {}", causes(error)),
-            AGAIN,
-        )
-    };
+    let failed = |error: &dyn std::error::Error| unwritten(&causes(error));
     let mut loader = session.target().flash_loader();
     for piece in pieces {
         loader
@@ -140,7 +188,6 @@ fn commit(
     }
     let mut options = DownloadOptions::new();
     options.verify = true;
-    options.skip_erase = !erase;
     options.progress = FlashProgress::new(|event| {
         if let ProgressEvent::Progress {
             operation, size, ..

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use crate::arguments::Printed;
-use crate::chip::{Image, STM32F405RG};
+use crate::chip::{Chip, Image, Sector};
 use crate::desk::Desk;
 #[cfg(feature = "flash")]
 use crate::desk::Progress;
@@ -50,41 +50,37 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "build it with it: cargo install --path host --features flash (kband flash --dry-run checks an image without)",
         ));
     }
-    let chip = &STM32F405RG;
     let path = arguments.image.clone().unwrap_or_else(|| IMAGE.into());
-    let image = Image::read(&path, chip)?;
+    let image = Image::read(&path)?;
+    let chip = image.chip();
+    let runs = runs(&image);
     let mut table = Table::new(&[
-        Column::new("sector", ""),
+        Column::new("sectors", ""),
         Column::new("address", ""),
         Column::new("size", "KiB"),
         Column::new("image", "bytes"),
         Column::new("what", ""),
     ]);
-    let mut sectors = Vec::new();
-    for sector in chip.sectors() {
-        let bytes = image.bytes_in(&sector);
-        let what = if sector.range.start >= chip.settings.start {
-            "settings and faults, left alone"
-        } else if bytes > 0 {
-            "erased and written"
-        } else {
-            "left alone"
-        };
-        let size = (sector.range.end - sector.range.start) / 1024;
-        let address = format!("{:#010x}", sector.range.start);
+    for run in &runs {
         table.push([
-            sector.number.into(),
-            address.as_str().into(),
-            size.into(),
-            if bytes > 0 {
-                bytes.into()
+            run.name().as_str().into(),
+            run.address().as_str().into(),
+            run.kib().into(),
+            if run.bytes > 0 {
+                run.bytes.into()
             } else {
                 Value::Missing
             },
-            what.into(),
+            run.what.into(),
         ]);
-        sectors.push(json!({"sector": sector.number, "address": address, "kib": size, "bytes": bytes, "what": what}));
     }
+    let sectors: Vec<_> = runs
+        .iter()
+        .map(|run| {
+            json!({"sectors": [run.first.number, run.last.number], "address": run.address(), "kib": run.kib(),
+                "bytes": run.bytes, "what": run.what})
+        })
+        .collect();
     let memory = chip.memory.end - chip.memory.start;
     let mut report = Report::new(table)
         .heading(format!("{} for the {}", path.display(), chip.name))
@@ -117,10 +113,65 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
+/// Neighbouring sectors with which the same is done.
+struct Run {
+    first: Sector,
+    last: Sector,
+    bytes: u32,
+    what: &'static str,
+}
+
+impl Run {
+    fn name(&self) -> String {
+        if self.first == self.last {
+            self.first.number.to_string()
+        } else {
+            format!("{}..{}", self.first.number, self.last.number)
+        }
+    }
+
+    fn address(&self) -> String {
+        format!("{:#010x}", self.first.range.start)
+    }
+
+    fn kib(&self) -> u32 {
+        (self.last.range.end - self.first.range.start) / 1024
+    }
+}
+
+/// What an image does with the flash of its chip.
+fn runs(image: &Image) -> Vec<Run> {
+    let chip: &Chip = image.chip();
+    let mut runs: Vec<Run> = Vec::new();
+    for sector in chip.sectors() {
+        let bytes = image.bytes_in(&sector);
+        let what = if sector.range.start >= chip.settings.start {
+            "settings and faults, left alone"
+        } else if bytes > 0 {
+            "erased and written"
+        } else {
+            "left alone"
+        };
+        match runs.last_mut() {
+            Some(run) if run.what == what => {
+                run.last = sector;
+                run.bytes += bytes;
+            }
+            _ => runs.push(Run {
+                first: sector.clone(),
+                last: sector,
+                bytes,
+                what,
+            }),
+        }
+    }
+    runs
+}
+
 #[cfg(feature = "flash")]
 fn write(image: Image, probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
     let progress = Progress::new("writing", image.size().into());
-    let end = crate::chip::write(image, &STM32F405RG, probe, desk, |bytes| {
+    let end = crate::chip::write(image, probe, desk, |bytes| {
         progress.advance(bytes);
     });
     progress.finish();

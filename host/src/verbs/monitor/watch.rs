@@ -24,7 +24,7 @@ impl Watch {
     #[cfg(feature = "flash")]
     pub(super) fn probed(elf: &Path, wanted: Option<&str>, desk: &Desk) -> Result<Self, Refusal> {
         let words = words(elf)?;
-        let more = crate::chip::follow(elf, &crate::chip::STM32F405RG, wanted, desk)?;
+        let more = crate::chip::follow(elf, wanted, desk)?;
         Ok(Self::of(Log::new(Box::new(more), words)))
     }
 
