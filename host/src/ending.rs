@@ -7,9 +7,9 @@ use std::f64::consts::TAU;
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{Event, Kernel, Map, Orbit, State};
+use kband::regime::HIGHEST_ORDER;
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
-use kband::regime::lock::HIGHEST_ORDER;
 
 use followed::Followed;
 

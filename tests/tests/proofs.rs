@@ -52,10 +52,10 @@ fn parts(change: &Change) -> bool {
 }
 
 fn deaf(cycle: &mut Cycle) {
-    cycle.heard.clear();
+    cycle.deafen();
 }
 fn unfolded(cycle: &mut Cycle) {
-    cycle.folded.residual.fill(0.01);
+    cycle.flatten(0.01);
 }
 fn unsaturated(cycle: &mut Cycle) {
     cycle.saturated = 0;

@@ -97,11 +97,8 @@ impl Board {
             ..Inputs::default()
         };
         // The readings of a sensor that works.
-        let cycle = Cycle {
-            low: 2040,
-            high: 2056,
-            ..Cycle::default()
-        };
+        let mut cycle = Cycle::default();
+        (cycle.low, cycle.high) = (2040, 2056);
         self.station.cycle(&cycle, inputs);
         self.service.tick(&self.station).map(<[u8]>::to_vec)
     }

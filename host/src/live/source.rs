@@ -3,7 +3,8 @@
 use kband::control::{Event, Fault, Settings, State, Target};
 use kband::feeder::Restitution;
 use kband::plant::{Change, ClosedLoop};
-use kband::regime::{Band, Lock};
+use kband::regime::Lock;
+use kband::regime::band::Band;
 use kband::wire::Telemetry;
 
 use crate::refusal::Refusal;

@@ -8,9 +8,10 @@ use kband::control::{
 };
 use kband::feeder::Restitution;
 use kband::plant::{Change, Moment, Strike};
+use kband::regime::Lock;
+use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
-use kband::regime::{Band, Lock};
 
 use super::engine::{Engine, Fidelity, Whole};
 use super::record::{END, HEARD, Happened, Record, Watch};

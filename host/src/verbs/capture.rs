@@ -11,7 +11,7 @@ use page::report;
 
 use kband::feeder::Restitution;
 use kband::impact::Hybrid;
-use kband::regime::Band;
+use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::capture::{
     DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner, Progress,

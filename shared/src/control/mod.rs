@@ -41,15 +41,18 @@ mod saturate;
 mod settings;
 mod state;
 
-pub use aim::{Chaos, NoSetpoint, Planned, Target};
-pub use angle::{SAMPLE_RATE, phase_of, phase_step, radians_of};
-pub use controller::{Controller, PLAN_SLICES};
-pub use drive::AmplitudeLoop;
-pub use hear::{
-    AdcCode, Command, Cycle, Folded, HEARD_PER_CYCLE, Heard, PhaseStatistics, Sampled, Signal,
-};
+#[cfg(feature = "unstable")]
+pub use aim::{Chaos, Planned};
+pub use aim::{NoSetpoint, Target};
 #[cfg(feature = "plant")]
-pub(crate) use hear::{Fold, HighPass, MOST_LEFT_OUT, Onset, OnsetDetector, QUARTILE, Standard};
+pub(crate) use angle::phase_of;
+pub use angle::{SAMPLE_RATE, phase_step};
+pub use controller::{Controller, PLAN_SLICES};
+pub use hear::{AdcCode, Command, Cycle, Sampled, Signal};
+#[cfg(feature = "plant")]
+pub(crate) use hear::{
+    Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_LEFT_OUT, Onset, OnsetDetector, QUARTILE, Standard,
+};
 pub use identify::{Identification, Identified, Unidentified};
 pub use report::{Inputs, Report, Start};
 pub use settings::{Key, Settings};

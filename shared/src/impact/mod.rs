@@ -34,11 +34,17 @@ mod set_up;
 mod tones;
 
 pub use anchor::{Hybrid, Single, SingleState};
-pub use double::{Exact, Map, PassedHumps, Refined};
+#[cfg(any(test, feature = "unstable"))]
+pub use double::PassedHumps;
+pub use double::{Exact, Map, Refined};
 pub use integer::Integer;
 pub use kernel::{HybridState, Impact, Kernel, Landing, State};
+pub(crate) use orbit::LATE;
+#[cfg(feature = "control")]
+pub(crate) use orbit::Release;
+#[cfg(any(test, feature = "unstable"))]
+pub use orbit::Skips;
 pub use orbit::{
-    Contact, Count, Ended, Event, Growth, LATE, Observer, Orbit, Release, Skips, Tangent,
-    Tangential, TangentialSettings,
+    Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent, Tangential, TangentialSettings,
 };
 pub use tones::{Tone, Wave, WaveContact, WaveMap};

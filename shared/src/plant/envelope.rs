@@ -423,7 +423,7 @@ impl EnvelopePlant {
     }
 
     /// Whether the way along the track is watched; unwatched it stands still and costs nothing.
-    pub fn watch_way(&mut self, watched: bool) {
+    pub(crate) fn watch_way(&mut self, watched: bool) {
         self.watched = watched;
     }
 

@@ -213,44 +213,44 @@ impl Plant {
     }
 
     /// The drive's gain over the one it began with.
-    pub fn set_gain(&mut self, gain: f32) {
+    pub(crate) fn set_gain(&mut self, gain: f32) {
         self.gain = gain;
     }
 
     /// Restitution of all parts from their next impact on.
-    pub fn set_restitution(&mut self, restitution: f32) {
+    pub(crate) fn set_restitution(&mut self, restitution: f32) {
         for part in &mut self.parts {
             part.set_restitution(f64::from(restitution));
         }
     }
 
     /// RMS of the accelerometer's noise in m/s^2.
-    pub fn set_noise(&mut self, noise: f32) {
+    pub(crate) fn set_noise(&mut self, noise: f32) {
         self.sensor.noise = noise;
     }
 
     /// Sensitivity of the accelerometer over the one the controller was told.
-    pub fn set_sensitivity(&mut self, sensitivity: f32) {
+    pub(crate) fn set_sensitivity(&mut self, sensitivity: f32) {
         self.sensor.sensitivity = sensitivity;
     }
 
     /// Ripple of the drive's bus, as a share of its mean.
-    pub fn set_ripple(&mut self, ripple: f32) {
+    pub(crate) fn set_ripple(&mut self, ripple: f32) {
         self.ripple = ripple;
     }
 
     /// Amplitude of the mains' hum in the reading in m/s^2.
-    pub fn set_hum(&mut self, hum: f32) {
+    pub(crate) fn set_hum(&mut self, hum: f32) {
         self.sensor.hum = hum;
     }
 
     /// Lets the reading stand still.
-    pub fn set_sensor_lost(&mut self, lost: bool) {
+    pub(crate) fn set_sensor_lost(&mut self, lost: bool) {
         self.lost = lost;
     }
 
     /// Turns the sign of the reading.
-    pub fn set_sensor_inverted(&mut self, inverted: bool) {
+    pub(crate) fn set_sensor_inverted(&mut self, inverted: bool) {
         self.inverted = inverted;
     }
 }

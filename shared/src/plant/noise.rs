@@ -30,7 +30,7 @@ impl Noise {
 
     /// A nearly Gaussian number of mean 0 and RMS 1: the sum of four uniform bytes, within 3.4.
     #[inline]
-    pub fn gauss(&mut self) -> f32 {
+    pub(crate) fn gauss(&mut self) -> f32 {
         let bits = self.bits();
         let sum = (bits & 255) + ((bits >> 8) & 255) + ((bits >> 16) & 255) + (bits >> 24);
         // Four uniform bytes: mean 510, variance 4 (256^2 - 1) / 12 = 147.8^2.

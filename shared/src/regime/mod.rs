@@ -7,8 +7,7 @@ pub mod cascade;
 pub mod chaos;
 pub mod classify;
 pub mod exponent;
-pub mod lock;
+mod lock;
 pub mod reach;
 
-pub use band::{Band, Margins, NoBand};
-pub use lock::Lock;
+pub use lock::{HIGHEST_ORDER, Lock, Multipliers};

@@ -103,7 +103,7 @@ impl Conveying {
 
     /// What was conveyed since the first lift-off, or so far if there was none.
     #[must_use]
-    pub fn since_lift_off(&self) -> Conveyed {
+    pub(crate) fn since_lift_off(&self) -> Conveyed {
         self.conveyed
     }
 

@@ -16,17 +16,17 @@
 //! | [`sensitivity`] | how the speed answers a change of amplitude |
 //! | [`spread`] | mean and standard error of independent values |
 
-pub mod conveyed;
-pub mod inelastic;
-pub mod interval;
+mod conveyed;
+mod inelastic;
+mod interval;
 pub mod locked;
-pub mod sensitivity;
-pub mod spread;
+mod sensitivity;
+mod spread;
 pub mod stationary;
-pub mod survey;
+mod survey;
 
 pub use conveyed::{Conveyed, Conveying};
-pub use inelastic::Inelastic;
+pub use inelastic::{DeadFlight, Inelastic};
 pub use interval::Intervals;
 pub use sensitivity::Sensitivity;
 pub use spread::Spread;

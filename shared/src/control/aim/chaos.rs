@@ -169,12 +169,14 @@ impl ChaosSearch {
     }
 
     /// The lot that is being searched for; `None` once its chaos is known or found.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn asked(&self) -> Option<[f32; 2]> {
         (!self.done && self.known.is_none()).then_some(self.lot)
     }
 
     /// Spares the search, if it is for this lot: what came of it then comes after as many slices.
+    #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, known: Chaos) {
         if self.asked() == Some(known.lot) {
             self.known = Some(known);

@@ -32,6 +32,7 @@ pub struct Planned {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Search {
     planner: Option<Planner<Hybrid>>,
+    #[cfg(any(test, feature = "unstable"))]
     settings: Option<PlanSettings>,
     slices: u32,
     known: Option<Planned>,
@@ -60,6 +61,7 @@ impl Search {
         };
         Ok(Self {
             planner: Some(Planner::new(settings)?),
+            #[cfg(any(test, feature = "unstable"))]
             settings: Some(settings),
             ..Self::default()
         })
@@ -87,6 +89,7 @@ impl Search {
     }
 
     /// What is being searched; `None` once it is known or found.
+    #[cfg(any(test, feature = "unstable"))]
     pub fn asked(&self) -> Option<&PlanSettings> {
         self.settings
             .as_ref()
@@ -94,6 +97,7 @@ impl Search {
     }
 
     /// Spares the search, if it is for this: the plan then comes after as many slices as it took.
+    #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, known: Planned) {
         if self.asked() == Some(&known.settings) {
             self.known = Some(known);
@@ -101,6 +105,7 @@ impl Search {
     }
 
     /// The search that came to its end.
+    #[cfg(any(test, feature = "unstable"))]
     pub fn planned(&self) -> Option<Planned> {
         Some(Planned {
             settings: self.settings?,

@@ -14,7 +14,9 @@ mod selection;
 mod setpoint;
 mod speed;
 
+#[cfg(any(test, feature = "unstable"))]
 pub use chaos::{Chaos, ChaosSearch};
+#[cfg(any(test, feature = "unstable"))]
 pub use kicks::Planned;
 pub use selection::Selection;
 pub use setpoint::{NoSetpoint, Target};

@@ -7,8 +7,9 @@ use crate::control::hear::LockWindow;
 use crate::control::identify;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, accept};
+use crate::regime::Lock;
 use crate::regime::band::BandError;
-use crate::regime::{Band, Lock, NoBand};
+use crate::regime::band::{Band, NoBand};
 
 /// What the user wants of the parts.
 #[derive(Clone, Copy, Debug, PartialEq)]

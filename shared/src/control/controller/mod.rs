@@ -385,6 +385,8 @@ impl Controller {
     }
 }
 
+#[cfg(any(test, feature = "unstable"))]
+mod plans;
 mod queries;
 
 #[cfg(test)]

@@ -1,14 +1,13 @@
-//! What a controller tells of itself, and what another one may tell it.
+//! What a controller tells of itself.
 
 use super::Controller;
-use crate::control::aim::{Chaos, ChaosSearch, NoSetpoint, Planned, Target};
+use crate::control::aim::{NoSetpoint, Target};
 use crate::control::angle::radians_of;
 use crate::control::hear::Command;
 use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
 use crate::control::state::{Events, State};
-use crate::regime::capture::PlanSettings;
 
 impl Controller {
     /// What was seen and done in the last cycle.
@@ -137,43 +136,8 @@ impl Controller {
 
     /// Whether the regime is judged where the controller does not act on it, for [`Report::regime`]: it is,
     /// unless this says otherwise.
-    pub fn watch_regime(&mut self, watched: bool) {
+    #[cfg(feature = "plant")]
+    pub(crate) fn watch_regime(&mut self, watched: bool) {
         self.listener.watched = watched;
-    }
-
-    /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
-    #[must_use]
-    pub fn planning(&self) -> Option<&PlanSettings> {
-        self.selection.search.asked()
-    }
-
-    /// Spares the search that [`Controller::planning`] tells of, where another controller has done it.
-    pub fn plan_known(&mut self, known: Planned) {
-        self.selection.search.know(known);
-    }
-
-    /// The search that has come to its end for the present target.
-    #[must_use]
-    pub fn planned(&self) -> Option<Planned> {
-        self.selection.search.planned()
-    }
-
-    /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
-    #[must_use]
-    pub fn chaos_asked(&self) -> Option<[f32; 2]> {
-        self.selection.chaos.as_ref().and_then(ChaosSearch::asked)
-    }
-
-    /// Spares the search that [`Controller::chaos_asked`] tells of, where another controller has done it.
-    pub fn chaos_known(&mut self, known: Chaos) {
-        if let Some(chaos) = &mut self.selection.chaos {
-            chaos.know(known);
-        }
-    }
-
-    /// The search for chaos that has come to its end for the present target.
-    #[must_use]
-    pub fn chaos_found(&self) -> Option<Chaos> {
-        self.selection.chaos.as_ref().and_then(ChaosSearch::found)
     }
 }

@@ -141,12 +141,6 @@ impl AmplitudeLoop {
     pub fn saturated(&self) -> bool {
         self.saturated
     }
-
-    /// Estimated track amplitude for full output, in m.
-    #[must_use]
-    pub fn gain(&self) -> f32 {
-        self.gain
-    }
 }
 
 #[cfg(test)]

@@ -18,14 +18,13 @@ mod signal;
 
 #[cfg(feature = "plant")]
 pub use fold::Fold;
-pub use fold::{Folded, HANDED, Layout, PLACES};
+pub use fold::{HANDED, Layout, PLACES};
 pub use listener::Listener;
 pub use lock::LockWindow;
 
-pub use onset::{HEARD_PER_CYCLE, Heard, HighPass, Onset, Standard};
 #[cfg(any(test, feature = "plant"))]
-pub use onset::{OnsetDetector, QUARTILE};
-pub use phases::PhaseStatistics;
+pub use onset::{HEARD_PER_CYCLE, Heard, OnsetDetector, QUARTILE};
+pub use onset::{HighPass, Onset, Standard};
 #[cfg(feature = "plant")]
 pub use signal::MOST_LEFT_OUT;
 pub use signal::{AdcCode, Command, Cycle, Sampled, Signal};

@@ -53,9 +53,23 @@ pub struct Cycle {
     /// RMS of the noise in the residual in m/s^2.
     pub noise: f32,
     /// The impacts heard, in the order of their time; what is too much is not kept.
-    pub heard: Vec<Heard, HEARD_PER_CYCLE>,
+    pub(crate) heard: Vec<Heard, HEARD_PER_CYCLE>,
     /// A part of what was folded ([`Command::fold`]) until a cycle before.
-    pub folded: Folded,
+    pub(crate) folded: Folded,
+}
+
+/// What a signal path that fails brings, to show what depends on it.
+#[cfg(feature = "unstable")]
+impl Cycle {
+    /// No impact is heard.
+    pub fn deafen(&mut self) {
+        self.heard.clear();
+    }
+
+    /// All that was folded is this residual in m/s^2.
+    pub fn flatten(&mut self, residual: f32) {
+        self.folded.residual.fill(residual);
+    }
 }
 
 /// What a sample gives back to the interrupt that took it.

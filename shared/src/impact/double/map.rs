@@ -4,8 +4,10 @@ use core::f64::consts::TAU;
 
 use super::first::first_impact;
 use super::launch::{Launch, Track};
+#[cfg(any(test, feature = "unstable"))]
 use super::search::{self, PassedHumps};
 use super::step::Landing;
+#[cfg(any(test, feature = "unstable"))]
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::kernel::{Impact, Kernel, State, accept_phase};
@@ -31,6 +33,7 @@ impl Map {
 
     /// The first impact by the certified search alone, without the closed forms: slower, the same root
     /// to rounding.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn search(&self, state: State, passed: PassedHumps) -> Impact<State> {
         let launch = Launch::new(state.phase, state.velocity);

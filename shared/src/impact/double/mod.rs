@@ -14,4 +14,5 @@ mod search;
 
 pub use exact::{Exact, Refined};
 pub use map::Map;
+#[cfg(any(test, feature = "unstable"))]
 pub use search::PassedHumps;

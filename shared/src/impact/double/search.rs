@@ -76,6 +76,7 @@ pub enum PassedHumps {
     #[default]
     Skip,
     /// It looks at each; to show what the jump saves and that it changes nothing.
+    #[cfg(any(test, feature = "unstable"))]
     Walk,
 }
 

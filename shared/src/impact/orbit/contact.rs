@@ -82,7 +82,7 @@ impl Contact {
     /// Way that a velocity along the track carries the part during a closed chatter, per unit of that
     /// velocity, in rad: `2 psi / (A (1 - R Rt))`, to first order in psi.
     #[must_use]
-    pub fn chatter_reach(&self, state: State, tangential_restitution: f64) -> f64 {
+    pub(crate) fn chatter_reach(&self, state: State, tangential_restitution: f64) -> f64 {
         let pull = self.track.k - libm::sin(state.phase);
         if pull > 0.0 && state.velocity > 0.0 {
             2.0 * state.velocity / (pull * (1.0 - self.restitution * tangential_restitution))
@@ -105,7 +105,7 @@ impl Contact {
     /// [`Contact::wait`] without the jump: asks the track at every 1/256 turn whether it throws the
     /// part. It exists to show what the jump saves and that it changes nothing.
     #[must_use]
-    pub fn wait_by_polling(&self, phase: f64) -> Option<f64> {
+    pub(super) fn wait_by_polling(&self, phase: f64) -> Option<f64> {
         const STEP: f64 = TAU / 256.0;
         if libm::sin(phase) >= self.track.k {
             return self.wait(phase);

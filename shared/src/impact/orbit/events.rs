@@ -40,6 +40,7 @@ pub struct Skips {
     pub repeat: bool,
 }
 
+#[cfg(any(test, feature = "unstable"))]
 impl Skips {
     /// Nothing is left out.
     pub const NONE: Self = Self {
@@ -131,6 +132,7 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
     }
 
     /// This orbit, leaving out only what `skips` says.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn with(mut self, skips: Skips) -> Self {
         self.skips = skips;
@@ -145,7 +147,7 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
 
     /// Runs the orbit until `impacts` more impacts have been seen, showing every event to `observer`.
     ///
-    /// With [`Skips::repeat`] it ends at the second lift-off it sees; an observer of means that starts
+    /// It ends at the second lift-off it sees; an observer of means that starts
     /// anew at the first ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
     pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> Ended {
         let mut seen = 0;

@@ -8,8 +8,12 @@ mod tangent;
 mod tangential;
 
 pub use contact::Contact;
-pub use events::{Ended, Event, Orbit, Skips};
+#[cfg(any(test, feature = "unstable"))]
+pub use events::Skips;
+pub use events::{Ended, Event, Orbit};
 pub use observe::{Count, Observer};
-pub use release::{LATE, Release};
+pub use release::LATE;
+#[cfg(any(test, feature = "control"))]
+pub use release::Release;
 pub use tangent::{Growth, Tangent};
 pub use tangential::{Tangential, TangentialSettings};

@@ -126,13 +126,13 @@ impl Envelope {
 
     /// Whether the command is back at the target for good.
     #[must_use]
-    pub fn is_over(&self) -> bool {
+    pub(crate) fn is_over(&self) -> bool {
         self.cycle >= self.kick.length()
     }
 
     /// Whether the kick is over and the amplitude has arrived at the target.
     #[must_use]
-    pub fn is_settled(&self) -> bool {
+    pub(crate) fn is_settled(&self) -> bool {
         self.is_over() && self.now == 1.0
     }
 }

@@ -455,7 +455,7 @@ mod tests {
     use super::super::DriveLagSettings;
     use super::*;
     use crate::impact::Hybrid;
-    use crate::regime::Band;
+    use crate::regime::band::Band;
 
     fn settings(low: f64, high: f64, time_constant: f64) -> PlanSettings {
         let restitution = Restitution::interval(low, high).unwrap();

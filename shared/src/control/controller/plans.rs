@@ -1,0 +1,43 @@
+//! What one controller has searched for, told to another that asks the same.
+
+use super::Controller;
+use crate::control::aim::{Chaos, ChaosSearch, Planned};
+use crate::regime::capture::PlanSettings;
+
+impl Controller {
+    /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn planning(&self) -> Option<&PlanSettings> {
+        self.selection.search.asked()
+    }
+
+    /// Spares the search that [`Controller::planning`] tells of, where another controller has done it.
+    pub fn plan_known(&mut self, known: Planned) {
+        self.selection.search.know(known);
+    }
+
+    /// The search that has come to its end for the present target.
+    #[must_use]
+    pub fn planned(&self) -> Option<Planned> {
+        self.selection.search.planned()
+    }
+
+    /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn chaos_asked(&self) -> Option<[f32; 2]> {
+        self.selection.chaos.as_ref().and_then(ChaosSearch::asked)
+    }
+
+    /// Spares the search that [`Controller::chaos_asked`] tells of, where another controller has done it.
+    pub fn chaos_known(&mut self, known: Chaos) {
+        if let Some(chaos) = &mut self.selection.chaos {
+            chaos.know(known);
+        }
+    }
+
+    /// The search for chaos that has come to its end for the present target.
+    #[must_use]
+    pub fn chaos_found(&self) -> Option<Chaos> {
+        self.selection.chaos.as_ref().and_then(ChaosSearch::found)
+    }
+}
