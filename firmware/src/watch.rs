@@ -10,8 +10,6 @@ pub enum Watched {
     Samples = 1,
     /// The control of each drive cycle.
     Cycle = 2,
-    /// The planner of the capture.
-    Planner = 4,
     /// The link to the desk.
     Link = 8,
 }
@@ -52,24 +50,13 @@ impl Roll {
         }
         complete
     }
-
-    /// Whether `who` is still missing.
-    #[must_use]
-    pub fn misses(&self, who: Watched) -> bool {
-        self.expected & !self.present.load(Ordering::Relaxed) & who as u32 != 0
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const ALL: [Watched; 4] = [
-        Watched::Samples,
-        Watched::Cycle,
-        Watched::Planner,
-        Watched::Link,
-    ];
+    const ALL: [Watched; 3] = [Watched::Samples, Watched::Cycle, Watched::Link];
 
     #[test]
     fn one_missing_task_is_enough_to_starve_the_watchdog() {
@@ -79,7 +66,6 @@ mod tests {
                 roll.check_in(who);
             }
             assert!(!roll.complete(), "{missing:?}");
-            assert!(roll.misses(missing));
             roll.check_in(missing);
             assert!(roll.complete());
             assert!(!roll.complete(), "the roll starts anew");

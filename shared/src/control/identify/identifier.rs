@@ -13,6 +13,8 @@
 
 use core::f32::consts::TAU;
 
+use heapless::Vec;
+
 use super::chatter::Chatter;
 use super::fit::{BEFORE, Circumstances, Fit, Verdict};
 use crate::arithmetic::Phase;
@@ -20,41 +22,55 @@ use crate::control::angle::phase_of;
 use crate::control::hear::Cycle;
 use crate::control::hear::{HANDED, Layout};
 
-/// k at which it begins.
+/// k at which it begins: a part of R = 0.84 still rests each cycle there.
 pub const FIRST: f64 = 0.87;
-/// Ratio of k from one level to the next.
+/// Ratio of k from one level to the next: a step less than the 4 to 9 % by which [`back`] ends above the k at
+/// which parts cease to rest.
 const STRIDE: f64 = 0.965;
-/// Lowest k that is gone to: what is dead enough not to be heard astray there rests again a [`back`] above.
+/// Lowest k of the way down. Parts that are not heard astray even here are dead ones, of R = 0.25 at most, which
+/// rest each cycle at [`back`] of it.
 const LOWEST: f64 = 0.42;
-/// k at which parts come to rest that were locked: a lock of R = 0.82 ends at (1 + R) / (pi (1 - R)).
-const LULL: f64 = 3.0;
-/// Cycles at an amplitude before it counts: the parts forget the amplitude before.
+/// k at which the parts are let rest: above the last lock of order 1 for R up to 0.8, which ends at
+/// k = (1 + R)/(pi (1 - R)) (docs/theory-bands.md#t5.2).
+const REST_K: f64 = 3.0;
+/// Cycles at an amplitude before it counts: four time constants of a kick, and of the drive at Q = 25 more than
+/// two, beyond those until the amplitude is [`NEAR`].
 const SETTLING: u8 = 20;
 /// Cycles of listening at a level.
 const LISTENED: u8 = 20;
-/// Impacts among them where parts that rest have none, from which on they do not.
+/// Impacts astray among them from which on the parts do not rest each cycle: one or two may be noise.
 const ASTRAY: u8 = 3;
-/// How much earlier than the track throws it, and than a thrown part lands, an impact is astray, in rad.
-const EARLY: f32 = 0.5;
-const LANDING_WIDTH: f32 = 0.3;
-/// Cycles of a fold, each with one hop of every part.
+/// What is not counted as astray, in rad: impacts this little before lift-off, where a late chatter still ends, and
+/// this little before the first landing, which error of k (1 %: 0.1 rad) and of the stamp (0.05 rad) may shift.
+const BEFORE_LIFT_OFF: f32 = 0.5;
+const BEFORE_LANDING: f32 = 0.3;
+/// Cycles of a fold, each with one hop of every part: a quarter of the noise is left of them.
 const FOLDED: u16 = 16;
-/// Folds on which a result stands at least, and most that are made: half as many where nothing is heard.
+/// Folds on which a result stands at least, one at each k of the [`SPREAD`], and most that are made: half as many
+/// where nothing is heard.
 const FOLDS: usize = 4;
 const MOST: usize = 16;
-/// How much of k the folds spread over, so that the ringings of two impacts meet in every phase.
+/// How much of k the folds spread over, so that the ringings of two impacts meet in every phase: 5 % of k moves
+/// the second impact against the first by 0.05 rad (R = 0.1) to 0.11 rad (R = 0.8), and half a turn of the default
+/// ringing is 0.065 rad at 50 Hz.
 const SPREAD: f64 = 0.05;
-/// Tolerance of k in what parts rest, and in what parts do not, as a share of it.
+/// How far k may be off, as a share of it, where parts are taken to rest, and where they are taken to hop on: what
+/// their ringing adds to the measured amplitude (4.7 % at most, see [`Signal`](crate::control::Signal)) belongs to
+/// the second, for parts that rest are heard one after the other.
 const RESTING: f64 = 0.03;
-const RESTLESS: f64 = 0.08;
-/// How much of the wanted amplitude may be missing: before it counts, while it does, and in a lull.
+const HOPPING: f64 = 0.08;
+/// How much of the wanted amplitude may be missing: before it counts (1 %, as everywhere), while it does, and
+/// where the parts only are to rest.
 const NEAR: f32 = 0.01;
 const AROUND: f32 = 0.03;
-const LULLED: f32 = 0.2;
-/// Evidence ([`Fit::evidence`]) from which on one restitution stands against every other.
+const NEAR_REST: f32 = 0.2;
+/// Evidence ([`Fit::evidence`]) from which on one restitution stands against every other: a likelihood ratio of
+/// e^24, for the evidence is twice its logarithm.
 const EVIDENT: f32 = 48.0;
-/// Lowest restitution that is told from none, and largest standard error of a result.
+/// Lowest restitution that is told from none: its second impact, 0.04 as fast as the first, is lost in what is left
+/// of that one's ringing.
 const DEADEST: f32 = 0.04;
+/// Largest standard error of a result: a lot of twice that to either side is as wide as the default one.
 const ERROR: f32 = 0.01;
 
 /// A restitution found by listening.
@@ -142,7 +158,7 @@ pub struct Driven {
 }
 
 /// The steps of one identification.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Identifier {
     result: Identification,
     stage: Stage,
@@ -152,9 +168,8 @@ pub struct Identifier {
     fit: Fit,
     /// k of the first fold, once it is known.
     first: Option<f64>,
-    /// What the folds that were heard say, and how many of them and of all there are.
-    found: [f32; MOST],
-    heard: usize,
+    /// What the folds that were heard say, and how many there are of all.
+    found: Vec<f32, MOST>,
     folds: usize,
     hops: u16,
 }
@@ -169,8 +184,7 @@ impl Identifier {
             sum: 0.0,
             fit: Fit::NEW,
             first: None,
-            found: [0.0; MOST],
-            heard: 0,
+            found: Vec::new(),
             folds: 0,
             hops: 0,
         }
@@ -217,7 +231,7 @@ impl Identifier {
         let folded = &cycle.folded;
         match self.stage {
             Stage::Settling(cycles) => {
-                let near = driven.off < if self.k > 1.0 { LULLED } else { NEAR };
+                let near = driven.off < if self.k > 1.0 { NEAR_REST } else { NEAR };
                 // What is left of an interrupted fold comes first.
                 let cycles = if near && folded.first == 0 {
                     cycles + 1
@@ -236,7 +250,7 @@ impl Identifier {
                 let astray = astray.saturating_add(self.astray(cycle, driven.lead));
                 self.stage = Stage::Listening(cycles + 1, astray);
                 if astray >= ASTRAY {
-                    return self.fold_back(self.k * (1.0 - RESTLESS));
+                    return self.fold_back(self.k * (1.0 - HOPPING));
                 }
                 if cycles + 1 >= LISTENED {
                     let next = self.k * STRIDE;
@@ -296,13 +310,13 @@ impl Identifier {
         Step::Going
     }
 
-    /// Lets the parts rest and then goes back to a k at which they do each cycle, knowing one at which
-    /// they do not.
-    fn fold_back(&mut self, restless: f64) -> Step {
+    /// Lets the parts rest, and then goes back to a k at which they do each cycle; `hopping` is one at which they
+    /// do not.
+    fn fold_back(&mut self, hopping: f64) -> Step {
         let first = back(self.k);
         self.first = Some(first);
-        self.fit.among((first * (1.0 + RESTING), restless));
-        self.go(LULL)
+        self.fit.among((first * (1.0 + RESTING), hopping));
+        self.go(REST_K)
     }
 
     fn go(&mut self, k: f64) -> Step {
@@ -315,8 +329,8 @@ impl Identifier {
     fn astray(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
         let landing = Chatter::of(self.k, 0.5).map_or(TAU, |chatter| chatter.landing);
-        let in_air = landing - LANDING_WIDTH - (lift_off - EARLY);
-        let since = phase_of(lift_off - EARLY);
+        let in_air = landing - BEFORE_LANDING - (lift_off - BEFORE_LIFT_OFF);
+        let since = phase_of(lift_off - BEFORE_LIFT_OFF);
         let astray = cycle.heard.iter().filter(|heard| {
             let after = (heard.phase + lead - since).radians() as f32;
             after < in_air
@@ -328,10 +342,9 @@ impl Identifier {
     fn judge(&mut self) -> Step {
         self.folds += 1;
         let verdict = self.fit.last();
-        if let (Verdict::Heard(restitution), Some(slot)) = (verdict, self.found.get_mut(self.heard))
+        if let Verdict::Heard(restitution) = verdict
+            && self.found.push(restitution).is_ok()
         {
-            *slot = restitution;
-            self.heard += 1;
             self.hops += FOLDED;
             self.result = Identification::Listening { hops: self.hops };
             if let Some(found) = self.found() {
@@ -342,7 +355,7 @@ impl Identifier {
                 });
             }
         }
-        let nothing = verdict == Verdict::Quiet && self.heard == 0;
+        let nothing = verdict == Verdict::Quiet && self.found.is_empty();
         let most = if nothing { MOST / 2 } else { MOST };
         match (self.first, verdict) {
             (Some(first), _) if self.folds < most => {
@@ -357,11 +370,11 @@ impl Identifier {
     /// What was found, once it stands.
     fn found(&self) -> Option<Identified> {
         let mean = self.fit.all()?;
-        let squares = self.found.iter().take(self.heard);
-        let squares: f32 = squares.map(|r| (r - mean) * (r - mean)).sum();
-        let count = self.heard.max(2) as f32;
+        let squares: f32 = self.found.iter().map(|r| (r - mean) * (r - mean)).sum();
+        let count = self.found.len().max(2) as f32;
         let deviation = libm::sqrtf(squares / (count * (count - 1.0)));
-        let stands = self.heard >= FOLDS && deviation < ERROR && self.fit.evidence() > EVIDENT;
+        let stands =
+            self.found.len() >= FOLDS && deviation < ERROR && self.fit.evidence() > EVIDENT;
         stands.then_some(Identified {
             restitution: mean,
             deviation,
@@ -377,8 +390,10 @@ impl Identifier {
     }
 }
 
-/// k at which parts surely rest that were heard astray at a k. They are so later than they no longer rest: at
-/// 0.87 to 0.93 of that k, measured for restitutions of 0.2 to 0.8.
+/// k at which parts surely rest each cycle that were heard astray at `k`.
+///
+/// On the way down parts cease to rest some levels before they are heard astray, the more the less they bounce. Fitted to
+/// measurements: this ends 4 to 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
 fn back(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }
@@ -388,6 +403,37 @@ mod tests {
     use super::*;
     use crate::control::{Settings, Target};
     use crate::plant::{ClosedLoop, Scene, SensorModel};
+
+    fn rests(k: f64, restitution: f32) -> bool {
+        Chatter::of(k, restitution).is_some_and(|chatter| chatter.rests())
+    }
+
+    #[test]
+    fn the_way_down_begins_and_ends_where_its_constants_say() {
+        assert!(rests(FIRST, 0.84) && !rests(FIRST, 0.88));
+        assert!(rests(back(LOWEST), 0.25));
+        // 5 % of k moves the second impact by about half a turn of the default ringing, 0.065 rad at 50 Hz.
+        for (k, restitution) in [(0.45, 0.1), (0.56, 0.3), (0.85, 0.8)] {
+            let second = |k| Chatter::of(k, restitution).unwrap().impacts()[1].0;
+            let moved = second(k) - second(k * (1.0 + SPREAD));
+            assert!((0.05..0.12).contains(&moved), "{restitution}: {moved}");
+        }
+    }
+
+    #[test]
+    fn it_goes_back_to_a_k_just_above_the_one_at_which_parts_cease_to_rest() {
+        for restitution in [0.3, 0.5, 0.8] {
+            let Identification::Found(found) = heard(&[restitution], 1, SensorModel::default())
+            else {
+                panic!("R {restitution} was not found");
+            };
+            let k = f64::from(found.k);
+            assert!(
+                rests(0.965 * k, restitution) && !rests(0.91 * k, restitution),
+                "{found:?}"
+            );
+        }
+    }
 
     fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
         let scene = Scene {
