@@ -51,6 +51,15 @@ pub(crate) fn accept(
 ///
 /// Parts of one lot differ; everything that plans for a lot takes the interval, a single part has
 /// `low == high`.
+///
+/// ```
+/// use kband::feeder::Restitution;
+/// let lot = Restitution::interval(0.18, 0.22)?;
+/// assert!((lot.middle() - 0.2).abs() < 1e-15);
+/// let refused = Restitution::interval(0.18, 1.2).unwrap_err();
+/// assert_eq!(refused.parameter, "restitution");
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Restitution {
     low: f64,
@@ -111,6 +120,22 @@ pub struct TrackSettings {
 }
 
 /// A track in machine units: what SI means for the dimensionless map.
+///
+/// ```
+/// use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings, throw_number};
+/// let track = Track::build(TrackSettings {
+///     frequency: 50.0,
+///     incline: 3.0,
+///     amplitude_ratio: 1.5,
+///     phase_lead: 0.0,
+///     gravity: STANDARD_GRAVITY,
+/// })?;
+/// let b = track.amplitude(0.43);
+/// assert!((b - 0.2307e-3).abs() < 1e-7);
+/// assert!((track.k(b) - 0.43).abs() < 1e-12);
+/// assert!((throw_number(0.43) - 2.3256).abs() < 1e-4);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     angular_frequency: f64,

@@ -35,6 +35,15 @@ pub struct Sample {
 }
 
 /// Controller, signal path and plant, joined.
+///
+/// ```
+/// use kband::control::State;
+/// use kband::plant::{ClosedLoop, Scene};
+/// let mut closed = ClosedLoop::build(&Scene::default())?;
+/// let locked = (0..250).any(|_| closed.cycle().report.state == State::Locked);
+/// assert!(locked, "within five seconds");
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ClosedLoop {
     signal: Signal,

@@ -53,6 +53,17 @@ pub fn first_return_edge(restitution: f64, order: u32) -> Result<f64, OutOfRange
 }
 
 /// A band of k in which every part of a lot has a stable period-1 orbit of one order.
+///
+/// ```
+/// use kband::feeder::Restitution;
+/// use kband::regime::band::Band;
+/// let band = Band::common(Restitution::interval(0.18, 0.22)?, 1)?;
+/// assert!((band.low() - 0.4076).abs() < 1e-4 && (band.high() - 0.4581).abs() < 1e-4);
+/// assert!(band.contains(band.setpoint()));
+/// // Parts that differ too much share none.
+/// assert!(Band::common(Restitution::interval(0.1, 0.3)?, 1).is_err());
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {
     order: u32,

@@ -33,6 +33,15 @@ pub struct Estimate {
 }
 
 /// The flips 1 -> 2 -> 4 -> ... of the period-1 orbit of one order as k falls.
+///
+/// ```
+/// use kband::regime::cascade::Cascade;
+/// let cascade = Cascade::locate(0.2, 1, 4)?;
+/// assert!((cascade.flips()[1] - 0.366_000_656_686_421).abs() < 1e-13);
+/// let end = cascade.k_infinity().expect("four flips are enough");
+/// assert!((end.value - 0.358_723_326).abs() < 1e-6);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
     flips: [f64; HIGHEST_DOUBLINGS],

@@ -88,6 +88,17 @@ const RESTS: usize = 4;
 const CYCLE: u64 = 1 << 32;
 
 /// The memory of the last N impacts of one part; N of 64 tells periods up to 21 apart, 512 up to 170.
+///
+/// ```
+/// use core::f64::consts::TAU;
+/// use kband::regime::classify::{Classifier, HearingSettings, Regime};
+/// let mut classifier = Classifier::<64>::build(HearingSettings::COMPUTED)?;
+/// for _ in 0..64 {
+///     classifier.flight(2.0 * TAU);
+/// }
+/// assert_eq!(classifier.verdict().regime, Regime::Locked { order: 2 });
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Classifier<const N: usize> {
     /// Deviation of a difference of two times that still counts as none.

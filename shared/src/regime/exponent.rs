@@ -54,6 +54,17 @@ pub struct Exponent {
 /// Measures the largest Lyapunov exponent of the orbit of `map` from `start` with the tangent map.
 ///
 /// The two exponents of an orbit add up to `2 ln R` per impact exactly (`det J = R^2 psi / psi'`).
+///
+/// ```
+/// use kband::impact::{Kernel, Map};
+/// use kband::regime::exponent::{ExponentSettings, Motion, measure, start};
+/// let map = Map::build(0.34, 0.2)?;
+/// let settings = ExponentSettings { settle: 1000, impacts: 20_000 };
+/// let found = measure(&map, start(&map, 1), settings)?;
+/// assert_eq!(found.motion, Motion::Chaotic);
+/// assert!((found.per_impact.value - 0.50).abs() < 0.03);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 pub fn measure(
     map: &Map,
     start: State,

@@ -75,6 +75,15 @@ impl Multipliers {
 }
 
 /// The period-1 orbit of one order at one k: the part strikes once every r drive cycles at one phase.
+///
+/// ```
+/// use kband::regime::Lock;
+/// let lock = Lock::at(0.43, 0.2, 1)?.expect("0.43 is in the first band");
+/// assert!(lock.attracts());
+/// assert!((lock.state().phase - 0.449_671_605_6).abs() < 1e-9);
+/// assert!(Lock::at(0.48, 0.2, 1)?.is_none(), "0.48 is above k1");
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lock {
     order: u32,

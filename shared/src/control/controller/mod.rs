@@ -25,6 +25,19 @@ const GLIDE: f32 = 150.0;
 /// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends: its
 /// command is latched at the next wrap of the phase. [`Controller::plan_step`] does one bounded slice
 /// of planning and belongs in idle time.
+///
+/// ```
+/// use kband::control::{Controller, Cycle, Inputs, Settings, Start, State, Target};
+/// let target = Target::Locked { order: 1 };
+/// let mut controller = Controller::build(&Settings::default(), target, Start::Ordinary)?;
+/// // Without the enable input the drive stays off.
+/// let report = controller.cycle(&Cycle::default(), &Inputs::default());
+/// assert_eq!((report.state, report.command.amplitude), (State::Off, 0.0));
+/// // With it, a soft start begins.
+/// let enabled = Inputs { enable: true, ..Inputs::default() };
+/// assert_eq!(controller.cycle(&Cycle::default(), &enabled).state, State::Starting);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Controller {
     settings: Settings,

@@ -91,6 +91,15 @@ pub struct Sampled {
 ///
 /// Deadline: one sample (50 us); the sample interrupt calls [`Signal::sample`] and nothing else. A
 /// missed sample shifts the drive's phase, which the demodulator then measures with everything else.
+///
+/// ```
+/// use kband::control::{AdcCode, Settings, Signal};
+/// let mut signal = Signal::build(&Settings::default())?;
+/// // 50 Hz at 20 000 samples a second: a drive cycle ends after 400 of them.
+/// let wraps = (0..2010).filter(|_| signal.sample(AdcCode(2048)).wrapped).count();
+/// assert_eq!(wraps, 5);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Signal {
     scale: f32,

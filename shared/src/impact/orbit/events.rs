@@ -76,6 +76,18 @@ pub enum Ended {
 /// The orbit of one part: an endless iterator of events, ended only by rest for ever (k >= 1).
 ///
 /// On a kernel other than f64 give its contact explicitly, see [`Orbit::on`].
+///
+/// ```
+/// use core::f64::consts::TAU;
+/// use kband::impact::{Event, Kernel, Map, Orbit};
+/// let map = Map::build(0.405, 0.2)?;
+/// // From rest this part comes to fly once in every cycle.
+/// let Some(Event::Impact(impact)) = Orbit::from_rest(&map).nth(200) else {
+///     panic!("it hops");
+/// };
+/// assert!((impact.flight - TAU).abs() < 1e-9);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Orbit<'a, K: Kernel<State = State> = Map> {
     kernel: &'a K,

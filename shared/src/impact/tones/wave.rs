@@ -40,7 +40,7 @@ pub(super) type Parts<L> = [[L; 2]; 3];
 /// use kband::impact::{Tone, Wave};
 /// let wave = Wave::build(Tone { amplitude: 0.15, angle: 2.356 }, Tone::default())?;
 /// // The price of the second tone: the track is pushed harder by this factor.
-/// assert!((wave.peak_acceleration() - 1.56).abs() < 0.01);
+/// assert!((wave.peak_acceleration() - 1.546).abs() < 0.001);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]

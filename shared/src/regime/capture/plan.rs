@@ -165,6 +165,30 @@ pub enum Progress {
 /// gives a kick up as soon as it cannot beat the ones that are kept, and ends with the first that captures
 /// 48 parts of 48. Without such a one it spends two fifths of the effort on recounting the best, whose
 /// first count was partly luck. All its memory is in itself.
+///
+/// ```
+/// use kband::feeder::Restitution;
+/// use kband::impact::Hybrid;
+/// use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner, Progress};
+/// let mut planner = Planner::<Hybrid>::new(PlanSettings {
+///     lot: Lot {
+///         k: 0.43,
+///         restitution: Restitution::interval(0.18, 0.22)?,
+///         order: 1,
+///         amplitude_error: 0.02,
+///     },
+///     drive: DriveLag::build(DriveLagSettings::DEFAULT)?,
+///     time_constant: 5.0,
+///     effort: PlanSettings::EFFORT,
+/// })?;
+/// let plan = loop {
+///     if let Progress::Done(plan) = planner.advance(1000) {
+///         break plan;
+///     }
+/// };
+/// assert!(plan.best().is_some_and(|kick| kick.share() > 0.9));
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Planner<K: Kernel> {
     settings: PlanSettings,
