@@ -11,7 +11,7 @@ use super::serial::Serial;
 use super::system::{Asks, NMI, System};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
-use super::world::{Seen, World};
+use super::world::{STEP, Seen, World};
 
 /// Where the RAM lies.
 pub const MEMORY: u32 = 0x2000_0000;
@@ -258,6 +258,10 @@ impl Board {
     }
 
     fn schedule(&mut self) {
+        if !self.supplied {
+            self.next = self.world.due;
+            return;
+        }
         let lower = self.lower();
         let mut next = self.world.due.min(self.watchdog.due());
         if !self.halted {
@@ -279,6 +283,7 @@ impl Board {
         let now = self.now;
         while self.world.due <= now {
             self.world.advance();
+            self.check_supply(STEP);
         }
         if !self.supplied {
             self.schedule();
@@ -401,7 +406,7 @@ impl Board {
     }
 
     /// The core is outside its specification with the bridge driven: so many ticks more.
-    pub fn check_supply(&mut self, ticks: u64) {
+    fn check_supply(&mut self, ticks: u64) {
         if self.power.volts < LOWEST && self.clock() > 60_000_000 && self.bridge.driven() {
             self.world.outside += ticks;
         }
