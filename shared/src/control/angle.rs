@@ -24,6 +24,14 @@ pub fn radians_of(phase: Phase) -> f32 {
 
 /// Advance of the phase per sample for a frequency in Hz, 0..5000: error at most 2.4e-6 Hz or 1.2e-7
 /// of it.
+///
+/// ```
+/// use kband::control::{SAMPLE_RATE, phase_step};
+/// let step = phase_step(50.0);
+/// // So many turns in a second.
+/// let frequency = f64::from(step) / 4_294_967_296.0 * f64::from(SAMPLE_RATE);
+/// assert!((frequency - 50.0).abs() < 2.4e-6);
+/// ```
 #[must_use]
 pub fn phase_step(frequency: f32) -> u32 {
     (f64::from(frequency) * (Phase::TURN / f64::from(SAMPLE_RATE)) + 0.5) as u32

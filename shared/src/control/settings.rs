@@ -27,6 +27,17 @@ macro_rules! settings {
         ///
         /// A number each, so that flash and link keep and move them per key. Nothing is used before
         /// [`Settings::check`] has accepted every one.
+        ///
+        /// ```
+        /// use kband::control::Settings;
+        /// let mut settings = Settings::default();
+        /// settings.set("frequency", 60.0)?;
+        /// let refused = settings.set("frequency", 600.0).unwrap_err();
+        /// assert_eq!(refused.accepted, "5.0..500.0 Hz");
+        /// assert_eq!(settings.get("frequency"), Some(60.0));
+        /// assert!((settings.lot()?.middle() - 0.2).abs() < 1e-8);
+        /// # Ok::<(), kband::feeder::OutOfRange>(())
+        /// ```
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub struct Settings {
             $($(#[doc = $doc])+ #[doc = concat!("\n\nRange ", $low, "..", $high, " ", $unit, ", default ", $default, ".")] pub $name: f32,)+

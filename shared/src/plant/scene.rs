@@ -116,6 +116,20 @@ pub struct Disturbance {
 }
 
 /// A whole scene.
+///
+/// ```
+/// use kband::plant::{Change, Disturbance, Scene};
+/// let mut scene = Scene::default();
+/// scene.parts = [0.19, 0.2, 0.21].into_iter().collect();
+/// let weaker = Disturbance {
+///     at: 5.0,
+///     change: Change::Gain(0.8),
+/// };
+/// scene.disturbances = std::iter::once(weaker).collect();
+/// assert!(scene.check().is_ok());
+/// scene.sensor.ringing_frequency = 50.0;
+/// assert_eq!(scene.check().unwrap_err().accepted, "500..9000 Hz");
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// What the controller is told.

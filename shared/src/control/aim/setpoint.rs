@@ -12,6 +12,23 @@ use crate::regime::band::BandError;
 use crate::regime::band::{Band, NoBand};
 
 /// What the user wants of the parts.
+///
+/// ```
+/// use kband::control::{Controller, NoSetpoint, Settings, Start, Target};
+/// // A lot so wide that no k is in the band of every part.
+/// let settings = Settings {
+///     restitution_low: 0.1,
+///     restitution_high: 0.3,
+///     ..Settings::default()
+/// };
+/// let target = Target::Locked { order: 1 };
+/// let controller = Controller::build(&settings, target, Start::Ordinary)?;
+/// let Some(NoSetpoint::Band(none)) = controller.no_setpoint() else {
+///     panic!("it has one");
+/// };
+/// assert!(none.to_string().contains("restitution"));
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
     /// Parts locked to the drive, one impact every `order` cycles.

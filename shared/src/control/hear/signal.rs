@@ -100,6 +100,24 @@ pub struct Sampled {
 /// assert_eq!(wraps, 5);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
+///
+/// use kband::arithmetic::sine_cosine_single;
+/// use kband::control::{AdcCode, Settings, Signal};
+/// let settings = Settings::default();
+/// let mut signal = Signal::build(&settings)?;
+/// // A track whose acceleration is 20 m/s^2 times the sine of the output's phase, read by the converter.
+/// let zero = settings.sensor_zero / settings.converter_reference * 4096.0;
+/// for _ in 0..2000 {
+///     let step = kband::arithmetic::Phase::from_bits(kband::control::phase_step(50.0));
+///     let (sine, _) = sine_cosine_single(signal.phase() + step);
+///     let code = zero + 20.0 * sine / signal.resolution() + 0.5;
+///     signal.sample(AdcCode(code as u16));
+/// }
+/// let cycle = signal.cycle();
+/// assert!((cycle.quadrature - 20.0).abs() < 0.01);
+/// assert!(cycle.in_phase.abs() < 0.01);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Signal {
     scale: f32,
