@@ -220,7 +220,7 @@ impl Plans {
             .kicks
             .iter()
             .find(|plan| asked == Some(&plan.settings));
-        if let Some(known) = kick.copied() {
+        if let Some(known) = kick.cloned() {
             controller.plan_known(known);
         }
         let asked = controller.chaos_asked();

@@ -2,6 +2,8 @@
 
 use core::f64::consts::TAU;
 
+use heapless::Vec;
+
 use super::band;
 use super::lock::{Lock, accept_order, accept_restitution};
 use crate::feeder::{OutOfRange, accept};
@@ -42,10 +44,9 @@ pub struct Estimate {
 /// assert!((end.value - 0.358_723_326).abs() < 1e-6);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
-    flips: [f64; HIGHEST_DOUBLINGS],
-    count: usize,
+    flips: Vec<f64, HIGHEST_DOUBLINGS>,
     end: End,
     birth: f64,
 }
@@ -66,36 +67,34 @@ impl Cascade {
             (1..=HIGHEST_DOUBLINGS).contains(&doublings),
             "1..10",
         )?;
+        let mut flip = band::flip(restitution, order)?;
         let mut cascade = Self {
-            flips: [0.0; HIGHEST_DOUBLINGS],
-            count: 1,
+            flips: Vec::from_array([flip]),
             end: End::Complete,
             birth: band::birth(restitution, order)?,
         };
-        cascade.flips[0] = band::flip(restitution, order)?;
-        let Some(lock) = Lock::at(cascade.flips[0], restitution, order)? else {
+        let Some(lock) = Lock::at(flip, restitution, order)? else {
             return Ok(cascade);
         };
         let mut state = lock.state();
-        while cascade.count < doublings {
-            let flip = cascade.flips[cascade.count - 1];
+        while cascade.flips.len() < doublings {
             // The first gap is not known: 0.2 % of k is well inside it for every R and order.
-            let inside = match cascade.count {
-                1 => 2e-3 * flip,
-                n => 0.35 * (cascade.flips[n - 2] - flip) / FEIGENBAUM,
+            let inside = match cascade.flips.as_slice() {
+                [.., before, _] => 0.35 * (before - flip) / FEIGENBAUM,
+                _ => 2e-3 * flip,
             };
             let walker = Walker {
                 restitution,
-                impacts: 1 << cascade.count,
-                turns: f64::from(order) * f64::from(1_u32 << cascade.count),
+                impacts: 1 << cascade.flips.len(),
+                turns: f64::from(order) * f64::from(1_u32 << cascade.flips.len()),
             };
             let Some((next, orbit)) = walker.next_flip(flip, inside, state) else {
                 cascade.end = End::Lost;
                 break;
             };
-            cascade.flips[cascade.count] = next;
-            cascade.count += 1;
-            state = orbit;
+            // There is room for as many as may be asked for.
+            let _ = cascade.flips.push(next);
+            (flip, state) = (next, orbit);
         }
         Ok(cascade)
     }
@@ -103,7 +102,7 @@ impl Cascade {
     /// k of the flips, the 1 -> 2 flip first, falling.
     #[must_use]
     pub fn flips(&self) -> &[f64] {
-        &self.flips[..self.count]
+        &self.flips
     }
 
     /// Why there are no more.
@@ -127,7 +126,7 @@ impl Cascade {
             let (before, last) = (self.flips[n - 2], self.flips[n - 1]);
             last - (before - last) / (FEIGENBAUM - 1.0)
         };
-        match self.count {
+        match self.flips.len() {
             0 | 1 => None,
             2 => {
                 // The first gap is out of proportion by 1 % at R = 0.2, by 40 % at R = 0.9.

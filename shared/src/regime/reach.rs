@@ -16,6 +16,15 @@ pub enum FromRest {
 }
 
 /// Follows a part from rest at `k` until it locks in `order` or rests again.
+///
+/// ```
+/// use kband::regime::reach::{FromRest, from_rest};
+///
+/// // Both are in the band of R = 0.2, 0.3787..0.4775.
+/// assert_eq!(from_rest(0.40, 0.2, 1)?, FromRest::Locks);
+/// assert_ne!(from_rest(0.45, 0.2, 1)?, FromRest::Locks);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOfRange> {
     let lock = Lock::at(k, restitution, order)?.filter(Lock::attracts);
     let map = Map::build(k, restitution)?;

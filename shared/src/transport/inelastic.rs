@@ -5,6 +5,17 @@ use crate::impact::{Contact, Kernel, Map, State};
 
 /// Parts that neither bounce nor keep any velocity: each flight begins with psi = 0 and phi = 0 at a
 /// phase where the track throws, and the phase of launch is all that the next flight depends on.
+///
+/// ```
+/// use kband::transport::Inelastic;
+///
+/// let dead = Inelastic::build(0.6)?;
+/// let flight = dead.flight(dead.lift_off().unwrap()).unwrap();
+/// // A flight ends where u = 0: cos(t) d - k d^2/2 = sin(t + d) - sin t, from sin t = k.
+/// let (t, d) = (0.6_f64.asin(), flight.flight);
+/// assert!((t.cos() * d - 0.3 * d * d - (t + d).sin() + 0.6).abs() < 1e-14);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inelastic {
     map: Map,

@@ -7,6 +7,23 @@ use crate::impact::{Impact, Observer, State};
 ///
 /// Rests are not intervals between impacts in the paper's sense; they are left out, and a lift-off
 /// breaks the sequence.
+///
+/// ```
+/// use core::f64::consts::TAU;
+/// use kband::impact::{Kernel, Map, Orbit};
+/// use kband::transport::Intervals;
+///
+/// let map = Map::build(0.43, 0.2)?;
+/// let mut orbit = Orbit::new(&map, Map::state(0.5, 0.45)?);
+/// orbit.watch(200, &mut ());
+/// let mut intervals = Intervals::<32, 4>::new(0.0, 2.0 * TAU, TAU);
+/// orbit.watch(100, &mut intervals);
+/// // A locked part strikes once a cycle: one interval, nothing to correlate.
+/// assert!((intervals.mean().unwrap() - TAU).abs() < 1e-14);
+/// assert!(intervals.deviation().unwrap() < 1e-14);
+/// assert_eq!(intervals.autocorrelation(1), None);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intervals<const BINS: usize, const LAGS: usize> {
     low: f64,

@@ -1,6 +1,15 @@
 //! Mean and standard error of independent values.
 
 /// Mean and scatter of values that come one at a time (Welford's recurrence).
+///
+/// ```
+/// use kband::transport::Spread;
+///
+/// let spread = Spread::of([1.0, 2.0, 3.0, 4.0]);
+/// assert_eq!(spread.mean(), Some(2.5));
+/// // sqrt((2 * 1.5^2 + 2 * 0.5^2)/3/4)
+/// assert!((spread.error().unwrap() - (5.0_f64 / 12.0).sqrt()).abs() < 1e-15);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spread {
     count: u64,

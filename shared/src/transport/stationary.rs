@@ -23,6 +23,17 @@ pub fn impact_mean(
 }
 
 /// Mean launch velocity of parts that hop without rest, in units of `b w`: `<psi> = k D R/(1+R)`.
+///
+/// ```
+/// use core::f64::consts::TAU;
+/// use kband::regime::Lock;
+/// use kband::transport::stationary::mean_velocity;
+///
+/// // Exact for a lock, which is a hopping regime with D = 2 pi r.
+/// let psi = Lock::at(0.43, 0.2, 1)?.unwrap().state().velocity;
+/// assert!((mean_velocity(0.43, 0.2, TAU) - psi).abs() < 1e-15);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[must_use]
 pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
     k * mean_interval * restitution / (1.0 + restitution)

@@ -48,6 +48,34 @@ pub struct Measured {
 
 /// Follows the orbit from `start` while it settles, then measures what it conveys; `also` watches the
 /// measured part too.
+///
+/// ```
+/// use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
+/// use kband::regime::Lock;
+/// use kband::transport::{Effort, Motion, Origin, locked, measure};
+///
+/// let along = TangentialSettings {
+///     restitution: 0.3,
+///     amplitude_ratio: 1.5,
+///     phase_lead: 0.4,
+///     incline_tangent: 0.05,
+/// };
+/// let map = Map::build(0.43, 0.2)?;
+/// let lock = Lock::at(0.43, 0.2, 1)?.unwrap();
+/// let effort = Effort { settle: 100, impacts: 100 };
+/// let run = measure(
+///     &map,
+///     Tangential::build(0.43, along)?,
+///     Origin::Hop(lock.state()),
+///     effort,
+///     &mut (),
+/// );
+/// assert_eq!(run.motion, Motion::Hopping);
+/// // In lock the time mean is the closed form (20).
+/// let expected = locked::velocity(&lock, 0.43, &along);
+/// assert!((run.conveyed.time_mean().unwrap() - expected).abs() < 1e-12);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 pub fn measure(
     map: &Map,
     tangential: Tangential,

@@ -18,7 +18,7 @@ const HIGHEST: f32 = 2.5;
 ///
 /// Two controllers with the same question come to the same plan after as many slices, so that one that
 /// is told need not search ([`Controller::plan_known`](crate::control::Controller::plan_known)).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
     /// What was asked.
     pub settings: PlanSettings,
@@ -29,7 +29,7 @@ pub struct Planned {
 }
 
 /// The search for kicks, slice by slice; the default wants nothing.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Search {
     planner: Option<Planner<Hybrid>>,
     #[cfg(any(test, feature = "unstable"))]
@@ -73,9 +73,9 @@ impl Search {
             return false;
         };
         self.slices = self.slices.saturating_add(1);
-        let progress = match self.known {
+        let progress = match &self.known {
             Some(known) if self.slices < known.slices => Planning::Working,
-            Some(known) => Planning::Done(known.plan),
+            Some(known) => Planning::Done(known.plan.clone()),
             None => planner.advance(SLICE),
         };
         match progress {
@@ -109,7 +109,7 @@ impl Search {
     pub fn planned(&self) -> Option<Planned> {
         Some(Planned {
             settings: self.settings?,
-            plan: self.plan?,
+            plan: self.plan.clone()?,
             slices: self.slices,
         })
     }

@@ -11,7 +11,7 @@ use crate::control::state::{Event, Events};
 use crate::feeder::OutOfRange;
 
 /// The target, with what was chosen for it and what is still searched for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Selection {
     target: Target,
     level: Level,

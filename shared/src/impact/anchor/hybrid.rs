@@ -35,6 +35,20 @@ use crate::impact::set_up::SetUp;
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
 /// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it,
 /// [`Kernel::flies`] tells it, and a launch from it is held at 60.
+///
+/// ```
+/// use kband::impact::{Hybrid, Kernel, Map};
+///
+/// let (board, desk) = (Hybrid::build(0.34, 0.2)?, Map::build(0.34, 0.2)?);
+/// let start = Hybrid::state(0.7, 0.36)?;
+/// let landing = board.land(start);
+/// // The phase goes on by the flight time exactly, and both are right to a few steps of 1.5e-9 rad.
+/// assert_eq!(landing.next.phase.bits(), start.phase.bits().wrapping_add(landing.steps as u32));
+/// let impact = desk.impact(Hybrid::observe(start));
+/// assert!((landing.flight() - impact.flight).abs() < 2e-8);
+/// assert!((landing.next.velocity.value() - impact.next.velocity).abs() < 1e-7);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hybrid {
     shape: Shape,

@@ -41,6 +41,16 @@ pub struct SingleState {
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
 /// only with a restitution above 0.96): its velocity is then right, `Single::state` refuses it,
 /// [`Kernel::flies`] tells it, and a launch from it is held at 60.
+///
+/// ```
+/// use kband::impact::{Kernel, Map, Single};
+///
+/// let (single, map) = (Single::build(0.34, 0.2)?, Map::build(0.34, 0.2)?);
+/// let start = Single::state(0.7, 0.36)?;
+/// let expected = map.impact(Single::observe(start)).flight;
+/// assert!((single.land(start).flight() - expected).abs() < 1e-5);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
     shape: Shape,

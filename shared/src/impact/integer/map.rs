@@ -28,6 +28,16 @@ use crate::impact::set_up::SetUp;
 /// State and range as [`Hybrid`](crate::impact::Hybrid), but for the velocity: 0..=29. An impact may leave faster
 /// (by at most 2.5, and only with a restitution above 0.93): its velocity is then right,
 /// `Integer::state` refuses it, [`Kernel::flies`] tells it, and a launch from it is held at 29.
+///
+/// ```
+/// use kband::impact::{Integer, Kernel, Map};
+///
+/// let (integer, map) = (Integer::build(0.34, 0.2)?, Map::build(0.34, 0.2)?);
+/// let start = Integer::state(0.7, 0.36)?;
+/// let expected = map.impact(Integer::observe(start)).flight;
+/// assert!((integer.land(start).flight() - expected).abs() < 5e-8);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integer(Constants);
 

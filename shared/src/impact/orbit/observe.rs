@@ -7,6 +7,26 @@ use crate::impact::kernel::{Impact, State};
 /// An orbit yields impacts, rests and lift-offs; each quantity wanted of it (conveying, tangent map,
 /// histogram of intervals) is an observer. Observers compose as tuples, so what nobody watches is not
 /// computed: `()` watches nothing and costs nothing.
+///
+/// ```
+/// use kband::impact::{Count, Impact, Kernel, Map, Observer, Orbit, State};
+///
+/// #[derive(Default)]
+/// struct Longest(f64);
+///
+/// impl Observer for Longest {
+///     fn impact(&mut self, _: State, impact: &Impact<State>) {
+///         self.0 = self.0.max(impact.flight);
+///     }
+/// }
+///
+/// let map = Map::build(0.43, 0.2)?;
+/// let (mut longest, mut count) = (Longest::default(), Count::default());
+/// Orbit::new(&map, Map::state(0.5, 0.45)?).watch(100, &mut (&mut longest, &mut count));
+/// assert_eq!(count.impacts, 100);
+/// assert!((longest.0 - core::f64::consts::TAU).abs() < 0.1);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 pub trait Observer {
     /// The part left the track with `launch`, flew and struck it again.
     #[inline]

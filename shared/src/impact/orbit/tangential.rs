@@ -31,6 +31,25 @@ impl TangentialSettings {
 }
 
 /// The motion along the track for one k. Velocities relative to the track in units of `b w`.
+///
+/// ```
+/// use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
+///
+/// // A level track that is shaken across itself only leaves the velocity along it alone in flight.
+/// let level = TangentialSettings {
+///     restitution: 0.3,
+///     amplitude_ratio: 0.0,
+///     phase_lead: 0.0,
+///     incline_tangent: 0.0,
+/// };
+/// let map = Map::build(0.43, 0.2)?;
+/// let launch = Map::state(0.5, 0.45)?;
+/// let impact = map.impact(launch);
+/// let along = Tangential::build(0.43, level)?;
+/// assert!((along.way(launch, &impact, 2.0) - 2.0 * impact.flight).abs() < 1e-14);
+/// assert!((along.after(launch, &impact, 2.0) - 0.3 * 2.0).abs() < 1e-15);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangential {
     settings: TangentialSettings,

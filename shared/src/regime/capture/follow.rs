@@ -53,6 +53,25 @@ const HIGHEST: f32 = 4.0;
 /// The map is taken with the amplitude at each launch, in steps of 1/128, for the whole flight that
 /// follows (quasi-static); at each impact the velocity is carried over in m/s, so psi is scaled by the
 /// ratio of amplitudes. A part at rest leaves where `sin t = k` for the amplitude of that moment.
+///
+/// ```
+/// use kband::impact::Hybrid;
+/// use kband::regime::capture::{
+///     DriveLag, DriveLagSettings, Follow, Kick, Outcome, Trial,
+/// };
+///
+/// // R = 0.3 never locks from rest without a kick; with this one it does.
+/// let drive = DriveLag::build(DriveLagSettings { start: 1.0, ..DriveLagSettings::DEFAULT })?;
+/// let trial = Trial { k: 0.55, restitution: 0.3, order: 1 };
+/// for (kick, outcome) in [
+///     (Kick::NONE, Outcome::Missed),
+///     (Kick::rectangle(1.6, 20)?, Outcome::Locked),
+/// ] {
+///     let mut part = Follow::<Hybrid>::new(trial, drive, kick)?;
+///     assert_eq!(core::iter::repeat_with(|| part.step()).flatten().next(), Some(outcome));
+/// }
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Follow<K: Kernel> {
     trial: Trial,

@@ -1,5 +1,7 @@
 //! Which kick captures the parts of a lot: a search bounded in time and memory.
 
+use heapless::Vec;
+
 use super::{DriveLag, Follow, Kick, KickSettings, Outcome, Trial};
 use crate::feeder::{OutOfRange, Restitution, accept};
 use crate::impact::Kernel;
@@ -97,9 +99,9 @@ impl Scored {
 const KEPT: usize = 4;
 
 /// The kicks of a finished search, best first.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    ranked: [Option<Scored>; KEPT],
+    ranked: Vec<Scored, KEPT>,
     /// Impacts computed, waits of resting parts included.
     pub impacts: u32,
     /// Set-ups of the map for another amplitude or part.
@@ -111,11 +113,13 @@ pub struct Plan {
 impl Plan {
     /// Brings the kept kicks into the order of what they are expected to capture.
     fn sort(&mut self) {
-        for end in (1..KEPT).rev() {
+        // Stable, without allocation.
+        for end in (1..self.ranked.len()).rev() {
             for rank in 0..end {
-                let expected = |rank: usize| self.ranked[rank].map_or(0.0, |kick| kick.expected());
-                if expected(rank + 1) > expected(rank) {
-                    self.ranked.swap(rank, rank + 1);
+                if let Some([first, second]) = self.ranked.get_mut(rank..rank + 2)
+                    && second.expected() > first.expected()
+                {
+                    core::mem::swap(first, second);
                 }
             }
         }
@@ -130,18 +134,16 @@ impl Plan {
     /// The best kick; `None` where no kick captured anything.
     #[must_use]
     pub fn best(&self) -> Option<Scored> {
-        self.ranked[0]
+        self.ranked.first().copied()
     }
 
     /// The kick for attempt number `attempt`, counted from 0: each the next best, and held some cycles
     /// longer once all have had their turn, so that no attempt repeats an earlier one.
     #[must_use]
     pub fn attempt(&self, attempt: u32) -> Option<Kick> {
-        let known = self.ranked.iter().flatten().count() as u32;
-        if known == 0 {
-            return None;
-        }
-        let mut settings = self.ranked[(attempt % known) as usize]?.kick.settings();
+        let known = self.ranked.len() as u32;
+        let turn = attempt.checked_rem(known)?;
+        let mut settings = self.ranked.get(turn as usize)?.kick.settings();
         settings.hold = settings
             .hold
             .saturating_add((attempt / known).min(1000) as u16)
@@ -151,7 +153,7 @@ impl Plan {
 }
 
 /// What a slice of planning came to.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Progress {
     /// More slices are needed.
     Working,
@@ -189,7 +191,7 @@ pub enum Progress {
 /// assert!(plan.best().is_some_and(|kick| kick.share() > 0.9));
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Planner<K: Kernel> {
     settings: PlanSettings,
     flip: f64,
@@ -263,7 +265,7 @@ impl<K: Kernel> Planner<K> {
             running: None,
             recounted: None,
             plan: Plan {
-                ranked: [None; KEPT],
+                ranked: Vec::new(),
                 impacts: 0,
                 set_ups: 0,
                 kicks: 0,
@@ -326,7 +328,7 @@ impl<K: Kernel> Planner<K> {
                     self.plan.sort();
                     self.done = true;
                 }
-                return Progress::Done(self.plan);
+                return Progress::Done(self.plan.clone());
             }
         }
         Progress::Working
@@ -356,13 +358,14 @@ impl<K: Kernel> Planner<K> {
 
     /// One impact of the recount; `false` when all kept kicks were tried on enough parts.
     fn step_recount(&mut self, rank: usize) -> bool {
-        let kept = self.plan.ranked.get(rank).copied().flatten();
-        let Some(scored) = kept.filter(|scored| scored.tried < RECOUNTED) else {
-            let open =
-                |scored: &Option<Scored>| scored.is_some_and(|scored| scored.tried < RECOUNTED);
+        let open = |rank: usize| {
+            let kept = self.plan.ranked.get(rank).copied();
+            kept.filter(|scored| scored.tried < RECOUNTED)
+        };
+        let Some(scored) = open(rank) else {
             let next = (1..=KEPT)
                 .map(|ahead| (rank + ahead) % KEPT)
-                .find(|rank| open(&self.plan.ranked[*rank]));
+                .find(|rank| open(*rank).is_some());
             self.recounted = next.or(self.recounted);
             return next.is_some();
         };
@@ -370,7 +373,9 @@ impl<K: Kernel> Planner<K> {
             Tried::Flying => true,
             Tried::Refused => false,
             Tried::Ended(scored) => {
-                self.plan.ranked[rank] = Some(scored);
+                if let Some(kept) = self.plan.ranked.get_mut(rank) {
+                    *kept = scored;
+                }
                 self.recounted = Some((rank + 1) % KEPT);
                 true
             }
@@ -405,7 +410,7 @@ impl<K: Kernel> Planner<K> {
         let missed = scored.tried - scored.locked;
         let enough = if missed > 1 { SCREENED } else { CONFIRMED };
         // Even if it captured all the rest of the screen it would not be kept.
-        let hopeless = match self.plan.ranked[KEPT - 1] {
+        let hopeless = match self.plan.ranked.get(KEPT - 1) {
             None => missed > ALLOWED,
             Some(last) => {
                 let best = Scored {
@@ -458,19 +463,17 @@ impl<K: Kernel> Planner<K> {
 
     /// Puts a scored kick into its rank; of equals the earlier, shorter one stays ahead.
     fn keep(&mut self, scored: Scored) {
-        let mut next = (scored.locked > 0).then_some(scored);
-        for rank in &mut self.plan.ranked {
-            match (*rank, next) {
-                (None, Some(_)) => {
-                    *rank = next.take();
-                }
-                (Some(held), Some(new)) if new.expected() > held.expected() => {
-                    *rank = Some(new);
-                    next = Some(held);
-                }
-                _ => {}
+        if scored.locked == 0 {
+            return;
+        }
+        let mut next = scored;
+        for held in &mut self.plan.ranked {
+            if next.expected() > held.expected() {
+                core::mem::swap(held, &mut next);
             }
         }
+        // The worst has no room once enough are kept.
+        let _ = self.plan.ranked.push(next);
     }
 }
 
