@@ -17,8 +17,17 @@ use crate::feeder::OutOfRange;
 
 /// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
 pub const PLAN_SLICES: usize = 16;
-/// Cycles in which the amplitude glides from a lock to chaos: slow enough that each doubling is followed.
+/// Cycles in which the amplitude glides by a quarter of the setpoint, from a lock to chaos: slow enough that each
+/// doubling is followed (docs/theory-capture.md#t7.4).
 const GLIDE: f32 = 150.0;
+/// How near to the setpoint the amplitude has reached it, as a share: half of the default amplitude error that kicks
+/// are planned for.
+const NEAR: f32 = 0.01;
+/// Amplitude of a track at rest over the hard limit: what noise is measured as.
+const AT_REST: f32 = 0.02;
+/// Amplitude in m over the safe one in mm from which on the lead is followed, 30 % of it: less does not tell the phase
+/// from noise.
+const FOLLOWED: f32 = 0.3e-3;
 
 /// The controller of one drive.
 ///
@@ -253,7 +262,7 @@ impl Controller {
     /// Follows the enable input.
     fn obey(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
         let rest = Standstill {
-            reached: self.reference.now <= 0.0 && measured < 0.02 * self.scale.ceiling,
+            reached: self.reference.now <= 0.0 && measured < AT_REST * self.scale.ceiling,
             patience: 4.0 * self.settings.soft_stop * self.settings.frequency,
         };
         let response = self
@@ -346,7 +355,7 @@ impl Controller {
     }
 
     fn follow_resonance(&mut self, measured: f32) {
-        if self.resonance.tracks() && measured > 0.3e-3 * self.settings.safe_amplitude {
+        if self.resonance.tracks() && measured > FOLLOWED * self.settings.safe_amplitude {
             self.resonance.follow(self.lead);
             self.retune();
         }
@@ -363,7 +372,7 @@ impl Controller {
         let seen = Observation {
             near: self.selection.chosen()
                 && self.reference.now == goal
-                && (measured - goal).abs() < 0.01 * goal,
+                && (measured - goal).abs() < NEAR * goal,
             limits: self.limits.limits(),
             lock: self
                 .selection

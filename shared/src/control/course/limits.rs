@@ -2,7 +2,8 @@
 
 use crate::control::state::Limits;
 
-/// Cycles that the output may stand at its limit: short stays there belong to every start and kick.
+/// Cycles that the output may stand at its limit: short stays there belong to every start and kick, whose
+/// default time constant is a fifth of this.
 const SATURATION: u32 = 25;
 
 /// What the limits depend on in a cycle.

@@ -6,14 +6,22 @@ use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::regime::capture::Plan;
 use crate::regime::classify::{Regime, Verdict};
 
-/// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked.
+/// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked: five times
+/// what the confidence needs to rise (8 cycles), for parts that hop into the lock by themselves.
 const PATIENCE: u32 = 40;
-/// Confidence from which a lock is believed, and below which it is no longer.
+/// Confidence from which a lock is believed: of the 16 cycles that the phase statistics remember, the impacts of
+/// one may be missing, or elsewhere. And confidence below which it is no longer: of parts that have doubled their
+/// period half of the impacts leave the lock's window.
 const BELIEVED: f32 = 0.9;
 const DOUBTED: f32 = 0.6;
-/// Confidence from which a regime that is heard is believed.
+/// Cycles in a row of such doubt: most of that memory, so that one gap of it is not doubted twice.
+const DOUBTS: u8 = 10;
+/// Cycles in a row near the setpoint before it is reached: the loop's dead time is two, so that the third shows
+/// what the first led to.
+const ARRIVED: u8 = 3;
+/// Confidence from which a regime that is heard is believed: more likely than not.
 const SURE: f32 = 0.5;
-/// Cycles in lock before the glide to chaos begins.
+/// Cycles in lock before the glide to chaos begins: three times the memory of the phase statistics.
 const SETTLED: u32 = 50;
 
 /// Where the way to chaos stands.
@@ -281,7 +289,7 @@ impl StateMachine {
                 } else {
                     0
                 };
-                if self.arrived >= 3 || limits.contains(Limits::OUTPUT) {
+                if self.arrived >= ARRIVED || limits.contains(Limits::OUTPUT) {
                     if limits.is_empty() {
                         self.enter(State::Holding);
                         events.push(Event::SetpointReached);
@@ -330,7 +338,7 @@ impl StateMachine {
                 } else {
                     0
                 };
-                if self.doubts >= 10 {
+                if self.doubts >= DOUBTS {
                     self.doubts = 0;
                     self.enter(State::Lost);
                     events.push(Event::LockLost);

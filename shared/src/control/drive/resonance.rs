@@ -6,11 +6,13 @@ use crate::control::angle::SAMPLE_RATE;
 use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 
-/// Most points of a sweep.
+/// Most points of a sweep: beside the steps of half a width, a bound of the time that it takes.
 const POINTS: u16 = 64;
-/// Time constants of the envelope at each point before its amplitude counts.
+/// Time constants of the envelope at each point before its amplitude counts: 2 % of the last point's is left.
 const DWELL: f32 = 4.0;
-/// Time constant of the phase loop over that of the envelope.
+/// Cycles more, for the dead time from a command to its measured amplitude.
+const DEAD_TIME: f32 = 4.0;
+/// Time constant of the phase loop over that of the envelope: slower by as much, it sees the envelope settled.
 const SLOWNESS: f32 = 4.0;
 
 /// The drive's frequency, where it may follow the resonance.
@@ -88,7 +90,7 @@ impl Resonance {
             return false;
         };
         sweep.cycles += 1;
-        if f32::from(sweep.cycles) < DWELL * self.quality * (1.0 / PI) + 4.0 {
+        if f32::from(sweep.cycles) < DWELL * self.quality * (1.0 / PI) + DEAD_TIME {
             return false;
         }
         if amplitude > sweep.best.0 {

@@ -30,7 +30,7 @@ const ANGLE: f32 = 0.15;
 const ANGLE_STEP: f32 = 0.08;
 const ANGLES: u16 = 37;
 const LASTING: [f32; 4] = [6.0, 14.0, 30.0, 64.0];
-/// Rounds of finding the first landing and its ringing, each with half, a third, a quarter of the first step.
+/// Rounds of finding the first landing and its ringing; the steps of the last are a sixth of a sample.
 const ROUNDS: u16 = 4;
 /// Restitution of a part whose second impact ends the first landing's own time, unless the bounds say more,
 /// and the least of that time in samples: a millisecond.
@@ -42,7 +42,7 @@ const SHIFTS: u16 = 3;
 /// times what the best of all ringings explains of noise alone, 25.
 const AUDIBLE: f32 = 80.0;
 /// What is left over what noise alone leaves, and over what the first landing alone leaves: above both, it is
-/// not a chatter of the map.
+/// not a chatter of the map. Tuned: with looser ones, `noise_is_quiet_and_parts_of_two_kinds_are_not_one` fails.
 const NOISE: f32 = 8.0;
 const UNLIKE: f32 = 0.25;
 /// How far apart restitutions are rivals: three times the largest standard error of a result.
