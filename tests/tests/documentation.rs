@@ -218,6 +218,27 @@ fn every_name_of_the_glossary_is_in_the_sources() {
     }
 }
 
+/// What tables, legends and `kband live` call a regime or a state is explained.
+#[test]
+fn every_regime_and_state_that_is_shown_is_explained() {
+    let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
+    for (_, name) in kband_host::ending::TONES {
+        assert!(
+            glossary.contains(&format!("| {name}")),
+            "no '{name}' in docs/glossary.md"
+        );
+    }
+    let faults = fs::read_to_string(root().join("docs/faults.md")).expect("the page on states");
+    for state in kband::control::State::ALL {
+        let name = state.name().to_lowercase();
+        let explained = format!("**{name}**");
+        assert!(
+            faults.to_lowercase().contains(&explained),
+            "no {explained} in docs/faults.md"
+        );
+    }
+}
+
 /// Names that were private to this project, where they may not come back, and the word of the field for each.
 const GIVEN_UP: &[(&str, &str, &str)] = &[
     ("Ear", "", "onset detector (OnsetDetector)"),

@@ -17,17 +17,7 @@
 //! On the ground: `settings`, `angle`, `saturate`, `state` (the numbered lists and the state table);
 //! `report` is what goes in and comes out each cycle.
 //!
-//! | word | means |
-//! |---|---|
-//! | output | what the drive is given, a share of full output |
-//! | reference | the amplitude that the loop follows now |
-//! | setpoint | the amplitude chosen for the target |
-//! | target | what the user wants of the parts |
-//! | lead | phase of the track before the output |
-//! | kick | a rise of the amplitude that throws parts onto the wanted orbit |
-//! | fold | what is heard of many cycles, summed by phase |
-//! | limit | it is holding back |
-//! | fault | it stopped |
+//! The words are those of docs/glossary.md#the-controller.
 
 mod aim;
 mod angle;
