@@ -101,6 +101,9 @@ pub struct Sampled {
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 ///
+/// What it makes of an acceleration:
+///
+/// ```
 /// use kband::arithmetic::sine_cosine_single;
 /// use kband::control::{AdcCode, Settings, Signal};
 /// let settings = Settings::default();
