@@ -8,7 +8,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::chip::Chip;
 
@@ -87,7 +87,12 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
     stream.set_read_timeout(Some(LOOK))?;
     let (mut wire, mut port) = (Wire::default(), Port::default());
     let (mut message, mut bytes) = (Vec::new(), [0; LONGEST]);
+    let mut last = Instant::now();
     while !over.load(Ordering::Relaxed) {
+        let passed = std::mem::replace(&mut last, Instant::now()).elapsed();
+        chip.lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .lives(passed.min(LOOK));
         let count = match stream.read(&mut bytes) {
             Ok(0) => return Ok(()),
             Ok(count) => count,

@@ -68,6 +68,8 @@ pub struct Rig {
     pub tolerant: bool,
 }
 
+/// What the start-up code paints the stack with.
+const PAINT: [u8; 4] = [0xcc; 4];
 /// Longest wait for an answer, in s.
 const PATIENCE: f64 = 2.0;
 
@@ -173,17 +175,11 @@ impl Rig {
     }
 
     fn supply(&mut self, volts: f64) {
-        let was = self.chip.board.supplied;
-        self.chip.board.set_volts(volts);
         let board = &mut self.chip.board;
-        if was || board.reset.is_some() {
-            return;
-        }
-        board.supplied = true;
-        if volts < 0.5 {
-            self.chip.power_on();
-        } else {
-            self.chip.reset(Cause::BrownOut);
+        let was = board.supplied;
+        board.set_volts(volts);
+        if !was && board.reset.is_none() {
+            self.chip.supply_returns();
         }
     }
 
@@ -235,6 +231,13 @@ impl Rig {
     /// Largest displacement of the track in mm since this was last asked.
     pub fn peak(&mut self) -> f64 {
         f64::from(std::mem::take(&mut self.chip.board.world.peak)) * 1e3
+    }
+
+    /// Bytes of the stack, which lies at the bottom of the RAM, that were never used since the start.
+    #[must_use]
+    pub fn stack_free(&self) -> usize {
+        let words = self.chip.board.ram.chunks_exact(4);
+        4 * words.take_while(|word| *word == PAINT).count()
     }
 
     /// The desk asks over the link, and the board answers.

@@ -49,6 +49,9 @@ const LONGEST: u64 = 60_000_000;
 /// Ticks that pass with each access of a probe: 20 us.
 const ACCESS: u64 = TICKS / 50_000;
 
+/// The exception of the converter.
+const SAMPLE: u16 = 16 + 18;
+
 /// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
 const FETCH_FAULT: u32 = 1 << 8;
 const ACCESS_FAULT: u32 = 1 << 9 | 1 << 15;
@@ -74,6 +77,18 @@ enum Runs {
     Lost,
 }
 
+/// What the handler of the samples takes, in cycles of the core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Handler {
+    /// How often it ran.
+    pub count: u64,
+    /// Cycles in all, the entry and the exit included.
+    pub sum: u64,
+    /// The longest.
+    pub longest: u64,
+    begun: u64,
+}
+
 /// The chip.
 #[derive(Clone, Debug)]
 pub struct Chip {
@@ -94,6 +109,10 @@ pub struct Chip {
     why: u32,
     transfer: u32,
     was_reset: bool,
+    /// Whether the supply fell below what the RAM needs.
+    gone: bool,
+    /// The handler of the samples.
+    pub sampling: Handler,
     /// The core executes nothing from this instruction on, but for interrupts above it: what hangs it, and how.
     pub hangs: Option<Hang>,
 }
@@ -123,6 +142,8 @@ impl Default for Chip {
             why: 0,
             transfer: 0,
             was_reset: false,
+            gone: false,
+            sampling: Handler::default(),
             hangs: None,
         }
     }
@@ -165,6 +186,12 @@ impl Chip {
         (self.is_supplied() && runs).then_some(self.entry)
     }
 
+    /// Whether its core does nothing any more: no code, or a fault within a fault.
+    #[must_use]
+    pub fn was_lost(&self) -> bool {
+        self.runs == Runs::Lost
+    }
+
     /// Its supply comes: what it holds in flash starts, if it can; the RAM holds noise.
     pub fn power_on(&mut self) {
         self.fails_after = None;
@@ -172,6 +199,16 @@ impl Chip {
         self.board.scramble(self.board.now | 1);
         self.halting = 0;
         self.reset(Cause::Power);
+    }
+
+    /// Its supply is enough again: from below the brown-out level, or from where the RAM forgets.
+    pub fn supply_returns(&mut self) {
+        if std::mem::take(&mut self.gone) {
+            self.power_on();
+        } else {
+            self.board.supplied = true;
+            self.reset(Cause::BrownOut);
+        }
     }
 
     /// Its supply goes.
@@ -231,6 +268,14 @@ impl Chip {
             Runs::Nothing | Runs::Lost | Runs::Core => self.run(self.board.now + ACCESS),
         }
         Some(())
+    }
+
+    /// So much time passes for what runs.
+    pub fn lives(&mut self, time: std::time::Duration) {
+        if self.runs == Runs::Core && self.is_supplied() {
+            let passed = (time.as_secs_f64() * TICKS as f64) as u64;
+            self.run(self.board.now + passed);
+        }
     }
 
     /// A register of the core.
@@ -478,6 +523,12 @@ impl Chip {
                 Ok(cycles) => self.board.spend(cycles),
                 Err(fault) => self.fault(fault),
             }
+            if from == SAMPLE {
+                let took = self.board.cycles - self.sampling.begun;
+                self.sampling.count += 1;
+                self.sampling.sum += took;
+                self.sampling.longest = self.sampling.longest.max(took);
+            }
         }
         if let Some(number) = self.awake() {
             self.enter(number);
@@ -488,6 +539,9 @@ impl Chip {
         let vector = self.board.system.vector(number);
         let handler = self.board.load(vector, 4).unwrap_or(0);
         self.board.system.enter(number);
+        if number == SAMPLE {
+            self.sampling.begun = self.board.cycles;
+        }
         let (cycles, taken) = self.core.enter(&mut self.board, number, handler);
         self.board.spend(cycles);
         if !taken {
@@ -535,17 +589,15 @@ impl Chip {
             return;
         };
         match cause {
-            // A debugger that is there catches the core where it starts.
+            // It waits for the supply to come back.
             Cause::Power => {
                 self.power_off();
                 self.board.reset = None;
+                self.gone = true;
             }
             Cause::BrownOut => {
-                self.board.supplied = false;
-                self.board.bridge.reset();
-                self.board.voltage.reset();
+                self.power_off();
                 self.board.reset = None;
-                self.board.refresh();
             }
             cause => self.reset(cause),
         }
