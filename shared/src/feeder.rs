@@ -1,4 +1,4 @@
-//! The SI world of a feeder and its dimensionless parameters.
+//! The SI world of a feeder and its dimensionless parameters (docs/theory-model.md#t1.2).
 
 use core::f64::consts::{PI, TAU};
 use core::fmt;

@@ -1,4 +1,4 @@
-//! The limit of dead parts, R and Rt to 0: a one-dimensional map (equation 38).
+//! The limit of dead parts, R and Rt to 0: a one-dimensional map (equation 38; docs/theory-transport.md#t8.9).
 
 use crate::feeder::OutOfRange;
 use crate::impact::{Contact, Kernel, Map, State};

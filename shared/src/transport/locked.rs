@@ -1,4 +1,4 @@
-//! Closed forms of conveying in the locked regime (equations 20 to 23 and 37).
+//! Closed forms of conveying in the locked regime (equations 20 to 23 and 37; docs/theory-transport.md#t8.3).
 
 use core::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! How the conveying speed answers a change of amplitude.
+//! How the conveying speed answers a change of amplitude (docs/theory-transport.md#t8.4).
 
 /// Relative change of the speed over relative change of the amplitude, `(dV/V)/(db/b)`.
 ///

@@ -1,4 +1,4 @@
-//! The exact impact mean of any hopping regime, locked or chaotic (equation 34, corrected).
+//! The exact impact mean of any hopping regime, locked or chaotic (equation 34, corrected; docs/theory-transport.md#t8.5).
 
 use crate::impact::TangentialSettings;
 

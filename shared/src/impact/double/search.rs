@@ -1,4 +1,4 @@
-//! The certified search: for flights whose decisions come close to rounding.
+//! The certified search: for flights whose decisions come close to rounding (docs/theory-impacts.md#t3.2).
 //!
 //! It walks the stretches of the track in order. Between a hump's end and the begin of the next the gap
 //! is concave, so its sign there tells whether the stretch holds the impact; over a hump it is

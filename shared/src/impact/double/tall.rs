@@ -1,4 +1,4 @@
-//! Tall flights: the ball leaves height 1 faster than the track ever moves.
+//! Tall flights: the ball leaves height 1 faster than the track ever moves (docs/theory-impacts.md#t3.1).
 //!
 //! It then returns through height 1 as fast, so no earlier impact is possible and the gap is monotone
 //! where it ends: `-V x - k x^2/2 = sin(phi + x)`, with V the ball's speed through height 0, is Kepler's

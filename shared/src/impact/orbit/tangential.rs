@@ -1,4 +1,4 @@
-//! Motion along the track: what a flight and an impact do to it (equations 10 and 11).
+//! Motion along the track: what a flight and an impact do to it (equations 10 and 11; docs/theory-transport.md#t8.1).
 
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};

@@ -1,4 +1,4 @@
-//! The shape of a kick.
+//! The shape of a kick (docs/theory-capture.md#t7.4).
 
 use crate::feeder::{OutOfRange, accept};
 
