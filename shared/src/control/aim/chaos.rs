@@ -185,8 +185,8 @@ impl ChaosSearch {
 
     /// What came of it, once it is over.
     #[must_use]
-    pub fn found(&self) -> Option<Chaos> {
-        self.known.filter(|_| self.done)
+    pub fn found(&self) -> Option<&Chaos> {
+        self.known.as_ref().filter(|_| self.done)
     }
 }
 
@@ -232,7 +232,7 @@ mod tests {
         let settings = Settings::default();
         let mut first = ChaosSearch::begin(&settings).unwrap();
         while first.step() {}
-        let found = first.found().unwrap();
+        let found = *first.found().unwrap();
         let mut spared = ChaosSearch::begin(&settings).unwrap();
         spared.know(Chaos {
             lot: [0.1, 0.2],
@@ -246,7 +246,7 @@ mod tests {
             slices += 1;
         }
         assert_eq!(slices, found.slices);
-        assert_eq!(spared.found(), Some(found));
+        assert_eq!(spared.found(), Some(&found));
     }
 
     #[test]

@@ -14,8 +14,9 @@ mod selection;
 mod setpoint;
 mod speed;
 
+pub use chaos::Chaos;
 #[cfg(any(test, feature = "unstable"))]
-pub use chaos::{Chaos, ChaosSearch};
+pub use chaos::ChaosSearch;
 #[cfg(any(test, feature = "unstable"))]
 pub use kicks::Planned;
 pub use selection::Selection;

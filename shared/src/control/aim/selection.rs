@@ -1,6 +1,6 @@
 //! Setpoint selection: the target, the setpoint chosen for it, and the searches that belong to it.
 
-use super::chaos::ChaosSearch;
+use super::chaos::{Chaos, ChaosSearch};
 use super::kicks::Search;
 use super::setpoint::{Choice, Level, NoSetpoint, Target};
 use super::speed::SpeedSearch;
@@ -95,10 +95,9 @@ impl Selection {
         self.level = Level::None(NoSetpoint::Chaos);
     }
 
-    /// Where the lot is chaotic, once the search for it is over: k, `None` where it is nowhere.
-    pub fn found_chaos(&self) -> Option<Option<f64>> {
-        let found = self.chaos.as_ref()?.found()?;
-        Some(found.k)
+    /// Where the lot is chaotic, once the search for it is over.
+    pub fn found_chaos(&self) -> Option<&Chaos> {
+        self.chaos.as_ref().and_then(ChaosSearch::found)
     }
 
     /// One slice of what is searched for; whether more is to be done.

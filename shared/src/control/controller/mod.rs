@@ -368,6 +368,7 @@ impl Controller {
     }
 
     /// Moves between the states of a running drive.
+    #[inline(always)]
     fn progress(&mut self, goal: f32, measured: f32, events: &mut Events) {
         let seen = Observation {
             near: self.selection.chosen()
@@ -378,7 +379,7 @@ impl Controller {
                 .selection
                 .lock()
                 .map(|lock| self.listener.confidence(Some(lock))),
-            regime: self.listener.regime,
+            regime: self.listener.regime.as_ref(),
             plan: self.selection.search.plan(),
             chaos: self.selection.found_chaos(),
         };
@@ -387,6 +388,7 @@ impl Controller {
     }
 
     /// Does what the state machine decided.
+    #[inline(always)]
     fn carry_out(&mut self, decision: Decision) {
         match decision {
             Decision::Stay => {}

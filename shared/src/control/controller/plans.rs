@@ -38,6 +38,6 @@ impl Controller {
     /// The search for chaos that has come to its end for the present target.
     #[must_use]
     pub fn chaos_found(&self) -> Option<Chaos> {
-        self.selection.chaos.as_ref().and_then(ChaosSearch::found)
+        self.selection.found_chaos().copied()
     }
 }

@@ -1,6 +1,7 @@
 //! The state machine of a drive: a cycle's facts in, the next state and a decision out.
 
 use super::capture::{Capture, Progress};
+use crate::control::aim::Chaos;
 use crate::control::report::{Inputs, Start};
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::regime::capture::Plan;
@@ -70,11 +71,11 @@ pub struct Observation<'a> {
     /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
     pub lock: Option<f32>,
     /// What the parts were last heard to do.
-    pub regime: Option<Verdict>,
+    pub regime: Option<&'a Verdict>,
     /// The kicks that bring the parts onto the lock, once they are planned.
     pub plan: Option<&'a Plan>,
-    /// Where the parts are chaotic, once the search for it is over: k, `None` where the lot has none.
-    pub chaos: Option<Option<f64>>,
+    /// Where the parts are chaotic, once the search for it is over.
+    pub chaos: Option<&'a Chaos>,
 }
 
 /// What a cycle's progress asks of what is around the state machine.
@@ -273,6 +274,7 @@ impl StateMachine {
     }
 
     /// Moves between the states of a running drive.
+    #[inline(always)]
     pub fn progress(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
         let Observation { near, limits, .. } = *seen;
         let confidence = seen.lock.unwrap_or(0.0);
@@ -361,8 +363,8 @@ impl StateMachine {
     }
 
     /// Leaves the lock for chaos, once the search for it is over.
-    fn leave_lock(&mut self, chaos: Option<Option<f64>>, events: &mut Events) -> Decision {
-        match chaos {
+    fn leave_lock(&mut self, chaos: Option<&Chaos>, events: &mut Events) -> Decision {
+        match chaos.map(|chaos| chaos.k) {
             None => Decision::Stay,
             Some(Some(k)) => {
                 self.glide = Glide::Going;
