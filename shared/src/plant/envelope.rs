@@ -66,7 +66,7 @@ pub struct EnvelopePlant {
 
 impl EnvelopePlant {
     /// The plant of a scene, at rest; the refusal names the parameter.
-    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+    pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
         settings.check()?;
@@ -129,7 +129,7 @@ impl EnvelopePlant {
 
     /// Runs one drive cycle at an output amplitude (share of full) and a step of the phase.
     /// `next` is what the signal path is told for the cycle after it: what it is to fold, and to leave out.
-    pub fn cycle(&mut self, output: f32, step: u32, next: &Command) -> Cycle {
+    pub(crate) fn cycle(&mut self, output: f32, step: u32, next: &Command) -> Cycle {
         self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         self.drive
@@ -427,7 +427,7 @@ impl EnvelopePlant {
         self.watched = watched;
     }
 
-    /// Impacts of the last cycle, at most [`STRIKES`], in the order of time.
+    /// Impacts of the last cycle, at most 96, in the order of time.
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
         &self.strikes
@@ -452,7 +452,7 @@ impl EnvelopePlant {
     }
 
     /// Makes a change of the plant.
-    pub fn apply(&mut self, change: Change) {
+    pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,
             Change::Restitution(restitution) => {

@@ -17,7 +17,7 @@ use crate::impact::TangentialSettings;
 const EVENTS_PER_SAMPLE: usize = 16;
 
 /// Most strikes of one cycle that the plant remembers.
-pub const STRIKES: usize = 96;
+pub(super) const STRIKES: usize = 96;
 
 /// The simulated feeder.
 #[derive(Clone, Debug)]
@@ -52,7 +52,7 @@ pub struct Plant {
 
 impl Plant {
     /// The plant of a scene, at rest; the refusal names the parameter.
-    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+    pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
         settings.check()?;
@@ -93,7 +93,7 @@ impl Plant {
 
     /// The converter's reading now.
     #[inline]
-    pub fn sample(&mut self) -> AdcCode {
+    pub(crate) fn sample(&mut self) -> AdcCode {
         let noise = self.sensor.noise * self.noise.gauss();
         if self.lost {
             return AdcCode(self.last_code);
@@ -117,7 +117,7 @@ impl Plant {
 
     /// Holds an output (-1..1) for one sample, `step` being the advance of the drive's phase.
     #[inline]
-    pub fn hold(&mut self, output: f32, step: u32) {
+    pub(crate) fn hold(&mut self, output: f32, step: u32) {
         let mut output = output;
         if self.ripple > 0.0 {
             output *= 1.0 + self.ripple * sine_cosine_single(self.mains + self.mains).0;
@@ -183,14 +183,14 @@ impl Plant {
         self.drive.motion()
     }
 
-    /// Impacts since [`Plant::forget_strikes`], at most [`STRIKES`].
+    /// Impacts since [`Plant::forget_strikes`], at most 96.
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
         &self.strikes
     }
 
     /// Forgets the impacts so far.
-    pub fn forget_strikes(&mut self) {
+    pub(crate) fn forget_strikes(&mut self) {
         self.strikes.clear();
     }
 

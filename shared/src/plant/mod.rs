@@ -31,7 +31,7 @@ pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Moment, Sample};
 pub use envelope::EnvelopePlant;
 pub use envelope_loop::EnvelopeLoop;
-pub use feeder::{Plant, STRIKES};
+pub use feeder::Plant;
 pub use noise::Noise;
 pub use part::Strike;
 pub use scene::{

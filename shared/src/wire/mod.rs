@@ -33,7 +33,7 @@ pub use message::{
     SimulatedInputs, Start, Target, Telemetry, fold_output, read_reading, write_reading,
 };
 pub use receiver::{FRAME_MOST, Receiver, Unreadable};
-pub use report::{Command, Identification, Identified, Regime, Report, Unidentified, Verdict};
+pub use report::{Identification, Identified, Report, Unidentified};
 
 /// Version of everything but the question who is there.
 pub const VERSION: u8 = 1;

@@ -10,47 +10,47 @@ use crate::arithmetic::Phase;
 use crate::control;
 use crate::regime::classify;
 
-/// What the controller saw and did in one cycle; [`control::Report`] on the line.
+/// What the controller saw and did in one cycle: [`control::Report`] on the line, made of one and into one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Cycles since the controller was built.
-    pub cycle: u32,
+    cycle: u32,
     /// Measured k; infinite at rest.
-    pub k: f32,
+    k: f32,
     /// Measured normal amplitude of the track (symbol b) in m.
-    pub amplitude: f32,
+    amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
-    pub lead: f32,
+    lead: f32,
     /// Amplitude that the loop follows at the end of the next cycle but one, in m.
-    pub reference: f32,
+    reference: f32,
     /// Amplitude chosen for the target, in m; 0 where there is none.
-    pub setpoint: f32,
+    setpoint: f32,
     /// Impacts heard per cycle, over the last 16.
-    pub rate: f32,
+    rate: f32,
     /// Mean phase of the track (symbol t) at the impacts heard, in rad, -pi..pi.
-    pub phase: f32,
+    phase: f32,
     /// Concentration of these phases, 0..1.
-    pub concentration: f32,
+    concentration: f32,
     /// What the parts are heard to do, and how sure that is.
-    pub regime: Option<Verdict>,
+    regime: Option<Verdict>,
     /// Drive frequency in Hz.
-    pub frequency: f32,
+    frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
-    pub confidence: f32,
+    confidence: f32,
     /// Kicks begun for the present target.
-    pub attempts: u8,
+    attempts: u8,
     /// How far the identification of the parts' restitution has come.
-    pub identification: Identification,
+    identification: Identification,
     /// Place of the state in [`control::State::ALL`].
-    pub state: u8,
+    state: u8,
     /// Place of the fault in [`control::Fault::ALL`].
-    pub fault: Option<u8>,
+    fault: Option<u8>,
     /// Bits of the limits ([`control::Limits`]).
-    pub limits: u16,
+    limits: u16,
     /// Places of the events in [`control::Event::ALL`], in the order in which they happened.
-    pub events: [Option<u8>; control::Events::MOST],
+    events: [Option<u8>; control::Events::MOST],
     /// What the drive is to do.
-    pub command: Command,
+    command: Command,
 }
 
 impl From<&control::Report> for Report {
@@ -135,15 +135,15 @@ fn item<T: Copy>(list: &[T], at: u8) -> Result<T, Unreadable> {
 /// What the drive is to do from the next cycle on; [`control::Command`] on the line, without what only a signal path
 /// obeys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Command {
+struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
-    pub amplitude: f32,
+    amplitude: f32,
     /// Advance of the phase per sample ([`control::phase_step`]).
-    pub step: u32,
+    step: u32,
     /// Whether the output changes at once instead of at the next cycle.
-    pub immediate: bool,
+    immediate: bool,
     /// Phase of the output from which on the residual is summed over cycles, in 2^-32 turns.
-    pub fold: Option<u32>,
+    fold: Option<u32>,
 }
 
 impl From<control::Command> for Command {
@@ -171,11 +171,11 @@ impl From<Command> for control::Command {
 
 /// A regime and how sure it is; [`classify::Verdict`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Verdict {
+struct Verdict {
     /// The regime.
-    pub regime: Regime,
+    regime: Regime,
     /// 0 (a guess) to 1.
-    pub confidence: f32,
+    confidence: f32,
 }
 
 impl From<classify::Verdict> for Verdict {
@@ -198,7 +198,7 @@ impl From<Verdict> for classify::Verdict {
 
 /// What a part does; [`classify::Regime`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Regime {
+enum Regime {
     /// Nothing strikes.
     Rest,
     /// It hops, chatters to rest and is thrown off again.

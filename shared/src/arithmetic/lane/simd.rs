@@ -2,6 +2,7 @@
 
 /// Width of the registers that a block of orbits is computed in. The results are the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 pub enum Simd {
     /// One orbit at a time: any CPU.
     None,
@@ -13,6 +14,7 @@ pub enum Simd {
 
 impl Simd {
     /// Every width, narrowest first.
+    #[cfg(any(test, feature = "unstable"))]
     pub const ALL: [Self; 3] = [Self::None, Self::Avx2, Self::Avx512];
 
     /// The widest that this CPU and its operating system support.

@@ -22,6 +22,9 @@ use lanes::{Queue, Set};
 use plan::Plan;
 use stages::Stages;
 
+#[cfg(not(feature = "unstable"))]
+use crate::arithmetic::lane::simd::Simd;
+#[cfg(feature = "unstable")]
 pub use crate::arithmetic::lane::simd::Simd;
 pub use lanes::LANES;
 
@@ -78,6 +81,7 @@ impl Block {
     }
 
     /// An empty block in registers of a given width; `None` where this CPU has none so wide.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn with(simd: Simd) -> Option<Self> {
         (simd <= Simd::widest()).then(|| Self::in_width(simd))
@@ -100,6 +104,7 @@ impl Block {
     }
 
     /// The width of the registers it is computed in.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn simd(&self) -> Simd {
         self.simd

@@ -12,5 +12,6 @@ mod plan;
 
 pub use follow::{Follow, Outcome, Trial};
 pub use kick::{Kick, KickSettings};
-pub use lag::{DriveLag, DriveLagSettings, Envelope};
-pub use plan::{Lot, Plan, PlanSettings, Planner, Progress, SET_UP, Scored};
+pub(crate) use lag::Envelope;
+pub use lag::{DriveLag, DriveLagSettings};
+pub use plan::{Lot, Plan, PlanSettings, Planner, Progress, Scored};
