@@ -121,6 +121,7 @@ step "clippy for the desk" 1200 cargo clippy --locked --workspace --all-targets 
 # Profile and folder of the images: their build scripts and macros are then compiled once for both.
 step "clippy for the target" 1200 $cross clippy --locked --profile firmware --target $thumb \
     --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
+step "every combination of features" 600 tests/features.sh $cross
 # What the tests ask for, as they ask for it: one package at a time, or the packages would get each
 # other's features. The second board first: its image lies where the first board's will.
 image() {

@@ -1,0 +1,138 @@
+//! The public names of the crate `kband` are those that users of the last release have, and those that were added knowingly.
+//!
+//! They are read from what rustdoc knows of the crate, in its default features. rustdoc tells it to unstable compilers
+//! only, which the stable one is for this one call.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use kband_tests::root;
+use public_api::PublicApi;
+
+/// The public names as they were accepted.
+const ACCEPTED: &str = "shared/public-api.txt";
+/// Set, it has this test write them anew.
+const ACCEPT: &str = "KBAND_ACCEPT";
+/// Wall-clock seconds for rustdoc and the crates that it needs, a loaded machine allowed for.
+const LIMIT: &str = "600";
+
+/// Has rustdoc describe the crate; the file.
+fn described() -> PathBuf {
+    let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
+    // Of its own: a compiler that is let do more compiles everything anew.
+    let folder = root().join(folder).join("surface");
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new("timeout");
+    command.args(["--kill-after=5", LIMIT]).arg(cargo);
+    command.args([
+        "rustdoc",
+        "--quiet",
+        "--locked",
+        "--package",
+        "kband",
+        "--lib",
+    ]);
+    command.arg("--target-dir").arg(&folder);
+    command.args(["--", "-Z", "unstable-options", "--output-format", "json"]);
+    for flags in [
+        "RUSTFLAGS",
+        "RUSTDOCFLAGS",
+        "CARGO_ENCODED_RUSTFLAGS",
+        "CARGO_BUILD_TARGET",
+    ] {
+        command.env_remove(flags);
+    }
+    let output = command
+        .env("RUSTC_BOOTSTRAP", "1")
+        .current_dir(root())
+        .stdin(Stdio::null())
+        .output()
+        .expect("the command timeout is on the path");
+    assert!(
+        output.status.success(),
+        "rustdoc does not describe the crate:\n{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    folder.join("doc/kband.json")
+}
+
+/// One line for each public name and each trait that a public type implements, in the order of their paths.
+fn surface(description: &Path) -> Vec<String> {
+    let api = public_api::Builder::from_rustdoc_json(description)
+        .omit_blanket_impls(true)
+        .omit_auto_trait_impls(true)
+        .build()
+        .unwrap_or_else(|error| {
+            panic!("this rustdoc describes crates in a way that public-api in tests/Cargo.toml does not know; raise it: {error}")
+        });
+    lines(&api)
+}
+
+fn lines(api: &PublicApi) -> Vec<String> {
+    let (mut lines, mut seen, mut implemented) = (Vec::new(), BTreeSet::new(), None);
+    for item in api.items() {
+        let line = item.to_string();
+        if line.starts_with("impl") {
+            // What a trait asks for follows from the trait; what a type has by itself is named for itself.
+            implemented = line.split_once(" for ").map(|(_, rest)| {
+                let name = rest.split(" where ").next().unwrap_or(rest);
+                format!("{name}::")
+            });
+            if implemented.is_none() || line.contains("::StructuralPartialEq ") {
+                continue;
+            }
+        } else if implemented.as_ref().is_some_and(|of| line.contains(of)) {
+            continue;
+        } else {
+            implemented = None;
+        }
+        if seen.insert(line.clone()) {
+            lines.push(line);
+        }
+    }
+    lines
+}
+
+/// Lines of one that the other has not.
+fn missing<'a>(from: &'a [String], other: &[String]) -> Vec<&'a str> {
+    let other: BTreeSet<&String> = other.iter().collect();
+    let missing = from.iter().filter(|line| !other.contains(line));
+    missing.map(String::as_str).collect()
+}
+
+#[test]
+fn the_public_names_are_the_accepted_ones() {
+    let now = surface(&described());
+    assert!(now.len() > 500, "{} lines are no surface", now.len());
+    let path = root().join(ACCEPTED);
+    if std::env::var_os(ACCEPT).is_some() {
+        std::fs::write(&path, now.join("\n") + "\n").unwrap();
+    }
+    let accepted = std::fs::read_to_string(&path).unwrap_or_default();
+    let accepted: Vec<String> = accepted.lines().map(str::to_owned).collect();
+    let (gone, new) = (missing(&accepted, &now), missing(&now, &accepted));
+    println!("public names and traits: {} lines", now.len());
+    let each = |sign: char, lines: &[&str]| -> String {
+        lines
+            .iter()
+            .map(|line| format!("{sign} {line}\n"))
+            .collect()
+    };
+    assert!(
+        gone.is_empty() && new.is_empty(),
+        "the public names of kband have changed:\n{}{}\
+         what is gone (-) breaks the programs of users: it takes a new minor version before 1.0, a new major one after it, \
+         and a line in CHANGELOG.md\n\
+         next: {ACCEPT}=1 cargo test -p kband-tests --test surface\n",
+        each('-', &gone),
+        each('+', &new),
+    );
+}
+
+#[test]
+fn a_name_that_goes_and_one_that_comes_are_both_seen() {
+    let [before, after] = [["a", "b", "c"], ["a", "c", "d"]].map(|lines| lines.map(String::from));
+    assert_eq!(missing(&before, &after), ["b"]);
+    assert_eq!(missing(&after, &before), ["d"]);
+}
