@@ -30,6 +30,7 @@ mod double;
 mod integer;
 mod kernel;
 mod orbit;
+mod scatter;
 mod set_up;
 mod tones;
 
@@ -47,4 +48,5 @@ pub use orbit::Skips;
 pub use orbit::{
     Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent, Tangential, TangentialSettings,
 };
-pub use tones::{Tone, Wave, WaveContact, WaveMap};
+pub use scatter::Scatter;
+pub use tones::{Next, Tone, Wave, WaveContact, WaveMap, WaveOrbit, WavePart};

@@ -7,7 +7,9 @@ pub mod cascade;
 pub mod chaos;
 pub mod classify;
 pub mod exponent;
+pub mod gear;
 mod lock;
 pub mod reach;
+pub mod wave_band;
 
 pub use lock::{HIGHEST_ORDER, Lock, Multipliers};

@@ -31,27 +31,7 @@ impl WaveContact {
     /// throw the part.
     #[must_use]
     pub fn time_to_rest(&self, state: State) -> Option<f64> {
-        let hop = state.velocity;
-        let at = self.track.wave.at(state.phase);
-        let pull = self.track.k - at.push;
-        let least = if at.surge > 0.0 {
-            -16.0 * f64::EPSILON
-        } else {
-            0.0
-        };
-        if hop <= 0.0 {
-            return (pull >= least).then_some(0.0);
-        }
-        let lost = 1.0 - self.restitution;
-        if pull <= 0.0 || lost <= 0.0 {
-            return None;
-        }
-        let (c, s) = (at.surge.abs(), at.bend.abs());
-        let z = hop / (pull * lost);
-        let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
-        let exact = third <= REMAINDER;
-        let steady = 2.0 * z * c <= CHANGE * pull && 2.0 * z * z * s <= CHANGE * pull;
-        (exact && steady).then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
+        time_to_rest(&self.track, self.restitution, state)
     }
 
     /// The wait from `phase`, where the part rests, to lift-off, in rad, and the phase of it; 0 and `phase`
@@ -60,4 +40,29 @@ impl WaveContact {
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.track.throw(phase)
     }
+}
+
+/// See [`WaveContact::time_to_rest`].
+pub(super) fn time_to_rest(track: &Track, restitution: f64, state: State) -> Option<f64> {
+    let hop = state.velocity;
+    let at = track.wave.at(state.phase);
+    let pull = track.k - at.push;
+    let least = if at.surge > 0.0 {
+        -16.0 * f64::EPSILON
+    } else {
+        0.0
+    };
+    if hop <= 0.0 {
+        return (pull >= least).then_some(0.0);
+    }
+    let lost = 1.0 - restitution;
+    if pull <= 0.0 || lost <= 0.0 {
+        return None;
+    }
+    let (c, s) = (at.surge.abs(), at.bend.abs());
+    let z = hop / (pull * lost);
+    let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
+    let exact = third <= REMAINDER;
+    let steady = 2.0 * z * c <= CHANGE * pull && 2.0 * z * z * s <= CHANGE * pull;
+    (exact && steady).then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
 }

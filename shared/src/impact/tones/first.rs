@@ -125,15 +125,10 @@ pub(super) fn quick<L: Lane, const N: usize>(
 /// those that are `tall`, and of all where the gap is concave throughout as on a `plain` track.
 #[inline(always)]
 fn falling<L: Lane>(track: &Track, launch: &Launch<L>, plain: bool, tall: L::Mask) -> Stretch<L> {
-    let (zero, per_k) = (L::splat(0.0), L::splat(track.per_k));
-    let fall = |height: f64| {
-        let speed = launch.speed_at(track, height).max(zero).sqrt();
-        (launch.rise() + speed) * per_k
-    };
     Stretch {
-        start: fall(0.0),
-        low: fall(track.wave.top()).only(tall),
-        high: fall(-track.wave.bottom()) + L::splat(1e-9),
+        start: launch.falls_to(track, 0.0),
+        low: launch.falls_to(track, track.wave.top()).only(tall),
+        high: launch.falls_to(track, -track.wave.bottom()) + L::splat(1e-9),
         certain: if plain { !tall | tall } else { tall },
     }
 }

@@ -61,6 +61,13 @@ impl<L: Lane> Launch<L> {
         v * v + L::splat(2.0 * track.k) * (self.at.height - L::splat(height))
     }
 
+    /// When the ball falls through a height.
+    #[inline(always)]
+    pub fn falls_to(&self, track: &Track, height: f64) -> L {
+        let speed = self.speed_at(track, height).max(L::splat(0.0)).sqrt();
+        (self.rise() + speed) * L::splat(track.per_k)
+    }
+
     /// Bound of the rounding of a height: 30 times that at the apex.
     #[inline(always)]
     pub fn margin(&self, track: &Track) -> L {

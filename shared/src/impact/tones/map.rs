@@ -1,12 +1,15 @@
 //! The impact map in f64 on a track of several tones.
 
+use super::batch;
 use super::first::first_impact;
 use super::launch::Launch;
+#[cfg(any(test, feature = "unstable"))]
 use super::search;
 use super::track::Track;
 use super::wave::Wave;
+#[cfg(any(test, feature = "unstable"))]
 use crate::arithmetic::lane::Lane;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::OutOfRange;
 use crate::impact::double::step::Landing;
 use crate::impact::{Impact, Kernel, Map, State};
 
@@ -47,20 +50,6 @@ impl WaveMap {
         })
     }
 
-    /// The same track for another restitution.
-    pub fn with_restitution(&self, restitution: f64) -> Result<Self, OutOfRange> {
-        accept(
-            "restitution",
-            restitution,
-            (0.0..=1.0).contains(&restitution),
-            "0..1",
-        )?;
-        Ok(Self {
-            restitution,
-            ..*self
-        })
-    }
-
     /// Its wave.
     #[must_use]
     pub fn wave(&self) -> &Wave {
@@ -81,6 +70,7 @@ impl WaveMap {
 
     /// The first impact by the certified search alone, without the closed forms: slower, the same root
     /// to rounding.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn search(&self, state: State) -> Impact<State> {
         if self.track.wave.is_of_two() {
@@ -90,6 +80,7 @@ impl WaveMap {
         }
     }
 
+    #[cfg(any(test, feature = "unstable"))]
     fn searched<const N: usize>(&self, state: State) -> Impact<State> {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
         let rests = f64::any(launch.rests(&self.track));
@@ -123,6 +114,25 @@ impl WaveMap {
             },
             grazes,
         }
+    }
+
+    /// The impact of a part that loses nothing: its velocity is the speed of arrival.
+    #[must_use]
+    pub fn elastic_impact(&self, state: State) -> Impact<State> {
+        let mut impact = [Impact {
+            flight: 0.0,
+            next: state,
+            grazes: false,
+        }];
+        self.elastic_impacts(&[state], &mut impact);
+        let [impact] = impact;
+        impact
+    }
+
+    /// [`WaveMap::elastic_impact`] of each of some states on this track, as many as there is room for: side by side in
+    /// the widest registers of this CPU, with the bits of each alone.
+    pub fn elastic_impacts(&self, states: &[State], impacts: &mut [Impact<State>]) {
+        batch::impacts(&self.track, states, impacts);
     }
 
     pub(super) fn track(&self) -> &Track {

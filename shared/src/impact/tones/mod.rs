@@ -7,10 +7,12 @@
 //!
 //! A track of one tone has its own kernel, [`Map`](super::Map), which pays nothing for this one.
 
+mod batch;
 mod contact;
 mod first;
 mod launch;
 mod map;
+mod orbit;
 mod search;
 mod short;
 mod track;
@@ -18,4 +20,5 @@ mod wave;
 
 pub use contact::WaveContact;
 pub use map::WaveMap;
+pub use orbit::{Next, WaveOrbit, WavePart};
 pub use wave::{Tone, Wave};

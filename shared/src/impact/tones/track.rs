@@ -161,3 +161,9 @@ pub(super) fn ahead(from: f64, to: f64) -> f64 {
         to - from
     }
 }
+
+/// `angle` in 0..2 pi.
+pub(super) fn in_turn(angle: f64) -> f64 {
+    let turned = angle - TAU * libm::floor(angle / TAU);
+    if turned < TAU { turned } else { 0.0 }
+}

@@ -2,6 +2,7 @@
 
 use core::f64::consts::TAU;
 
+use super::track::in_turn;
 use crate::arithmetic::lane::{Lane, sine_cosine};
 use crate::feeder::{OutOfRange, accept};
 
@@ -165,8 +166,7 @@ impl Wave {
     /// Displacement S, velocity S' and upward push A = -S'' at a phase in rad, and A': each within 4e-15.
     #[must_use]
     pub fn motion(&self, phase: f64) -> [f64; 4] {
-        let turned = phase - TAU * libm::floor(phase / TAU);
-        let m = self.at(if turned < TAU { turned } else { 0.0 });
+        let m = self.at(in_turn(phase));
         [m.height, m.speed, m.push, m.surge]
     }
 
@@ -233,11 +233,7 @@ impl Wave {
     /// between which it is below 1e-14 of that bound.
     fn zeros(&self, of: impl Fn(&Motion<f64>) -> [f64; 2], bound: f64) -> Zeros {
         const SHORTEST: f64 = 1e-7;
-        let turned = |phase: f64| {
-            let turned = phase - TAU * libm::floor(phase / TAU);
-            if turned < TAU { turned } else { 0.0 }
-        };
-        let at = |phase: f64| of(&self.at(turned(phase)));
+        let at = |phase: f64| of(&self.at(in_turn(phase)));
         let mut start = 0.0;
         for n in 1..16 {
             let phase = f64::from(n) * TAU / 16.0;
@@ -261,7 +257,7 @@ impl Wave {
             let next = phase + step.max(SHORTEST);
             let then = at(next);
             if (then[0] < 0.0) != (value[0] < 0.0) && zeros.count < MOST && next < start + TAU {
-                zeros.phases[zeros.count] = turned(crossing(&at, phase, next));
+                zeros.phases[zeros.count] = in_turn(crossing(&at, phase, next));
                 zeros.count += 1;
             }
             (phase, value) = (next, then);

@@ -1,0 +1,228 @@
+//! The stream of events of one part on a track of several tones.
+
+use super::contact::time_to_rest;
+use super::map::WaveMap;
+use super::track::in_turn;
+use crate::impact::{Event, Impact, Kernel, State};
+
+/// The orbit of one part on a track of several tones: impacts, rests and lift-offs, ended only by rest for ever.
+#[derive(Clone, Copy, Debug)]
+pub struct WaveOrbit {
+    map: WaveMap,
+    part: WavePart,
+}
+
+impl WaveOrbit {
+    /// The orbit that begins just after an impact with `start`.
+    #[must_use]
+    pub fn new(map: &WaveMap, start: State) -> Self {
+        Self {
+            map: *map,
+            part: WavePart::new(map.restitution(), start),
+        }
+    }
+
+    /// The orbit that begins at rest, phase 0; it lifts off where the push of the track first rises through k.
+    #[must_use]
+    pub fn from_rest(map: &WaveMap) -> Self {
+        Self {
+            map: *map,
+            part: WavePart::at_rest(map.restitution()),
+        }
+    }
+
+    /// The state after the last event.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.part.state
+    }
+}
+
+impl Iterator for WaveOrbit {
+    type Item = Event;
+
+    fn next(&mut self) -> Option<Event> {
+        Some(match self.part.next(&self.map)? {
+            Next::Contact(event) => event,
+            Next::Flight(launch) => {
+                let impact = self.map.elastic_impact(launch);
+                self.part.land(impact, self.part.restitution)
+            }
+        })
+    }
+}
+
+/// A part on a track of several tones, between two events. It flies by whoever holds it, alone or many at a time.
+#[derive(Clone, Copy, Debug)]
+pub struct WavePart {
+    /// The restitution at which a chatter is closed.
+    restitution: f64,
+    state: State,
+    stage: Stage,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    /// Just after an impact.
+    Hopping,
+    /// At rest.
+    Resting,
+    /// Just thrown off.
+    Released,
+}
+
+/// What a part does next.
+#[derive(Clone, Copy, Debug)]
+pub enum Next {
+    /// It came to rest, or was thrown off.
+    Contact(Event),
+    /// It flies from this state; [`WavePart::land`] takes the impact.
+    Flight(State),
+}
+
+impl WavePart {
+    /// A part just after an impact, in `state`.
+    #[must_use]
+    pub fn new(restitution: f64, state: State) -> Self {
+        Self {
+            restitution,
+            state,
+            stage: Stage::Hopping,
+        }
+    }
+
+    /// A part that rests at phase 0.
+    #[must_use]
+    pub fn at_rest(restitution: f64) -> Self {
+        let origin = State {
+            phase: 0.0,
+            velocity: 0.0,
+        };
+        Self {
+            stage: Stage::Resting,
+            ..Self::new(restitution, origin)
+        }
+    }
+
+    /// What it does next on the track of `map`; `None` at rest for ever.
+    pub fn next(&mut self, map: &WaveMap) -> Option<Next> {
+        Some(match self.stage {
+            Stage::Resting => Next::Contact(self.lift_off(map)?),
+            Stage::Released => Next::Flight(self.state),
+            Stage::Hopping => match time_to_rest(map.track(), self.restitution, self.state) {
+                Some(chatter) => Next::Contact(self.settle(chatter)),
+                None => Next::Flight(self.state),
+            },
+        })
+    }
+
+    /// Takes the impact that ends its flight, with the velocity of an elastic part, and its restitution there.
+    pub fn land(&mut self, mut impact: Impact<State>, restitution: f64) -> Event {
+        if impact.flight <= 0.0 {
+            // Within rounding of the edge of a window: it rests.
+            return self.settle(0.0);
+        }
+        impact.next.velocity *= restitution;
+        self.stage = Stage::Hopping;
+        self.state = impact.next;
+        Event::Impact(impact)
+    }
+
+    fn settle(&mut self, chatter: f64) -> Event {
+        let phase = in_turn(self.state.phase + chatter);
+        self.state = State {
+            phase,
+            velocity: 0.0,
+        };
+        self.stage = Stage::Resting;
+        Event::Rest { chatter, phase }
+    }
+
+    fn lift_off(&mut self, map: &WaveMap) -> Option<Event> {
+        let (wait, phase) = map.track().throw(self.state.phase)?;
+        // Rounding may put the edge before the crossing as the map sees it, where the part still rests; the flat
+        // top of a window that is hardly one needs more than an ulp.
+        let mut nudge = 0.0;
+        for _ in 0..40 {
+            let start = State {
+                phase: in_turn(phase + nudge),
+                velocity: 0.0,
+            };
+            if map.impact(start).flight > 0.0 {
+                self.state = start;
+                self.stage = Stage::Released;
+                return Some(Event::LiftOff {
+                    wait,
+                    phase: start.phase,
+                });
+            }
+            nudge = if nudge == 0.0 {
+                f64::EPSILON * phase.max(1.0)
+            } else {
+                2.0 * nudge
+            };
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::wave::{Tone, Wave};
+    use super::*;
+    use crate::impact::{Map, Orbit};
+
+    #[test]
+    fn one_tone_has_the_events_of_the_sine() {
+        for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.2, 0.8), (0.7, 0.0), (1.5, 0.5)] {
+            let one = Map::build(k, restitution).unwrap();
+            let same = WaveMap::build(k, restitution).unwrap();
+            let start = Map::state(2.0, 0.5).unwrap();
+            // Until rounding, which an orbit amplifies, parts them.
+            for (a, b) in Orbit::new(&one, start)
+                .zip(WaveOrbit::new(&same, start))
+                .take(12)
+            {
+                let apart = match (a, b) {
+                    (Event::Impact(a), Event::Impact(b)) => (a.flight - b.flight).abs(),
+                    (Event::Rest { phase: a, .. }, Event::Rest { phase: b, .. })
+                    | (Event::LiftOff { phase: a, .. }, Event::LiftOff { phase: b, .. }) => {
+                        (a - b).abs()
+                    }
+                    other => panic!("{k} {restitution}: {other:?}"),
+                };
+                assert!(apart < 1e-6, "{k} {restitution}: {a:?} {b:?}");
+            }
+            let ended = WaveOrbit::from_rest(&same).next().is_none();
+            assert_eq!(ended, k >= 1.0);
+        }
+    }
+
+    #[test]
+    fn parts_of_every_restitution_go_on() {
+        for n in 0..200 {
+            let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
+            let tone = |a: f64, b: f64| Tone {
+                amplitude: 0.5 * spread(a),
+                angle: 6.0 * spread(b),
+            };
+            let wave = Wave::build(tone(0.618, 0.414), tone(0.732, 0.236)).unwrap();
+            for restitution in [0.0, 0.3, 0.9, 1.0] {
+                let k = 0.05 + 1.1 * spread(0.303) * wave.highest_throw();
+                let map = WaveMap::on(wave, k, restitution).unwrap();
+                let mut idle = 0;
+                for event in WaveOrbit::from_rest(&map).take(300) {
+                    let passed = match event {
+                        Event::Impact(impact) => impact.flight,
+                        Event::Rest { chatter, .. } => chatter,
+                        Event::LiftOff { wait, .. } => wait,
+                    };
+                    assert!(passed >= 0.0 && passed.is_finite());
+                    // A rest and a lift-off may take no time, but never without a flight after.
+                    idle = if passed > 0.0 { 0 } else { idle + 1 };
+                    assert!(idle < 3, "{map:?}");
+                }
+            }
+        }
+    }
+}

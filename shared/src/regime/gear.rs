@@ -1,0 +1,354 @@
+//! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and how much of
+//! the time one does whose restitution scatters.
+
+use core::f64::consts::TAU;
+
+use super::lock::accept_order;
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
+
+/// Shortest and longest flight in gear, as a share of r drive periods.
+const FLIGHTS: [f64; 2] = [0.6, 1.4];
+
+/// Flights in a row that are gear.
+const ROW: u32 = 8;
+
+/// Whether a part is in gear of one order, told event by event.
+///
+/// It is while every flight takes 0.6 to 1.4 times r drive periods, from the first of at least 8 such flights on, with
+/// no rest between. The mean flight is then r periods, and so the impact mean of the speed is the lock's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gear {
+    shortest: f64,
+    longest: f64,
+    row: u32,
+    /// Duration of the row so far, in rad.
+    duration: f64,
+    losses: u64,
+}
+
+impl Gear {
+    /// Gear of an order, 1..=100 drive periods a flight.
+    pub fn build(order: u32) -> Result<Self, OutOfRange> {
+        let period = TAU * accept_order(order)?;
+        Ok(Self {
+            shortest: FLIGHTS[0] * period,
+            longest: FLIGHTS[1] * period,
+            row: 0,
+            duration: 0.0,
+            losses: 0,
+        })
+    }
+
+    /// Whether the part is in gear now.
+    #[must_use]
+    pub fn is_in(&self) -> bool {
+        self.row >= ROW
+    }
+
+    /// How often it has been lost.
+    #[must_use]
+    pub fn losses(&self) -> u64 {
+        self.losses
+    }
+
+    /// Takes a flight in rad; the time in gear that it adds, which for the last of the first 8 is that of all.
+    pub fn flight(&mut self, flight: f64) -> f64 {
+        if !(self.shortest < flight && flight < self.longest) {
+            self.lose();
+            return 0.0;
+        }
+        self.row += 1;
+        self.duration += flight;
+        match self.row {
+            row if row < ROW => 0.0,
+            ROW => self.duration,
+            _ => flight,
+        }
+    }
+
+    /// The part came to rest.
+    pub fn rest(&mut self) {
+        self.lose();
+    }
+
+    fn lose(&mut self) {
+        self.losses += u64::from(self.is_in());
+        self.row = 0;
+        self.duration = 0.0;
+    }
+}
+
+/// How much of its time a part was in gear.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Share {
+    /// Time in gear in drive periods.
+    pub in_gear: f64,
+    /// Time watched in drive periods.
+    pub watched: f64,
+    /// How often gear was lost in it.
+    pub losses: u64,
+}
+
+impl Share {
+    /// The share of time in gear, 0..=1; 0 where nothing was watched.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        if self.watched > 0.0 {
+            (self.in_gear / self.watched).clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
+    }
+
+    /// Mean time in gear until it is lost, in drive periods; `None` where it was not lost.
+    #[must_use]
+    pub fn time_to_loss(&self) -> Option<f64> {
+        (self.losses > 0).then(|| self.in_gear / self.losses as f64)
+    }
+
+    /// Both together.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self {
+            in_gear: self.in_gear + other.in_gear,
+            watched: self.watched + other.watched,
+            losses: self.losses + other.losses,
+        }
+    }
+}
+
+/// Parts that fly side by side.
+const ABREAST: usize = 16;
+
+/// Follows parts that start at rest for `periods` of the drive, 16..=1e7, each with the restitutions that a `scatter`
+/// draws; `each` is told the number of each part and how much of the last three quarters it was in gear of an order.
+///
+/// Of `map` wave and k are taken. A chatter is closed at the mean of a scatter. A part that rests for ever is out of gear.
+pub fn shares_from_rest(
+    map: &WaveMap,
+    scatters: &[Scatter],
+    order: u32,
+    periods: f64,
+    mut each: impl FnMut(usize, Share),
+) -> Result<(), OutOfRange> {
+    accept(
+        "periods",
+        periods,
+        (16.0..=1e7).contains(&periods),
+        "16..1e7 drive periods",
+    )?;
+    let watch = Watch {
+        gear: Gear::build(order)?,
+        begin: 0.25 * periods * TAU,
+        end: periods * TAU,
+        time: 0.0,
+        in_gear: 0.0,
+        lost_before: 0,
+    };
+    for (number, scatters) in scatters.chunks(ABREAST).enumerate() {
+        let begun = |scatter: &Scatter| Rider {
+            part: WavePart::at_rest(scatter.mean()),
+            scatter: *scatter,
+            watch,
+        };
+        let mut riders = [begun(&scatters[0]); ABREAST];
+        for (rider, scatter) in riders.iter_mut().zip(scatters) {
+            *rider = begun(scatter);
+        }
+        ride(map, &mut riders[..scatters.len()]);
+        for (n, rider) in riders.iter().enumerate().take(scatters.len()) {
+            each(ABREAST * number + n, rider.watch.share());
+        }
+    }
+    Ok(())
+}
+
+/// A part, what it draws and what is seen of it.
+#[derive(Clone, Copy)]
+struct Rider {
+    part: WavePart,
+    scatter: Scatter,
+    watch: Watch,
+}
+
+/// Flies all riders to their ends, those that fly next side by side.
+fn ride(map: &WaveMap, riders: &mut [Rider]) {
+    let still = Impact {
+        flight: 0.0,
+        next: State {
+            phase: 0.0,
+            velocity: 0.0,
+        },
+        grazes: false,
+    };
+    let (mut launches, mut impacts) = ([still.next; ABREAST], [still; ABREAST]);
+    let mut flying = [0; ABREAST];
+    loop {
+        let mut count = 0;
+        for (n, rider) in riders.iter_mut().enumerate() {
+            // A rest and a lift-off come before the next flight.
+            while rider.watch.time < rider.watch.end {
+                match rider.part.next(map) {
+                    None => rider.watch.time = rider.watch.end,
+                    Some(Next::Contact(event)) => rider.watch.see(&event),
+                    Some(Next::Flight(launch)) => {
+                        (launches[count], flying[count]) = (launch, n);
+                        count += 1;
+                        break;
+                    }
+                }
+            }
+        }
+        if count == 0 {
+            return;
+        }
+        map.elastic_impacts(&launches[..count], &mut impacts[..count]);
+        for (&n, impact) in flying.iter().zip(&impacts).take(count) {
+            let rider = &mut riders[n];
+            let event = rider.part.land(*impact, rider.scatter.draw());
+            rider.watch.see(&event);
+        }
+    }
+}
+
+/// The time in gear of one part.
+#[derive(Clone, Copy)]
+struct Watch {
+    gear: Gear,
+    begin: f64,
+    end: f64,
+    time: f64,
+    in_gear: f64,
+    lost_before: u64,
+}
+
+impl Watch {
+    fn see(&mut self, event: &Event) {
+        match event {
+            Event::Impact(impact) => {
+                self.time += impact.flight;
+                let added = self.gear.flight(impact.flight);
+                let from = (self.time - added).max(self.begin);
+                self.in_gear += (self.time.min(self.end) - from).max(0.0);
+            }
+            Event::Rest { chatter, .. } => {
+                self.time += chatter;
+                self.gear.rest();
+            }
+            Event::LiftOff { wait, .. } => self.time += wait,
+        }
+        if self.time <= self.begin {
+            self.lost_before = self.gear.losses();
+        }
+    }
+
+    fn share(&self) -> Share {
+        Share {
+            in_gear: self.in_gear / TAU,
+            watched: (self.end - self.begin) / TAU,
+            losses: self.gear.losses() - self.lost_before,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Tone, Wave};
+
+    #[test]
+    fn gear_begins_with_eight_flights_and_ends_with_a_wrong_one_or_a_rest() {
+        let mut gear = Gear::build(2).unwrap();
+        let period = 2.0 * TAU;
+        for n in 0..8 {
+            assert!(!gear.is_in());
+            let added = gear.flight(period * if n % 2 == 0 { 0.65 } else { 1.35 });
+            assert_eq!(added > 0.0, n == 7);
+            if n == 7 {
+                assert!((added - 8.0 * period).abs() < 1e-12);
+            }
+        }
+        assert!(gear.is_in() && gear.flight(period) == period);
+        assert!(gear.flight(1.41 * period) == 0.0 && !gear.is_in() && gear.losses() == 1);
+        for _ in 0..20 {
+            gear.flight(period);
+        }
+        gear.rest();
+        assert!(!gear.is_in() && gear.losses() == 2);
+        gear.rest();
+        assert_eq!(gear.losses(), 2);
+    }
+
+    fn share(wave: &Wave, k: f64, restitution: f64, deviation: f64) -> Share {
+        let map = WaveMap::on(*wave, k, restitution).unwrap();
+        let scatters: [Scatter; 20] = core::array::from_fn(|seed| {
+            Scatter::build(restitution, deviation, seed as u64).unwrap()
+        });
+        let mut sum = Share::default();
+        shares_from_rest(&map, &scatters, 1, 1000.0, |_, share| sum = sum.and(&share)).unwrap();
+        sum
+    }
+
+    #[test]
+    fn neighbours_change_no_bit() {
+        let wave = Wave::sine();
+        let map = WaveMap::on(wave, 0.44, 0.3).unwrap();
+        let scatter = |n: usize| Scatter::build(0.1 + 0.01 * n as f64, 0.06, n as u64).unwrap();
+        let scatters: [Scatter; 40] = core::array::from_fn(scatter);
+        let mut together = [Share::default(); 40];
+        shares_from_rest(&map, &scatters, 1, 200.0, |n, share| together[n] = share).unwrap();
+        for (n, expected) in together.iter().enumerate() {
+            shares_from_rest(&map, &[scatter(n)], 1, 200.0, |_, share| {
+                assert_eq!(share, *expected);
+            })
+            .unwrap();
+        }
+        assert!(together.iter().any(|share| share.in_gear > 0.0));
+    }
+
+    /// Shares by a sketch in C of its own map, generator and bookkeeping, over 20 runs of 1000 periods each. Both
+    /// scatter: by 0.01 where a loss comes every 30 periods.
+    #[test]
+    fn shares_are_those_of_an_independent_program() {
+        for (restitution, deviation, k, [e, th, e3, th3], expected) in [
+            (0.3, 0.05, 0.45, [0.0; 4], 0.811),
+            (0.3, 0.05, 0.523, [0.0; 4], 0.0),
+            (0.3, 0.10, 0.44, [0.0; 4], 0.459),
+            (0.2, 0.05, 0.41, [0.0; 4], 0.935),
+            (0.5, 0.06, 0.54, [0.0; 4], 0.290),
+            (0.3, 0.10, 0.42, [0.15, 2.487, 0.0, 0.0], 0.938),
+            (0.5, 0.10, 0.46, [0.15, 2.356, 0.0, 0.0], 0.704),
+            (0.5, 0.10, 0.573, [0.23, 2.60, 0.0, 0.0], 0.945),
+            (0.5, 0.10, 0.55, [0.274, 2.73, 0.07, 5.74], 0.982),
+        ] {
+            let tone = |amplitude, angle| Tone { amplitude, angle };
+            let wave = Wave::build(tone(e, th), tone(e3, th3)).unwrap();
+            let found = share(&wave, k, restitution, deviation);
+            assert!((found.share() - expected).abs() < 0.03, "{k} {found:?}");
+        }
+    }
+
+    #[test]
+    fn without_scatter_a_locked_part_is_in_gear_and_a_resting_one_is_not() {
+        let sine = Wave::sine();
+        // The launch from rest locks.
+        let locked = share(&sine, 0.405, 0.2, 0.0);
+        assert_eq!((locked.share(), locked.time_to_loss()), (1.0, None));
+        assert_eq!(share(&sine, 0.43, 0.2, 0.0).share(), 0.0);
+        // It rests for ever.
+        assert_eq!(share(&sine, 1.2, 0.2, 0.05).share(), 0.0);
+    }
+
+    #[test]
+    fn what_cannot_be_watched_is_refused() {
+        let map = WaveMap::on(Wave::sine(), 0.4, 0.2).unwrap();
+        let refused = |order, periods| {
+            let told = |_, _| panic!("nothing is followed");
+            let scatters = [Scatter::build(0.2, 0.0, 0).unwrap()];
+            shares_from_rest(&map, &scatters, order, periods, told).unwrap_err()
+        };
+        assert_eq!(refused(0, 100.0).parameter, "order");
+        assert_eq!(refused(1, 10.0).parameter, "periods");
+    }
+}

@@ -1,0 +1,452 @@
+//! Locks and their bands on a track of several tones, in closed form (theory, section 10.3).
+
+use core::f64::consts::{PI, TAU};
+
+use super::lock::{Multipliers, accept_order, accept_restitution};
+use crate::feeder::{OutOfRange, Restitution};
+use crate::impact::{Kernel, State, Wave, WaveMap, WaveOrbit};
+
+/// The period-1 orbit of one order that strikes at one phase of the track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaveLock {
+    wave: Wave,
+    order: u32,
+    k: f64,
+    restitution: f64,
+    state: State,
+}
+
+impl WaveLock {
+    /// The orbit of `order` that strikes at `phase` (symbol t0) in rad: `k = S'(t0) (1+R)/(pi r (1-R))` and
+    /// `psi = 2 pi r k R/(1+R)`; `None` where the track does not move upwards there, so that none exists. Whether it
+    /// attracts is for [`WaveLock::attracts`], whether it is flown for [`WaveLock::is_first_return`].
+    pub fn striking(
+        wave: &Wave,
+        phase: f64,
+        restitution: f64,
+        order: u32,
+    ) -> Result<Option<Self>, OutOfRange> {
+        let r = accept_order(order)?;
+        accept_restitution(restitution)?;
+        let [_, speed, ..] = wave.motion(phase);
+        let k = speed * (1.0 + restitution) / (PI * r * (1.0 - restitution));
+        // The range of the map.
+        if !(1e-3..=1e3).contains(&k) {
+            return Ok(None);
+        }
+        Ok(Some(Self {
+            wave: *wave,
+            order,
+            k,
+            restitution,
+            state: State {
+                phase: phase - TAU * libm::floor(phase / TAU),
+                velocity: TAU * r * k * restitution / (1.0 + restitution),
+            },
+        }))
+    }
+
+    /// The orbit of `order` at `k` that attracts and is flown; `None` where there is none. With several it is that of
+    /// the band with the highest end.
+    pub fn attracting(
+        wave: &Wave,
+        k: f64,
+        restitution: f64,
+        order: u32,
+    ) -> Result<Option<Self>, OutOfRange> {
+        let bands = WaveBands::of(wave, restitution, order)?;
+        let Some(band) = bands.iter().find(|band| band.contains(k)) else {
+            return Ok(None);
+        };
+        // Its k falls as the phase grows.
+        let (mut early, mut late) = band.phases();
+        for _ in 0..60 {
+            let middle = 0.5 * (early + late);
+            match Self::striking(wave, middle, restitution, order)? {
+                Some(lock) if lock.k < k => late = middle,
+                _ => early = middle,
+            }
+        }
+        Self::striking(wave, late, restitution, order)
+    }
+
+    /// k of the orbit.
+    #[must_use]
+    pub fn k(&self) -> f64 {
+        self.k
+    }
+
+    /// State just after each impact: phase t0 in rad and velocity psi in `b w`.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2/k`; its determinant is R^2.
+    #[must_use]
+    pub fn trace(&self) -> f64 {
+        let r = self.restitution;
+        let [_, _, push, _] = self.wave.motion(self.state.phase);
+        1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k
+    }
+
+    /// The multipliers of the orbit: how a perturbation grows or shrinks per impact.
+    #[must_use]
+    pub fn multipliers(&self) -> Multipliers {
+        Multipliers::of(self.trace(), self.restitution * self.restitution)
+    }
+
+    /// Whether small perturbations die: both multipliers inside the unit circle.
+    #[must_use]
+    pub fn attracts(&self) -> bool {
+        libm::fabs(self.trace()) < 1.0 + self.restitution * self.restitution
+    }
+
+    /// Whether the part really flies r cycles: it does not touch the track earlier.
+    #[must_use]
+    pub fn is_first_return(&self) -> bool {
+        let period = TAU * f64::from(self.order);
+        // Where it is born rounding of t0 moves the root by its square root.
+        WaveMap::on(self.wave, self.k, self.restitution)
+            .is_ok_and(|map| map.impact(self.state).flight > period - 1e-3)
+    }
+
+    /// Whether a part that starts from rest is on this orbit after so many impacts, to 1e-3 in phase (rad) and
+    /// velocity (`b w`).
+    #[must_use]
+    pub fn is_reached_from_rest(&self, impacts: usize) -> bool {
+        let Ok(map) = WaveMap::on(self.wave, self.k, self.restitution) else {
+            return false;
+        };
+        let mut orbit = WaveOrbit::from_rest(&map);
+        // A rest and a lift-off for each impact at most.
+        for _ in 0..3 * impacts {
+            if orbit.next().is_none() {
+                return false;
+            }
+        }
+        let at = orbit.state();
+        let apart = at.phase - self.state.phase;
+        let apart = apart - TAU * libm::round(apart / TAU);
+        libm::fabs(apart) < 1e-3 && libm::fabs(at.velocity - self.state.velocity) < 1e-3
+    }
+}
+
+/// What ends a band.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// The orbit is born there, together with one that repels.
+    Birth,
+    /// It flips to twice its period.
+    Flip,
+    /// It touches the track before it returns.
+    Touch,
+}
+
+/// An end of a band.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Edge {
+    /// k there.
+    pub k: f64,
+    /// Phase at which the orbit strikes there, in rad.
+    pub phase: f64,
+    /// What ends the band.
+    pub end: End,
+}
+
+/// A band of k in which a period-1 orbit attracts and is flown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaveBand {
+    /// Its low end in k, the largest amplitude.
+    pub low: Edge,
+    /// Its high end in k.
+    pub high: Edge,
+}
+
+impl WaveBand {
+    /// Whether `k` lies strictly inside.
+    #[must_use]
+    pub fn contains(&self, k: f64) -> bool {
+        self.low.k < k && k < self.high.k
+    }
+
+    /// k with the largest margin: the amplitude in the middle between the amplitudes of the edges.
+    #[must_use]
+    pub fn setpoint(&self) -> f64 {
+        2.0 / (1.0 / self.low.k + 1.0 / self.high.k)
+    }
+
+    /// Phases of the strike at its high and at its low end, the second after the first.
+    fn phases(&self) -> (f64, f64) {
+        let (early, late) = (self.high.phase, self.low.phase);
+        (early, if late < early { late + TAU } else { late })
+    }
+
+    /// The part of it that another has, too.
+    fn shared(&self, other: &Self) -> Option<Self> {
+        let low = if self.low.k < other.low.k {
+            other.low
+        } else {
+            self.low
+        };
+        let high = if self.high.k < other.high.k {
+            self.high
+        } else {
+            other.high
+        };
+        (low.k < high.k).then_some(Self { low, high })
+    }
+}
+
+/// Most bands of one order that are told.
+pub const MOST: usize = 6;
+
+/// The bands of one order, from the highest k down.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WaveBands {
+    bands: [Option<WaveBand>; MOST],
+}
+
+/// Phases at which a band is looked for: narrower ones than 2 pi/2048 in the phase of the impact are passed over.
+const PHASES: u32 = 2048;
+
+/// Restitutions of a lot that have to share a band, the ends of the interval among them.
+const PARTS: u32 = 9;
+
+impl WaveBands {
+    /// The bands of one restitution (0..1, 1 excluded) in lock `order`, 1..=100. Edges within 1e-12.
+    ///
+    /// An orbit that strikes at t0 attracts where `0 < A/S' < 2 (1+R^2)/(pi r (1-R^2))`; its k falls as t0 grows.
+    pub fn of(wave: &Wave, restitution: f64, order: u32) -> Result<Self, OutOfRange> {
+        let r = accept_order(order)?;
+        accept_restitution(restitution)?;
+        let square = restitution * restitution;
+        let steepest = 2.0 * (1.0 + square) / (PI * r * (1.0 - square));
+        let attracts = |phase: f64| {
+            let [_, speed, push, _] = wave.motion(phase);
+            0.0 < push && push < steepest * speed
+        };
+        let lock = |phase: f64| {
+            WaveLock::striking(wave, phase, restitution, order)
+                .ok()
+                .flatten()
+        };
+        let holds =
+            |phase: f64| attracts(phase) && lock(phase).is_some_and(|lock| lock.is_first_return());
+        // The end between a phase inside and one outside of a band.
+        let end = |mut inside: f64, mut outside: f64| {
+            for _ in 0..60 {
+                let middle = 0.5 * (inside + outside);
+                if holds(middle) {
+                    inside = middle;
+                } else {
+                    outside = middle;
+                }
+            }
+            let [_, speed, push, _] = wave.motion(outside);
+            lock(inside).map(|lock| Edge {
+                k: lock.k,
+                phase: lock.state.phase,
+                end: if attracts(outside) {
+                    End::Touch
+                } else if push < 0.5 * steepest * speed {
+                    End::Birth
+                } else {
+                    End::Flip
+                },
+            })
+        };
+        let step = TAU / f64::from(PHASES);
+        let mut found = Self::default();
+        let mut count = 0;
+        // From a phase at which the track moves down no band reaches over the turn.
+        let start = (0..PHASES)
+            .find(|&n| !holds(f64::from(n) * step))
+            .unwrap_or(0);
+        let mut begin = None;
+        for n in start..=start + PHASES {
+            let phase = f64::from(n) * step;
+            if holds(phase) {
+                if begin.is_none() {
+                    begin = end(phase, phase - step);
+                }
+            } else if let Some(high) = begin.take()
+                && let Some(low) = end(phase - step, phase)
+                && count < MOST
+                && low.k < high.k
+            {
+                found.bands[count] = Some(WaveBand { low, high });
+                count += 1;
+            }
+        }
+        found.sort();
+        Ok(found)
+    }
+
+    /// The bands that all parts of a lot share: nine of its restitutions, both ends among them.
+    pub fn common(wave: &Wave, lot: Restitution, order: u32) -> Result<Self, OutOfRange> {
+        let mut shared = Self::of(wave, lot.low(), order)?;
+        if lot.low() == lot.high() {
+            return Ok(shared);
+        }
+        for part in 1..PARTS {
+            let share = f64::from(part) / f64::from(PARTS - 1);
+            let other = Self::of(wave, lot.low() + (lot.high() - lot.low()) * share, order)?;
+            let mut both = Self::default();
+            let pairs = shared
+                .iter()
+                .flat_map(|a| other.iter().map(move |b| a.shared(&b)));
+            for (place, band) in both.bands.iter_mut().zip(pairs.flatten()) {
+                *place = Some(band);
+            }
+            shared = both;
+        }
+        shared.sort();
+        Ok(shared)
+    }
+
+    /// The bands, from the highest k down.
+    pub fn iter(&self) -> impl Iterator<Item = WaveBand> + '_ {
+        self.bands.iter().flatten().copied()
+    }
+
+    /// The widest band in k.
+    #[must_use]
+    pub fn widest(&self) -> Option<WaveBand> {
+        let width = |band: &WaveBand| band.high.k - band.low.k;
+        self.iter().max_by(|a, b| width(a).total_cmp(&width(b)))
+    }
+
+    fn sort(&mut self) {
+        let high = |band: &Option<WaveBand>| band.map_or(f64::NEG_INFINITY, |band| band.high.k);
+        self.bands
+            .sort_unstable_by(|a, b| high(b).total_cmp(&high(a)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::band;
+    use super::*;
+    use crate::impact::Tone;
+
+    fn two(amplitude: f64, angle: f64) -> Wave {
+        Wave::build(Tone { amplitude, angle }, Tone::default()).unwrap()
+    }
+
+    #[test]
+    fn one_tone_has_the_band_of_the_paper() {
+        for restitution in [0.1, 0.2, 0.5, 0.8] {
+            for order in [1, 2, 3] {
+                let bands = WaveBands::of(&Wave::sine(), restitution, order).unwrap();
+                assert_eq!(bands.iter().count(), 1);
+                let found = bands.widest().unwrap();
+                let (k2, k1) = (
+                    band::flip(restitution, order).unwrap(),
+                    band::birth(restitution, order).unwrap(),
+                );
+                assert!((found.low.k / k2 - 1.0).abs() < 1e-12, "{found:?} {k2}");
+                assert!((found.high.k / k1 - 1.0).abs() < 1e-12, "{found:?} {k1}");
+                assert_eq!((found.low.end, found.high.end), (End::Flip, End::Birth));
+            }
+        }
+    }
+
+    #[test]
+    fn bands_of_two_tones_are_the_references() {
+        // Theory, section 10.3, three decimals.
+        for (e, th, k2, k1) in [
+            (0.05, 2.487, 0.339, 0.445),
+            (0.10, 2.487, 0.274, 0.429),
+            (0.15, 2.356, 0.200, 0.452),
+        ] {
+            let bands = WaveBands::of(&two(e, th), 0.2, 1).unwrap();
+            let found = bands.widest().unwrap();
+            assert!((found.low.k - k2).abs() < 6e-4, "{found:?}");
+            assert!((found.high.k - k1).abs() < 6e-4, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn an_orbit_of_a_band_returns_to_itself_with_the_stated_tangent() {
+        for (e, th, restitution, order) in [
+            (0.15, 2.356, 0.2, 1),
+            (0.25, 2.6, 0.5, 1),
+            (0.1, 2.2, 0.3, 2),
+            (0.4, 1.0, 0.4, 1),
+        ] {
+            let wave = two(e, th);
+            for band in WaveBands::of(&wave, restitution, order).unwrap().iter() {
+                let (early, late) = band.phases();
+                for part in 1..8 {
+                    let phase = early + (late - early) * f64::from(part) / 8.0;
+                    let lock = WaveLock::striking(&wave, phase, restitution, order)
+                        .unwrap()
+                        .unwrap();
+                    assert!(band.contains(lock.k()) && lock.attracts() && lock.is_first_return());
+                    let map = WaveMap::on(wave, lock.k(), restitution).unwrap();
+                    let at = |phase: f64, velocity: f64| {
+                        let state = State {
+                            phase: lock.state().phase + phase,
+                            velocity: lock.state().velocity + velocity,
+                        };
+                        let impact = map.impact(state);
+                        (impact.flight + phase, impact.next.velocity)
+                    };
+                    let (flight, velocity) = at(0.0, 0.0);
+                    assert!((flight - TAU * f64::from(order)).abs() < 1e-11);
+                    assert!((velocity - lock.state().velocity).abs() < 1e-11);
+                    // Central differences: third derivatives below 1e3 times the square of the step.
+                    const STEP: f64 = 1e-5;
+                    let trace = (at(STEP, 0.0).0 - at(-STEP, 0.0).0 + at(0.0, STEP).1
+                        - at(0.0, -STEP).1)
+                        / (2.0 * STEP);
+                    assert!(
+                        (trace - lock.trace()).abs() < 1e-5,
+                        "{trace} {}",
+                        lock.trace()
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_lot_without_a_band_on_one_tone_has_one_on_two() {
+        let lot = Restitution::interval(0.10, 0.30).unwrap();
+        let one = WaveBands::common(&Wave::sine(), lot, 1).unwrap();
+        assert_eq!(one.widest(), None);
+        let wave = two(0.15, 2.356);
+        let shared = WaveBands::common(&wave, lot, 1).unwrap().widest().unwrap();
+        for step in 0..=20 {
+            let restitution = 0.10 + 0.01 * f64::from(step);
+            let own = WaveBands::of(&wave, restitution, 1).unwrap();
+            let k = shared.setpoint();
+            assert!(own.iter().any(|band| band.contains(k)), "{restitution}");
+        }
+    }
+
+    #[test]
+    fn from_rest_a_second_tone_locks_where_one_does_not() {
+        let lock = |wave: &Wave, k: f64| WaveLock::attracting(wave, k, 0.2, 1).unwrap().unwrap();
+        assert!((lock(&Wave::sine(), 0.43).k() - 0.43).abs() < 1e-14);
+        assert_eq!(WaveLock::attracting(&Wave::sine(), 0.5, 0.2, 1), Ok(None));
+        assert!(lock(&Wave::sine(), 0.405).is_reached_from_rest(600));
+        assert!(!lock(&Wave::sine(), 0.43).is_reached_from_rest(600));
+        for k in [0.25, 0.30, 0.35] {
+            assert!(lock(&two(0.15, 2.356), k).is_reached_from_rest(600), "{k}");
+        }
+    }
+
+    #[test]
+    fn refusals_name_the_parameter() {
+        let wave = Wave::sine();
+        let refused = |restitution, order| {
+            WaveBands::of(&wave, restitution, order)
+                .unwrap_err()
+                .parameter
+        };
+        assert_eq!(refused(1.0, 1), "restitution");
+        assert_eq!(refused(0.2, 0), "order");
+    }
+}
