@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
+use kband::impact::{Tone, Wave};
 
 use crate::file::Destination;
 use crate::picture::{Picture, Theme};
@@ -211,6 +212,21 @@ pub fn restitution(text: &str) -> Result<Restitution, String> {
     }
 }
 
+/// A harmonic of the track's motion, `E,TH`: its amplitude over that of the first tone and its angle in rad.
+pub fn tone(text: &str) -> Result<Tone, String> {
+    const ACCEPTED: &str = "accepted: E,TH with the amplitude E in 0..0.5 of the first tone and the angle TH in \
+                            -6.2832..6.2832 rad, such as 0.15,2.356 (135 degrees)";
+    let (amplitude, angle) = text.split_once(',').ok_or(ACCEPTED)?;
+    let tone = match (number(amplitude), number(angle)) {
+        (Ok(amplitude), Ok(angle)) => Tone { amplitude, angle },
+        _ => return Err(ACCEPTED.into()),
+    };
+    match Wave::build(tone, Tone::default()) {
+        Ok(_) => Ok(tone),
+        Err(_) => Err(ACCEPTED.into()),
+    }
+}
+
 /// A range `LO..HI[:N]` of `count` values where N is not given, or one value; ends within the
 /// accepted ones.
 pub fn range_or_value(
@@ -303,6 +319,22 @@ mod tests {
             assert!(
                 restitution(bad).unwrap_err().contains("0 <= LO <= HI <= 1"),
                 "{bad}"
+            );
+        }
+    }
+
+    #[test]
+    fn tones_as_typed() {
+        let parsed = tone("0.15, 2.356").unwrap();
+        assert_eq!((parsed.amplitude, parsed.angle), (0.15, 2.356));
+        assert!(tone("0.5,-6.28").is_ok() && tone("0,0").is_ok());
+        for bad in [
+            "", "0.15", "0.6,2", "-0.1,2", "0.1,135", "0.1,nan", "x,2", "0.1,2,3",
+        ] {
+            let refusal = tone(bad).unwrap_err();
+            assert!(
+                refusal.contains("0..0.5") && refusal.contains("rad"),
+                "{bad}: {refusal}"
             );
         }
     }

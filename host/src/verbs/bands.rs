@@ -1,6 +1,9 @@
 //! `kband bands`: where parts lock, order by order.
 
+mod tones;
+
 use kband::feeder::{Restitution, Track, throw_number};
+use kband::impact::{Tone, Wave};
 use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::reach::Reach;
@@ -15,9 +18,13 @@ use crate::report::{Column, Report, Table, Value};
 #[command(after_help = "Examples:
   kband bands --restitution 0.2 --orders 3 --frequency 50 --incline 3
   kband bands --restitution 0.18..0.22 --format json
+  kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1
 
 k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part \
-pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.")]
+pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.
+
+With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356); an order may then \
+have several bands.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
@@ -26,6 +33,14 @@ pub struct Arguments {
     /// Orders to show, 1 to N.
     #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
     orders: usize,
+
+    /// Second tone of the drive, E of the first one's amplitude at the angle TH in rad.
+    #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
+    second_tone: Option<Tone>,
+
+    /// Third tone, E3 sin(3 t + TH3).
+    #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
+    third_tone: Option<Tone>,
 
     #[command(flatten)]
     drive: DriveArguments,
@@ -55,6 +70,13 @@ struct Row {
 /// Prints the bands.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let track = arguments.drive.track()?;
+    let wave = Wave::build(
+        arguments.second_tone.unwrap_or_default(),
+        arguments.third_tone.unwrap_or_default(),
+    )?;
+    if !wave.is_sine() {
+        return tones::run(arguments, &wave, &track, desk);
+    }
     let rows = desk.try_map("bands", arguments.orders, |n| {
         row(arguments.restitution, n as u32 + 1)
     })?;

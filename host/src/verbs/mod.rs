@@ -14,6 +14,7 @@ pub mod diagram;
 pub mod explain;
 pub mod exponent;
 pub mod flash;
+pub mod gear;
 pub mod identify;
 pub mod impacts;
 pub mod live;
@@ -62,6 +63,7 @@ verbs! {
     Explain => explain,
     Exponent => exponent,
     Flash => flash,
+    Gear => gear,
     Identify => identify,
     Impacts => impacts,
     Live => live,

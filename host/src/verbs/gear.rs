@@ -1,0 +1,151 @@
+//! `kband gear`: at which amplitude, and with which second tone, parts of scattering restitution stay in gear.
+
+mod page;
+mod survey;
+
+use std::f64::consts::TAU;
+
+use kband::feeder::Restitution;
+use kband::impact::{Tone, Wave};
+use kband::regime::band;
+
+use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use survey::{Lot, Survey};
+
+/// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband gear --restitution 0.3 --scatter 0.05
+  kband gear --restitution 0.10..0.30 --scatter 0.03 --out gear.svg
+  kband gear --restitution 0.5 --scatter 0.1 --largest-second-tone 0.25 --format json
+  kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
+
+A part is in gear of order r while it flies once in every r periods of the drive: flights of 0.6 to 1.4 r \
+periods, at least 8 in a row and no rest between, locked, doubled or chaotic. Each run starts from rest, without a \
+kick; the last three quarters count. The points named are the best of the map, chosen by fresh runs of the best \
+ones, and their shares are those of fresh runs again. CSV has a row for each point of the map.
+
+The track moves as sin t + e sin(2 t + th) with th in rad (135 degrees are 2.356).")]
+pub struct Arguments {
+    /// Mean restitution of the parts, or LO..HI of the lot.
+    #[arg(long, value_name = "R|LO..HI", default_value = "0.3", value_parser = arguments::restitution)]
+    restitution: Restitution,
+
+    /// Standard deviation of a part's restitution from impact to impact; that of bodies that tumble is 0.05 to 0.15.
+    #[arg(long, value_name = "S", default_value = "0.05", value_parser = arguments::within(0.0, 0.3, ""))]
+    scatter: f64,
+
+    /// Drive periods in a flight.
+    #[arg(long, value_name = "R", default_value = "1", value_parser = arguments::count(1, 10))]
+    order: usize,
+
+    /// k, or a range of it [default: up to where the lock of the liveliest part is born, at most 1/R].
+    #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
+    k: Option<Range>,
+
+    /// This second tone alone, beside the one tone, in place of a search.
+    #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
+    second_tone: Option<Tone>,
+
+    /// A third tone, E3 sin(3 t + TH3), in every wave with a second one.
+    #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
+    third_tone: Option<Tone>,
+
+    /// Largest second tone that the drive affords; the search goes up to it.
+    #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
+    largest_second_tone: f64,
+
+    /// Quality of the drive's resonance: it says how much more force at twice the frequency the second tone takes.
+    #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
+    quality: f64,
+
+    /// Restitutions of a lot that are tried, its ends among them.
+    #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
+    parts: usize,
+
+    /// Runs of each part at each point.
+    #[arg(long, value_name = "N", default_value = "8", value_parser = arguments::count(1, 1000))]
+    runs: usize,
+
+    /// Drive periods of a run.
+    #[arg(long, value_name = "N", default_value = "250", value_parser = arguments::count(40, 1_000_000))]
+    periods: usize,
+
+    /// Seed of the scatter: the same seed gives the same bits, on any number of threads.
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+
+    #[command(flatten)]
+    drive: DriveArguments,
+
+    #[command(flatten)]
+    printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+/// Amplitudes of the second tone that a search tries.
+const AMPLITUDES: u32 = 5;
+
+/// Angles of the second tone that a search tries, from and to in rad, and how many.
+///
+/// Of order 1 and with two tones the best of 32 angles around the circle lay at 2.2 to 2.9 rad for every R (0.2, 0.3,
+/// 0.5) and e (0.15, 0.25) that was asked; else the whole circle is tried.
+fn angles(arguments: &Arguments) -> (f64, f64, u32) {
+    if arguments.order == 1 && arguments.third_tone.is_none() {
+        (1.9, 3.0, 12)
+    } else {
+        (0.0, TAU * 23.0 / 24.0, 24)
+    }
+}
+
+/// Finds where parts stay in gear.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.drawn.output()?;
+    let order = arguments.order as u32;
+    let lot = Lot::new(arguments)?;
+    let k = match arguments.k {
+        Some(range) => range,
+        None => {
+            let born = band::birth(arguments.restitution.high().min(0.99), order)?;
+            Range {
+                low: 0.15 / f64::from(order),
+                high: (1.02 * born).min(1.0 / f64::from(order)),
+                count: 41,
+            }
+        }
+    };
+    let survey = Survey::run(
+        lot,
+        &k.values().collect::<Vec<_>>(),
+        &waves(arguments)?,
+        desk,
+    )?;
+    let report = page::report(arguments, &survey)?;
+    report.print(arguments.printed.format)?;
+    output.write(&report, || page::picture(arguments, &survey))?;
+    Ok(Exit::Done)
+}
+
+/// The waves that are tried, that of one tone first.
+fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
+    let third = arguments.third_tone.unwrap_or_default();
+    let mut waves = vec![Wave::sine()];
+    if let Some(second) = arguments.second_tone {
+        waves.push(Wave::build(second, third)?);
+        return Ok(waves);
+    }
+    let (from, to, count) = angles(arguments);
+    for n in 1..=AMPLITUDES {
+        let amplitude = arguments.largest_second_tone * f64::from(n) / f64::from(AMPLITUDES);
+        for m in 0..count {
+            let part = f64::from(m) / f64::from(count - 1);
+            let angle = from + (to - from) * part;
+            waves.push(Wave::build(Tone { amplitude, angle }, third)?);
+        }
+    }
+    Ok(waves)
+}

@@ -1,0 +1,263 @@
+//! The share of time in gear over a grid, and the points of it that are best.
+
+use kband::impact::{Scatter, Wave, WaveMap};
+use kband::regime::band::{Band, BandError};
+use kband::regime::gear::{Share, shares_from_rest};
+
+use super::Arguments;
+use crate::desk::Desk;
+use crate::refusal::Refusal;
+
+/// The parts that are followed.
+pub(super) struct Lot {
+    pub restitutions: Vec<f64>,
+    scatter: f64,
+    order: u32,
+    runs: usize,
+    periods: f64,
+    seed: u64,
+    /// k in the middle of the band of constant restitution, where there is one.
+    middle: Option<f64>,
+}
+
+/// Stages of the search, each with runs of its own: of the whole map, of the best points of it, of those named.
+#[derive(Clone, Copy)]
+enum Stage {
+    Map,
+    Choice,
+    Verdict,
+}
+
+impl Stage {
+    /// Runs for each of the map.
+    fn effort(self) -> usize {
+        match self {
+            Self::Map => 1,
+            Self::Choice => 4,
+            Self::Verdict => 16,
+        }
+    }
+}
+
+/// What the parts of a lot do at one point.
+#[derive(Clone, Debug)]
+pub(super) struct Shares(pub Vec<Share>);
+
+impl Shares {
+    /// Mean share of time in gear.
+    pub fn mean(&self) -> f64 {
+        self.0.iter().map(Share::share).sum::<f64>() / self.0.len() as f64
+    }
+
+    /// That of the part that is in gear least.
+    pub fn least(&self) -> f64 {
+        self.0.iter().map(Share::share).fold(1.0, f64::min)
+    }
+
+    /// Mean time in gear until it is lost, in drive periods, over all parts; `None` where it was not.
+    pub fn time_to_loss(&self) -> Option<f64> {
+        let sum = self
+            .0
+            .iter()
+            .fold(Share::default(), |sum, share| sum.and(share));
+        sum.time_to_loss()
+    }
+}
+
+/// A point that is named.
+pub(super) struct Point {
+    pub wave: Wave,
+    pub k: f64,
+    pub shares: Shares,
+}
+
+/// The whole map and the points named.
+pub(super) struct Survey {
+    pub lot: Lot,
+    pub k: Vec<f64>,
+    pub waves: Vec<Wave>,
+    /// Mean share of each wave at each k, wave by wave, and the least of a part.
+    pub map: Vec<[f64; 2]>,
+    pub one_tone: Point,
+    pub two_tones: Option<Point>,
+    pub band_middle: Option<Point>,
+}
+
+/// Points of the map that are tried again, for each number of tones.
+const TRIED_AGAIN: usize = 16;
+
+impl Lot {
+    pub fn new(arguments: &Arguments) -> Result<Self, Refusal> {
+        let lot = arguments.restitution;
+        let order = arguments.order as u32;
+        let restitutions: Vec<f64> = if lot.low() == lot.high() {
+            vec![lot.low()]
+        } else {
+            let last = (arguments.parts - 1) as f64;
+            (0..arguments.parts)
+                .map(|n| lot.low() + (lot.high() - lot.low()) * n as f64 / last)
+                .collect()
+        };
+        for &restitution in &restitutions {
+            Scatter::build(restitution, arguments.scatter, 0)?;
+        }
+        // Of a lot without a common band that of its middle.
+        let middle = match Band::common(lot, order) {
+            Ok(band) => Some(band.setpoint()),
+            Err(BandError::Empty(_)) => None,
+            Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
+        };
+        Ok(Self {
+            restitutions,
+            scatter: arguments.scatter,
+            order,
+            runs: arguments.runs,
+            periods: arguments.periods as f64,
+            seed: arguments.seed,
+            middle,
+        })
+    }
+
+    /// Follows every part at one point. A seed belongs to part, run and stage: points are compared under the
+    /// same draws.
+    fn follow(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares, Refusal> {
+        let runs = self.runs * stage.effort();
+        let mut scatters = Vec::with_capacity(runs * self.restitutions.len());
+        for (part, &restitution) in self.restitutions.iter().enumerate() {
+            for run in 0..runs {
+                let number = (stage as u64) << 48 | (part as u64) << 32 | run as u64;
+                let seed = self.seed.rotate_left(20) ^ number;
+                scatters.push(Scatter::build(restitution, self.scatter, seed)?);
+            }
+        }
+        let map = WaveMap::on(*wave, k, self.restitutions[0])?;
+        let mut shares = vec![Share::default(); self.restitutions.len()];
+        shares_from_rest(&map, &scatters, self.order, self.periods, |n, share| {
+            shares[n / runs] = shares[n / runs].and(&share);
+        })?;
+        Ok(Shares(shares))
+    }
+
+    /// Drive periods over which each part of a named point was watched.
+    pub fn watched(&self) -> f64 {
+        0.75 * self.periods * (self.runs * Stage::Verdict.effort()) as f64
+    }
+}
+
+impl Survey {
+    pub fn run(lot: Lot, k: &[f64], waves: &[Wave], desk: &Desk) -> Result<Self, Refusal> {
+        let place = |n: usize| (&waves[n / k.len()], k[n % k.len()]);
+        let map = desk.try_map("gear", waves.len() * k.len(), |n| {
+            let (wave, k) = place(n);
+            let shares = lot.follow(wave, k, Stage::Map)?;
+            Ok([shares.mean(), shares.least()])
+        })?;
+        let named = |from: usize, to: usize| -> Result<Option<Point>, Refusal> {
+            let mut order: Vec<usize> = (from..to).collect();
+            order.sort_by(|&a, &b| map[b][0].total_cmp(&map[a][0]).then(a.cmp(&b)));
+            order.truncate(TRIED_AGAIN);
+            let again = desk.try_map("best points", order.len(), |n| {
+                let (wave, k) = place(order[n]);
+                Ok(lot.follow(wave, k, Stage::Choice)?.mean())
+            })?;
+            let best =
+                (0..order.len()).max_by(|&a, &b| again[a].total_cmp(&again[b]).then(b.cmp(&a)));
+            let Some(best) = best else { return Ok(None) };
+            let (wave, k) = place(order[best]);
+            Ok(Some(Point {
+                wave: *wave,
+                k,
+                shares: lot.follow(wave, k, Stage::Verdict)?,
+            }))
+        };
+        let one_tone =
+            named(0, k.len())?.ok_or_else(|| Refusal::new("no k was given", "give --k LO..HI"))?;
+        let two_tones = named(k.len(), waves.len() * k.len())?;
+        let band_middle = match lot.middle {
+            Some(k) => Some(Point {
+                wave: Wave::sine(),
+                k,
+                shares: lot.follow(&Wave::sine(), k, Stage::Verdict)?,
+            }),
+            None => None,
+        };
+        Ok(Self {
+            lot,
+            k: k.to_vec(),
+            waves: waves.to_vec(),
+            map,
+            one_tone,
+            two_tones,
+            band_middle,
+        })
+    }
+
+    /// Mean share of a wave over k.
+    pub fn over_k(&self, wave: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let count = self.k.len();
+        (0..count).map(move |n| (self.k[n], self.map[wave * count + n][0]))
+    }
+
+    /// The best share of a wave over all k of the map.
+    pub fn best_over_k(&self, wave: usize) -> f64 {
+        self.over_k(wave)
+            .map(|(_, share)| share)
+            .fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kband::impact::Tone;
+
+    fn lot(restitutions: &[f64], scatter: f64) -> Lot {
+        Lot {
+            restitutions: restitutions.to_vec(),
+            scatter,
+            order: 1,
+            runs: 2,
+            periods: 400.0,
+            seed: 1,
+            middle: None,
+        }
+    }
+
+    fn waves() -> [Wave; 2] {
+        let second = Tone {
+            amplitude: 0.15,
+            angle: 2.356,
+        };
+        [Wave::sine(), Wave::build(second, Tone::default()).unwrap()]
+    }
+
+    #[test]
+    fn a_second_tone_holds_what_one_does_not() {
+        let desk = Desk::new(Some(2)).unwrap();
+        let k: Vec<f64> = (0..16).map(|n| 0.30 + 0.02 * f64::from(n)).collect();
+        let found = Survey::run(lot(&[0.3], 0.05), &k, &waves(), &desk).unwrap();
+        // An independent sketch has 0.82 at k = 0.45, and 1.00 with the second tone.
+        let (one, two) = (&found.one_tone, found.two_tones.as_ref().unwrap());
+        assert!((0.40..=0.50).contains(&one.k), "{}", one.k);
+        assert!((0.75..0.90).contains(&one.shares.mean()));
+        assert!(two.shares.mean() > 0.995 && two.wave == waves()[1]);
+        assert_eq!(found.map.len(), 32);
+        let best = found.best_over_k(0);
+        assert!(found.over_k(0).all(|(_, share)| share <= best));
+    }
+
+    #[test]
+    fn threads_and_seeds() {
+        let k = [0.40, 0.44, 0.48];
+        let run = |threads, seed| {
+            let desk = Desk::new(Some(threads)).unwrap();
+            let lot = Lot {
+                seed,
+                ..lot(&[0.2, 0.3], 0.06)
+            };
+            Survey::run(lot, &k, &waves(), &desk).unwrap().map
+        };
+        assert_eq!(run(1, 5), run(3, 5));
+        assert_ne!(run(1, 5), run(1, 6));
+    }
+}
