@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use kband::control::{Event, Target};
 use kband::wire::{Record, Request, Response, Telemetry};
 
-use super::source::{Lot, Seen, Source, Wish};
+use super::source::{Assignment, Seen, Source, Wish};
 use crate::board::{BoardSettings, Clock, Link, Unasked};
 use crate::refusal::Refusal;
 
@@ -19,7 +19,7 @@ const RATE: f32 = 60.0;
 /// A board on the link.
 pub struct Board {
     link: Link,
-    lot: Lot,
+    assignment: Assignment,
     clock: Clock,
     /// Drive cycles between two rows of telemetry.
     every: u16,
@@ -35,7 +35,7 @@ impl Board {
         let target = held(&mut link)?;
         let mut board = Self {
             link,
-            lot: Lot { settings, target },
+            assignment: Assignment { settings, target },
             clock: Clock::default(),
             every: (settings.frequency / RATE).ceil().max(1.0) as u16,
             next: 0,
@@ -52,7 +52,7 @@ impl Board {
     fn seen(&mut self, telemetry: Telemetry) -> Seen {
         let cycles = self.clock.now(telemetry.cycle);
         Seen {
-            time: cycles as f64 / f64::from(self.lot.settings.frequency),
+            time: cycles as f64 / f64::from(self.assignment.settings.frequency),
             telemetry,
             strikes: Vec::new(),
             way: None,
@@ -94,8 +94,8 @@ impl Source for Board {
         self.link.name().into()
     }
 
-    fn lot(&self) -> Lot {
-        self.lot
+    fn assignment(&self) -> Assignment {
+        self.assignment
     }
 
     /// The cycles that came; a board keeps its own time.
@@ -107,8 +107,8 @@ impl Source for Board {
                 Unasked::Started(_) => {
                     self.next = 0;
                     self.clock = Clock::default();
-                    self.lot.settings = BoardSettings::read(&mut self.link)?.known();
-                    self.lot.target = held(&mut self.link)?;
+                    self.assignment.settings = BoardSettings::read(&mut self.link)?.known();
+                    self.assignment.target = held(&mut self.link)?;
                     self.listen_to_cycles()?;
                 }
             }
@@ -124,7 +124,7 @@ impl Source for Board {
                 last.events.extend(event);
             }
             if last.events.contains(&Event::TargetSet) {
-                self.lot.target = held(&mut self.link)?;
+                self.assignment.target = held(&mut self.link)?;
             }
         }
         Ok(cycles)
@@ -134,7 +134,7 @@ impl Source for Board {
         match wish {
             Wish::Target(target) => {
                 self.link.tell(&Request::Target(target.into()))?;
-                self.lot.target = target;
+                self.assignment.target = target;
                 Ok(())
             }
             Wish::Enable(enable) => self.link.tell(&Request::Enable(enable)),

@@ -14,7 +14,7 @@ pub use board::Board;
 pub use history::History;
 #[cfg(debug_assertions)]
 pub use source::Panics;
-pub use source::{Lot, Seen, Simulation, Source, Wish};
+pub use source::{Assignment, Seen, Simulation, Source, Wish};
 
 use crate::desk::Desk;
 use crate::refusal::Refusal;
@@ -73,7 +73,15 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
             }
         }
         terminal
-            .draw(|frame| screen::draw(frame, &history, &source.lot(), &source.name(), paused))
+            .draw(|frame| {
+                screen::draw(
+                    frame,
+                    &history,
+                    &source.assignment(),
+                    &source.name(),
+                    paused,
+                )
+            })
             .map_err(failed)?;
         let mut wait = FRAME.saturating_sub(now.elapsed());
         while event::poll(wait).map_err(failed)? {
@@ -90,7 +98,7 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
                 KeyCode::Char('c') if control => return Ok(()),
                 KeyCode::Char('p' | ' ') => paused = !paused,
                 KeyCode::Char(letter) => {
-                    if let Some(wish) = wish(letter, &source.lot(), &history)
+                    if let Some(wish) = wish(letter, &source.assignment(), &history)
                         && let Err(refusal) = source.obey(wish)
                     {
                         history.say(refusal.to_string().replace('\n', ";"));
@@ -104,22 +112,22 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
 }
 
 /// What a key asks for.
-fn wish(letter: char, lot: &Lot, history: &History) -> Option<Wish> {
+fn wish(letter: char, assignment: &Assignment, history: &History) -> Option<Wish> {
     Some(match letter {
         '1'..='8' => Wish::Target(Target::Locked {
             order: letter as u8 - b'0',
         }),
         'x' => Wish::Target(Target::Chaotic),
         '+' | '=' | '-' => {
-            let k = match lot.target {
+            let k = match assignment.target {
                 Target::K(k) => k,
-                _ => history.now()?.k_setpoint(lot)?,
+                _ => history.now()?.k_setpoint(assignment)?,
             };
             let k = if letter == '-' { k - STEP } else { k + STEP };
             // Round numbers, whatever the setpoint was.
             Wish::Target(Target::K(((k / STEP).round() * STEP).clamp(0.02, 10.0)))
         }
-        'c' => Wish::Target(lot.target),
+        'c' => Wish::Target(assignment.target),
         'e' => Wish::Enable(matches!(
             history.now()?.state(),
             State::Off | State::Stopping

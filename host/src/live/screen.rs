@@ -12,11 +12,17 @@ use ratatui::widgets::canvas::{Canvas, Circle, Line as Stroke, Points};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::history::{History, WINDOW};
-use super::source::Lot;
+use super::source::Assignment;
 use crate::simulate::describe;
 
 /// Draws everything.
-pub(super) fn draw(frame: &mut Frame<'_>, history: &History, lot: &Lot, name: &str, paused: bool) {
+pub(super) fn draw(
+    frame: &mut Frame<'_>,
+    history: &History,
+    assignment: &Assignment,
+    name: &str,
+    paused: bool,
+) {
     let area = frame.area();
     if area.width < 60 || area.height < 20 {
         let small = format!(
@@ -43,11 +49,11 @@ pub(super) fn draw(frame: &mut Frame<'_>, history: &History, lot: &Lot, name: &s
     .areas(left);
     let [clock, numbers] =
         Layout::vertical([Constraint::Min(7), Constraint::Length(9)]).areas(right);
-    draw_head(frame, head, history, lot, name, paused);
-    draw_gauge(frame, gauge, history, lot);
-    draw_trace(frame, trace, history, lot);
+    draw_head(frame, head, history, assignment, name, paused);
+    draw_gauge(frame, gauge, history, assignment);
+    draw_trace(frame, trace, history, assignment);
     draw_ribbon(frame, ribbon, history);
-    draw_clock(frame, clock, history, lot);
+    draw_clock(frame, clock, history, assignment);
     draw_numbers(frame, numbers, history);
     draw_events(frame, events, history);
     let help = "q quit  e enable  1-8 lock order  x chaotic  + - k  c capture anew  p pause";
@@ -72,7 +78,7 @@ fn draw_head(
     frame: &mut Frame<'_>,
     area: Rect,
     history: &History,
-    lot: &Lot,
+    assignment: &Assignment,
     name: &str,
     paused: bool,
 ) {
@@ -85,15 +91,15 @@ fn draw_head(
             "{}  {:.1} s  target {}  {name}",
             if paused { " PAUSED" } else { "" },
             history.time(),
-            describe(lot.target)
+            describe(assignment.target)
         )),
     ]);
     frame.render_widget(Paragraph::new(line), area);
 }
 
 /// Range of k that gauge and trace show: the band with as much room beside it, or what was seen.
-fn range(history: &History, lot: &Lot) -> (f64, f64) {
-    if let Some(band) = lot.band() {
+fn range(history: &History, assignment: &Assignment) -> (f64, f64) {
+    if let Some(band) = assignment.band() {
         let room = 0.9 * (band.high() - band.low());
         return (band.low() - room, band.high() + room);
     }
@@ -104,10 +110,10 @@ fn range(history: &History, lot: &Lot) -> (f64, f64) {
     (0.8 * k, 1.2 * k)
 }
 
-fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
+fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: &Assignment) {
     let block = Block::bordered().title(" k against the band ");
     let inner = block.inner(area);
-    let (low, high) = range(history, lot);
+    let (low, high) = range(history, assignment);
     let now = history.now().map(|seen| seen.telemetry);
     let k = now.map_or(f64::NAN, |telemetry| f64::from(telemetry.k));
     let millimetres = |metres: f32| f64::from(metres) * 1e3;
@@ -119,7 +125,7 @@ fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
         )
     });
     let width = usize::from(inner.width).max(1);
-    let band = lot.band();
+    let band = assignment.band();
     let cell = |n: usize| {
         let at = |part: f64| low + (high - low) * (n as f64 + part) / width as f64;
         let here =
@@ -167,14 +173,14 @@ fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
     frame.render_widget(Paragraph::new(text).block(block), area);
 }
 
-fn draw_trace(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
-    let (low, high) = range(history, lot);
+fn draw_trace(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: &Assignment) {
+    let (low, high) = range(history, assignment);
     let end = history.time();
     let points: Vec<(f64, f64)> = history
         .k()
         .map(|(time, k)| (time - end, k.clamp(low, high)))
         .collect();
-    let band = lot.band();
+    let band = assignment.band();
     let canvas = Canvas::default()
         .block(Block::bordered().title(format!(" k over the last {WINDOW:.0} s ")))
         .marker(Marker::Braille)
@@ -213,7 +219,7 @@ fn draw_ribbon(frame: &mut Frame<'_>, area: Rect, history: &History) {
     frame.render_widget(Paragraph::new(line).block(block), area);
 }
 
-fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
+fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: &Assignment) {
     let strikes: Vec<(f64, f64)> = history
         .strikes()
         .map(|phase| (phase.cos(), phase.sin()))
@@ -222,7 +228,7 @@ fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, lot: &Lot) {
     let hand = hand.map(|seen| f64::from(seen.telemetry.phase));
     let wanted = history
         .now()
-        .and_then(|seen| lot.lock_phase(f64::from(seen.telemetry.k)));
+        .and_then(|seen| assignment.lock_phase(f64::from(seen.telemetry.k)));
     let canvas = Canvas::default()
         .block(Block::bordered().title(" impact phase "))
         .marker(Marker::Braille)
@@ -313,10 +319,10 @@ mod tests {
     use super::*;
     use crate::simulate::{DEFAULT, SceneFile};
 
-    fn shown(width: u16, height: u16, history: &History, lot: &Lot) -> String {
+    fn shown(width: u16, height: u16, history: &History, assignment: &Assignment) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal
-            .draw(|frame| draw(frame, history, lot, "a test", false))
+            .draw(|frame| draw(frame, history, assignment, "a test", false))
             .unwrap();
         let buffer = terminal.backend().buffer();
         let mut text = String::new();
@@ -337,7 +343,7 @@ mod tests {
         for seen in source.advance(4.0).unwrap() {
             history.take(seen);
         }
-        let screen = shown(80, 24, &history, &source.lot());
+        let screen = shown(80, 24, &history, &source.assignment());
         for words in [
             "kband live",
             "target lock of order 1",
@@ -361,9 +367,9 @@ mod tests {
         let file = SceneFile::parse(DEFAULT).unwrap();
         let source = Simulation::build("the default scene", &file).unwrap();
         for (width, height) in [(1, 1), (20, 5), (59, 30), (60, 20), (80, 24), (300, 90)] {
-            let screen = shown(width, height, &History::default(), &source.lot());
+            let screen = shown(width, height, &History::default(), &source.assignment());
             assert_eq!(screen.lines().count(), usize::from(height));
         }
-        assert!(shown(70, 10, &History::default(), &source.lot()).contains("needs 80 x 24"));
+        assert!(shown(70, 10, &History::default(), &source.assignment()).contains("needs 80 x 24"));
     }
 }

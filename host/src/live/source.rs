@@ -46,28 +46,24 @@ impl Seen {
 
     /// k at the setpoint; `None` without one.
     #[must_use]
-    pub fn k_setpoint(&self, lot: &Lot) -> Option<f32> {
+    pub fn k_setpoint(&self, assignment: &Assignment) -> Option<f32> {
         let setpoint = f64::from(self.telemetry.setpoint);
-        (setpoint > 0.0).then(|| (lot.k_unit() / setpoint) as f32)
+        (setpoint > 0.0).then(|| (assignment.k_unit() / setpoint) as f32)
     }
 }
 
 /// What the controller was told, and what is wanted of it.
 #[derive(Clone, Copy, Debug)]
-pub struct Lot {
+pub struct Assignment {
     /// Its settings.
     pub settings: Settings,
     /// Its target.
     pub target: Target,
 }
 
-impl Lot {
+impl Assignment {
     fn restitution(&self) -> Option<Restitution> {
-        let (low, high) = (
-            self.settings.restitution_low,
-            self.settings.restitution_high,
-        );
-        Restitution::interval(f64::from(low), f64::from(high)).ok()
+        self.settings.lot().ok()
     }
 
     fn order(&self) -> u32 {
@@ -115,7 +111,7 @@ pub trait Source {
     fn name(&self) -> String;
 
     /// What its controller was told.
-    fn lot(&self) -> Lot;
+    fn assignment(&self) -> Assignment;
 
     /// The cycles of the next `seconds` of its time.
     fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal>;
@@ -151,9 +147,9 @@ impl Source for Simulation {
         self.name.clone()
     }
 
-    fn lot(&self) -> Lot {
+    fn assignment(&self) -> Assignment {
         let controller = self.closed.controller();
-        Lot {
+        Assignment {
             settings: *controller.settings(),
             target: controller.target(),
         }
@@ -208,8 +204,8 @@ impl Source for Panics {
         self.source.name()
     }
 
-    fn lot(&self) -> Lot {
-        self.source.lot()
+    fn assignment(&self) -> Assignment {
+        self.source.assignment()
     }
 
     fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal> {
@@ -236,12 +232,12 @@ mod tests {
         let cycles = source.advance(1.0).unwrap();
         assert!((49..=51).contains(&cycles.len()), "{}", cycles.len());
         assert_eq!(cycles[0].state(), State::Starting);
-        let band = source.lot().band().unwrap();
+        let band = source.assignment().band().unwrap();
         let k = source.advance(1.0).unwrap().last().unwrap().telemetry.k;
         assert!(band.contains(f64::from(k)), "{k}");
         source.obey(Wish::Target(Target::K(0.4))).unwrap();
         source.advance(1.0).unwrap();
-        assert_eq!(source.lot().target, Target::K(0.4));
+        assert_eq!(source.assignment().target, Target::K(0.4));
         source.obey(Wish::Enable(false)).unwrap();
         let cycles = source.advance(3.0).unwrap();
         assert_eq!(cycles.last().unwrap().state(), State::Off);
