@@ -1,0 +1,109 @@
+//! The board's image at drive frequencies from 25 to 500 Hz: what it holds is what the desk holds, within its
+//! deadlines, counted in cycles on the emulated chip.
+
+use kband::control::{State, Target};
+use kband::plant::{ClosedLoop, Scene};
+use kband::wire::{Request, Response};
+use kband_tests::chip::Handler;
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+use kband_tests::rig::{Act, Rig, holding};
+
+/// Cycles of the core between two samples.
+const DEADLINE: u64 = 8400;
+/// A machine of a frequency, its resonance there, that is to hold k.
+fn machine(frequency: f32, k: f32) -> Scene {
+    let mut scene = Scene::default();
+    scene.settings.frequency = frequency;
+    scene.settings.resonance = frequency;
+    scene.drive.resonance = frequency;
+    scene.target = Target::K(k);
+    scene
+}
+
+/// Amplitude in mm that the desk holds.
+fn desk(scene: &Scene) -> f64 {
+    let mut desk = ClosedLoop::build(scene).unwrap();
+    let cycles = (4.0 * scene.settings.frequency) as usize;
+    let last = (0..cycles).map(|_| desk.cycle().report).last().unwrap();
+    assert_eq!(last.state, State::Holding);
+    f64::from(last.amplitude) * 1e3
+}
+
+/// The board that was told of it, holding for 4 s.
+fn board(scene: &Scene) -> Rig {
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let mut rig = Rig::with(holding(&image), scene);
+    rig.chip.power_on();
+    rig.run(0.3);
+    for key in ["frequency", "resonance"] {
+        let value = scene.settings.frequency;
+        rig.done(&Request::Set { key, value });
+    }
+    rig.done(&Request::Target(scene.target.into()));
+    rig.done(&Request::Save);
+    // A desk that is heard: a silent one would bring the safe amplitude.
+    rig.at(2.0, Act::Enable(true));
+    for half in 1..=12 {
+        if half == 6 {
+            rig.chip.sampling = Handler::default();
+        }
+        rig.run(f64::from(half) * 0.5);
+        rig.done(&Request::Alive);
+    }
+    rig
+}
+
+fn holds(frequency: f32, k: f32) {
+    let scene = machine(frequency, k);
+    let (mut rig, desk) = (board(&scene), desk(&scene));
+    let held = rig.amplitude();
+    let sampling = rig.chip.sampling;
+    let [_, instructions, data] = rig.chip.board.flash.accelerator();
+    println!(
+        "{frequency} Hz: b {held:.5} mm, desk {desk:.5} mm; a sample {} cycles in the mean, {} at most, of {DEADLINE} \
+         ({} wait states, caches {}); stack {} bytes free",
+        sampling.sum / sampling.count,
+        sampling.longest,
+        rig.chip.board.flash.latency(),
+        if instructions && data { "on" } else { "off" },
+        rig.stack_free(),
+    );
+    assert!((held / desk - 1.0).abs() < 0.02, "{held} {desk}");
+    assert!(sampling.longest < DEADLINE, "{sampling:?}");
+    // Samples came at their rate.
+    assert!(sampling.count > 19_990 * 7 / 2, "{sampling:?}");
+    assert_eq!(rig.resets().len(), 1);
+    rig.act(&Act::Enable(false));
+    rig.run(8.0);
+    let missed = rig.ask(&Request::SelfTest, |response| match response {
+        Response::SelfTest(test) => Some(test.missed),
+        _ => None,
+    });
+    println!("{frequency} Hz: {missed:?} cycles whose control came too late");
+}
+
+#[test]
+fn the_image_holds_25_hz() {
+    holds(25.0, 0.82);
+}
+
+#[test]
+fn the_image_holds_100_hz() {
+    holds(100.0, 0.41);
+}
+
+#[test]
+fn the_image_holds_120_hz() {
+    holds(120.0, 0.41);
+}
+
+#[test]
+fn the_image_holds_300_hz() {
+    holds(300.0, 0.41);
+}
+
+#[test]
+fn the_image_holds_500_hz() {
+    holds(500.0, 0.41);
+}
