@@ -49,4 +49,5 @@ pub use orbit::{
     Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent, Tangential, TangentialSettings,
 };
 pub use scatter::Scatter;
-pub use tones::{Next, Tone, Wave, WaveContact, WaveMap, WaveOrbit, WavePart};
+pub(crate) use tones::{Next, WavePart};
+pub use tones::{Tone, Wave, WaveContact, WaveMap, WaveOrbit};

@@ -117,8 +117,7 @@ impl WaveMap {
     }
 
     /// The impact of a part that loses nothing: its velocity is the speed of arrival.
-    #[must_use]
-    pub fn elastic_impact(&self, state: State) -> Impact<State> {
+    pub(super) fn elastic_impact(&self, state: State) -> Impact<State> {
         let mut impact = [Impact {
             flight: 0.0,
             next: state,
@@ -129,8 +128,9 @@ impl WaveMap {
         impact
     }
 
-    /// [`WaveMap::elastic_impact`] of each of some states on this track, as many as there is room for: side by side in
-    /// the widest registers of this CPU, with the bits of each alone.
+    /// The impacts of parts that lose nothing, their velocities the speeds of arrival, from each of some states on this
+    /// track, as many as there is room for: side by side in the widest registers of this CPU, with the bits of each
+    /// alone.
     pub fn elastic_impacts(&self, states: &[State], impacts: &mut [Impact<State>]) {
         batch::impacts(&self.track, states, impacts);
     }

@@ -20,5 +20,6 @@ mod wave;
 
 pub use contact::WaveContact;
 pub use map::WaveMap;
-pub use orbit::{Next, WaveOrbit, WavePart};
+pub use orbit::WaveOrbit;
+pub(crate) use orbit::{Next, WavePart};
 pub use wave::{Tone, Wave};

@@ -54,7 +54,7 @@ impl Iterator for WaveOrbit {
 
 /// A part on a track of several tones, between two events. It flies by whoever holds it, alone or many at a time.
 #[derive(Clone, Copy, Debug)]
-pub struct WavePart {
+pub(crate) struct WavePart {
     /// The restitution at which a chatter is closed.
     restitution: f64,
     state: State,
@@ -73,7 +73,7 @@ enum Stage {
 
 /// What a part does next.
 #[derive(Clone, Copy, Debug)]
-pub enum Next {
+pub(crate) enum Next {
     /// It came to rest, or was thrown off.
     Contact(Event),
     /// It flies from this state; [`WavePart::land`] takes the impact.
@@ -142,10 +142,10 @@ impl WavePart {
         let (wait, phase) = map.track().throw(self.state.phase)?;
         // Rounding may put the edge before the crossing as the map sees it, where the part still rests; the flat
         // top of a window that is hardly one needs more than an ulp.
-        let mut nudge = 0.0;
+        let mut late = 0.0;
         for _ in 0..40 {
             let start = State {
-                phase: in_turn(phase + nudge),
+                phase: in_turn(phase + late),
                 velocity: 0.0,
             };
             if map.impact(start).flight > 0.0 {
@@ -156,10 +156,10 @@ impl WavePart {
                     phase: start.phase,
                 });
             }
-            nudge = if nudge == 0.0 {
+            late = if late == 0.0 {
                 f64::EPSILON * phase.max(1.0)
             } else {
-                2.0 * nudge
+                2.0 * late
             };
         }
         None
