@@ -5,7 +5,7 @@ use kband::arithmetic::Phase;
 use kband::control::{PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
-use crate::exchange::{COMMAND, Exchange, SIGNAL};
+use crate::exchange::{COMMAND, COMMANDS_LAST, Exchange, SIGNAL};
 use crate::station::Station;
 use crate::watch::{Roll, Watched};
 
@@ -21,6 +21,10 @@ pub struct Sampler<S, D> {
     exchange: &'static Exchange,
     roll: &'static Roll,
     on: bool,
+    /// Cycles since the last command.
+    silence: u8,
+    /// Whether the drive was switched off here: it stays so until the control has commanded it.
+    cut: bool,
 }
 
 impl<S: Sense, D: Drive> Sampler<S, D> {
@@ -40,6 +44,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
             exchange,
             roll,
             on: false,
+            silence: 0,
+            cut: false,
         }
     }
 
@@ -54,20 +60,47 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
         if news & COMMAND != 0 {
             let command = self.exchange.commanded();
+            self.silence = 0;
             self.signal.command(command);
-            self.on = !command.immediate || command.amplitude > 0.0;
+            let off = command.immediate && command.amplitude <= 0.0;
+            if off && self.cut {
+                self.cut = false;
+                self.exchange.set_late(false);
+            }
+            self.on = !off && !self.cut;
             if !self.on {
                 self.drive.off();
             }
         }
         let sampled = self.signal.sample(self.sense.sample());
         if self.on {
-            self.drive.set(sampled.output);
+            // What is no number is no output.
+            if sampled.output.abs() <= 1.0 {
+                self.drive.set(sampled.output);
+            } else {
+                self.cut_off();
+            }
         }
         if sampled.wrapped {
+            if self.on {
+                self.silence += 1;
+                if self.silence >= COMMANDS_LAST {
+                    self.cut_off();
+                }
+            }
             self.roll.check_in(Watched::Samples);
             self.exchange.post(self.signal.cycle().clone());
         }
+    }
+
+    /// The drive off, whatever the control says, until it says so too.
+    #[cold]
+    fn cut_off(&mut self) {
+        self.on = false;
+        self.cut = true;
+        self.signal.off();
+        self.drive.off();
+        self.exchange.set_late(true);
     }
 
     /// Phase of the output at the last sample.
@@ -81,7 +114,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 /// The control of each drive cycle: control, report, then planning in slices.
 ///
 /// Deadline: one drive cycle (20 ms at 50 Hz), or else the drive keeps its amplitude for another cycle
-/// and the miss is counted. Between slices of planning other tasks run; a new cycle ends the planning.
+/// and the miss is counted; after [`COMMANDS_LAST`] cycles without a command the sample interrupt switches it off. Between slices of planning other tasks run; a new cycle ends the planning.
 pub async fn control(
     station: &Station,
     exchange: &'static Exchange,
@@ -96,11 +129,15 @@ pub async fn control(
             // The link answers a refused target; here the old one stays.
             let _ = station.set_target(target);
         }
-        let Some(report) = station.cycle(&cycle, panel.inputs()) else {
+        let began = panel.now();
+        let mut inputs = panel.inputs();
+        inputs.control_late |= exchange.late();
+        let Some(report) = station.cycle(&cycle, inputs) else {
             continue;
         };
         exchange.command(report.command);
-        monitor.report(&report);
+        station.took(panel.now().wrapping_sub(began));
+        monitor.report(&report, station.ready());
         for _ in 0..PLAN_SLICES {
             if exchange.waits() || !station.plan_step() {
                 break;
@@ -119,7 +156,7 @@ mod tests {
     use core::future::Future;
     use core::pin::pin;
     use core::task::{Context, Waker};
-    use kband::control::{AdcCode, Inputs, Report, Start, State, Target};
+    use kband::control::{AdcCode, Command, Inputs, Report, Start, State, Target, phase_step};
     use kband::plant::{Bench, Change, ClosedLoop, Disturbance, Scene};
     use std::boxed::Box;
     use std::rc::Rc;
@@ -166,7 +203,7 @@ mod tests {
     }
 
     impl Monitor for Shared {
-        fn report(&mut self, report: &Report) {
+        fn report(&mut self, report: &Report, _ready: bool) {
             self.0.borrow_mut().reports.push(*report);
         }
     }
@@ -264,6 +301,57 @@ mod tests {
         assert_eq!(missed, 0);
         for (n, (a, b)) in prompt.iter().zip(&later).enumerate() {
             assert_eq!(a, b, "cycle {n}");
+        }
+    }
+
+    /// A sampler alone, driven by commands that are sound, none, or no numbers; cycles until its drive is off.
+    fn until_off(
+        exchange: &'static Exchange,
+        commands: impl Fn(u32) -> Option<f32>,
+    ) -> Option<u32> {
+        static ROLL: Roll = Roll::of(&[Watched::Samples]);
+        let scene = Scene::default();
+        let desk = Shared(Rc::new(core::cell::RefCell::new(Desk {
+            bench: Bench::build(&scene).unwrap(),
+            output: 0.0,
+            off: false,
+            reports: Vec::new(),
+        })));
+        let signal = Signal::build(&scene.settings).unwrap();
+        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        let mut started = false;
+        (0..40).find(|&cycle| {
+            if let Some(amplitude) = commands(cycle) {
+                exchange.command(Command {
+                    amplitude,
+                    step: phase_step(50.0),
+                    ..Command::default()
+                });
+            }
+            for _ in 0..400 {
+                sampler.interrupt();
+            }
+            started |= !desk.0.borrow().off;
+            started && desk.0.borrow().off
+        })
+    }
+
+    #[test]
+    fn commands_age_and_what_is_no_number_is_no_output() {
+        let exchange = || -> &'static Exchange { Box::leak(Box::new(Exchange::new())) };
+        let going = exchange();
+        assert_eq!(until_off(going, |_| Some(0.2)), None);
+        assert!(!going.late());
+        // The last one is given for cycle 9.
+        let hung = exchange();
+        let last = until_off(hung, |cycle| (cycle < 10).then_some(0.2));
+        assert!(last.is_some_and(|cycle| cycle < 9 + 5), "{last:?}");
+        assert!(hung.late());
+        for bad in [f32::NAN, f32::INFINITY, 1.5] {
+            let wild = exchange();
+            let last = until_off(wild, |cycle| Some(if cycle < 10 { 0.2 } else { bad }));
+            assert!(last.is_some_and(|cycle| cycle <= 11), "{bad}: {last:?}");
+            assert!(wild.late());
         }
     }
 

@@ -24,6 +24,11 @@ pub trait Panel {
     /// What they say now.
     fn inputs(&mut self) -> Inputs;
 
+    /// Cycles of the core since some time, wrapping; 0 where none are counted.
+    fn now(&self) -> u32 {
+        0
+    }
+
     /// A target that was asked for since the last cycle.
     fn new_target(&mut self) -> Option<Target> {
         None
@@ -32,8 +37,8 @@ pub trait Panel {
 
 /// Whoever wants to know what the controller does.
 pub trait Monitor {
-    /// One drive cycle.
-    fn report(&mut self, report: &Report);
+    /// One drive cycle, and whether what is wanted is so.
+    fn report(&mut self, report: &Report, ready: bool);
 }
 
 /// The independent watchdog.

@@ -9,8 +9,18 @@ use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 
+use kband::wire::SetUp;
+
 use crate::start::Signs;
 use crate::store::{Store, StoreFailed};
+
+/// The clocks that a chip starts with.
+pub struct ChipClocks {
+    /// Them.
+    pub config: embassy_stm32::Config,
+    /// Whether they are what the board is to run from: the drive stays off where they are not.
+    pub sound: bool,
+}
 
 /// The chip of a board.
 pub trait Chip {
@@ -24,11 +34,22 @@ pub trait Chip {
     /// The memory of the settings.
     type Memory: Store;
 
-    /// The clocks, from which [`Chip::CORE_CLOCK`] follows; APB1 runs USART2 at 115200 baud within 2 %.
-    fn clocks() -> embassy_stm32::Config;
+    /// The clocks, from which [`Chip::CORE_CLOCK`] follows; APB1 runs USART2 at 115200 baud within 2 %. The
+    /// independent watchdog runs before this is called, and nothing here waits for ever.
+    fn clocks() -> ChipClocks;
 
-    /// Has the chip watch the oscillator that it runs from: where that stops, the bridge has to open.
-    fn watch_clock();
+    /// Once the clocks run: has the chip watch the oscillator that it runs from and its supply, where either fails the
+    /// bridge has to open; and has its flash read ahead.
+    fn watch(clocks_sound: bool);
+
+    /// Whether the supply is, or was since the last call, below what the chip needs.
+    fn supply_low() -> bool;
+
+    /// Starts the window watchdog, which [`crate::stm32::Window`] feeds.
+    fn start_window();
+
+    /// What the option bytes say.
+    fn set_up() -> SetUp;
 
     /// The converter, and its time to sample the accelerometer: with the conversion well below 50 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime);

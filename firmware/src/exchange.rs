@@ -15,6 +15,7 @@ pub struct Exchange {
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     news: AtomicU8,
     owed: AtomicBool,
+    late: AtomicBool,
     missed: AtomicU32,
 }
 
@@ -40,6 +41,7 @@ impl Exchange {
             signal: Mutex::new(Cell::new(None)),
             news: AtomicU8::new(0),
             owed: AtomicBool::new(false),
+            late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
         }
     }
@@ -54,6 +56,16 @@ impl Exchange {
     #[must_use]
     pub fn missed(&self) -> u32 {
         self.missed.load(Ordering::Relaxed)
+    }
+
+    /// Whether the drive was switched off because no command came for [`COMMANDS_LAST`] cycles.
+    #[must_use]
+    pub fn late(&self) -> bool {
+        self.late.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn set_late(&self, late: bool) {
+        self.late.store(late, Ordering::Release);
     }
 
     pub(crate) fn post(&self, cycle: Cycle) {
@@ -109,6 +121,8 @@ impl Exchange {
     }
 }
 
+/// Cycles that the drive goes on with the last command.
+pub const COMMANDS_LAST: u8 = 4;
 /// News of [`Exchange::news`]: a command.
 pub(crate) const COMMAND: u8 = 1;
 /// News of [`Exchange::news`]: a signal path.

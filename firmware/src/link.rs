@@ -241,7 +241,10 @@ async fn answer<'a>(
                 },
                 stack_free: (image.stack_free)(),
                 missed: station.missed(),
-                set_up: (image.set_up)(),
+                set_up: SetUp {
+                    control: station.longest(),
+                    ..(image.set_up)()
+                },
             })
         }
         Request::Counters => Response::Counters(*counters),

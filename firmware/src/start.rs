@@ -60,12 +60,12 @@ impl Cause {
 
     /// How the controller has to start.
     ///
-    /// A feeder that stopped by itself must not start by itself (IEC 60204-1, 7.5): after any reset
-    /// but power-on the drive stays off until it is enabled anew.
+    /// A feeder must not start by itself where its supply comes back (IEC 60204-1, 7.5): after any reset the drive
+    /// stays off until it is enabled anew, and after any but power-on this is a fault.
     #[must_use]
     pub fn start(self) -> Start {
         match self {
-            Self::Power => Start::Ordinary,
+            Self::Power => Start::PowerOn,
             Self::BrownOut | Self::Watchdog | Self::Software => Start::Reset,
         }
     }
@@ -86,7 +86,7 @@ mod tests {
                 sag: bits & 4 != 0,
                 remembered: bits & 8 != 0,
             };
-            let ordinary = Cause::of(signs).start() == Start::Ordinary;
+            let ordinary = Cause::of(signs).start() == Start::PowerOn;
             assert_eq!(ordinary, bits == 0, "{signs:?}");
             times += u8::from(ordinary);
         }
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn only_power_on_obeys_an_enable_input_that_was_there_before() {
+    fn no_start_obeys_an_enable_input_that_was_there_before() {
         for cause in [
             Cause::Power,
             Cause::BrownOut,
@@ -117,11 +117,16 @@ mod tests {
                 };
                 controller.cycle(&Cycle::default(), &inputs).state
             };
-            let starts = state(true) == State::Starting;
-            assert_eq!(starts, cause == Cause::Power, "{cause:?}");
-            state(true);
-            state(false);
-            assert_eq!(state(true) == State::Starting, cause != Cause::Power);
+            for _ in 0..100 {
+                assert_ne!(state(true), State::Starting, "{cause:?}");
+            }
+            // A fault is acknowledged in half a second, 25 cycles; after power-on there is none.
+            let cycles = if cause == Cause::Power { 1 } else { 25 };
+            for cycle in 1..=cycles {
+                let acknowledged = state(false) == State::Off;
+                assert_eq!(acknowledged, cycle == cycles, "{cause:?}");
+            }
+            assert_eq!(state(true), State::Starting, "{cause:?}");
         }
     }
 }

@@ -18,6 +18,23 @@ use crate::store::{Condition, Found};
 /// Records that the event log keeps.
 const LOG: usize = 64;
 
+/// The fault that a start is, to be kept.
+fn fault_of(start: Start) -> Option<KeptFault> {
+    let fault = match start {
+        Start::Ordinary | Start::PowerOn => return None,
+        Start::Reset => Fault::WatchdogReset,
+        Start::Refused => Fault::SettingsInvalid,
+    };
+    Some(KeptFault {
+        fault: fault.number(),
+        state: State::Fault.number(),
+        ..KeptFault::default()
+    })
+}
+
+/// Seconds of silence after which a simulation by the desk is over.
+const SIMULATION_LASTS: u32 = 10;
+
 /// Why settings were not taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotTaken {
@@ -73,12 +90,18 @@ impl Uptime {
 pub struct Station {
     controller: RefCell<Controller>,
     settings: Cell<Settings>,
+    condition: Cell<Condition>,
     report: Cell<Report>,
     mean: Cell<f32>,
     log: RefCell<Log>,
     heard: Cell<bool>,
     enabled: Cell<bool>,
-    simulated: Cell<bool>,
+    /// Seconds since the start at which the desk was last heard of the plant that it simulates.
+    simulated: Cell<Option<u32>>,
+    /// The enable input as it was last seen.
+    asked: Cell<bool>,
+    /// Most cycles of the core that the control of a drive cycle took.
+    longest: Cell<u32>,
     tick: Mailbox<NoopRawMutex, ()>,
     uptime: Cell<Uptime>,
     /// A fault that is not kept yet.
@@ -107,6 +130,7 @@ impl Station {
         let station = Self {
             controller: RefCell::new(Controller::build(&settings, found.target, start)?),
             settings: Cell::new(settings),
+            condition: Cell::new(found.condition),
             report: Cell::new(Report::default()),
             mean: Cell::new(0.0),
             log: RefCell::new(Log {
@@ -115,29 +139,29 @@ impl Station {
             }),
             heard: Cell::new(false),
             enabled: Cell::new(true),
-            simulated: Cell::new(false),
+            simulated: Cell::new(None),
+            asked: Cell::new(true),
+            longest: Cell::new(0),
             tick: Mailbox::new(),
             uptime: Cell::new(Uptime::default()),
-            fresh: Cell::new(None),
+            fresh: Cell::new(fault_of(start)),
             exchange,
             last_words,
         };
-        if let Some(fault) = station.controller.borrow().report().fault {
-            station.fresh.set(Some(KeptFault {
-                fault: fault.number(),
-                ..KeptFault::default()
-            }));
-        }
         Ok((station, signal))
     }
 
     /// Takes a cycle and the board's inputs; what the controller makes of it. While the desk simulates
-    /// the plant, the board's own cycle is only counted.
+    /// the plant, the board's own cycle is only counted, until the desk falls silent.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.uptime.set(self.uptime.get().after(cycle.samples));
-        if self.simulated.get() {
-            return None;
+        self.asked.set(inputs.enable);
+        if let Some(heard) = self.simulated.get() {
+            if self.seconds().wrapping_sub(heard) <= SIMULATION_LASTS {
+                return None;
+            }
+            self.end_simulation();
         }
         Some(self.control(
             cycle,
@@ -151,20 +175,37 @@ impl Station {
 
     /// Takes a cycle of a simulated plant with its inputs; what the controller makes of it.
     pub fn simulated_cycle(&self, cycle: &Cycle, inputs: Inputs) -> Report {
+        if self.simulated.get().is_some() {
+            self.simulated.set(Some(self.seconds()));
+        }
         self.control(cycle, inputs)
     }
 
     /// Starts a controller anew for a simulated plant, and the signal path that goes with it; the drive
-    /// stays off until the next reset. Refused while the drive runs; a simulated one is none.
+    /// stays off while the desk goes on. Refused while the drive runs or its enable input is given: a simulation must not
+    /// take a machine out of service.
     pub fn simulate(&self, target: Target, start: Start) -> Result<Signal, NotTaken> {
-        if !self.simulated.get() && !self.at_rest() {
+        if self.simulated.get().is_none() && (!self.at_rest() || self.asked.get()) {
             return Err(NotTaken::Running);
         }
         let settings = self.settings.get();
         let signal = Signal::build(&settings).map_err(NotTaken::OutOfRange)?;
         self.renew_controller(&settings, target, start)?;
-        self.simulated.set(true);
+        self.simulated.set(Some(self.seconds()));
         Ok(signal)
+    }
+
+    /// The desk has not gone on with its simulation: the board has its drive back, off until enabled anew.
+    #[inline(never)]
+    fn end_simulation(&self) {
+        self.simulated.set(None);
+        let start = match self.condition.get() {
+            Condition::Whole => Start::Reset,
+            Condition::Never | Condition::Lost => Start::Refused,
+        };
+        // Settings that were accepted once are accepted again.
+        let _ = self.renew_controller(&self.settings.get(), self.target(), start);
+        self.report.set(self.controller.borrow().report());
     }
 
     /// A controller begun anew in the place of the one that is there; refused, with that one kept.
@@ -210,7 +251,7 @@ impl Station {
         self.mean.set(cycle.mean);
         if let Some(fault) = report.fault
             && before.fault.is_none()
-            && !self.simulated.get()
+            && self.simulated.get().is_none()
         {
             self.fresh.set(Some(KeptFault {
                 number: 0,
@@ -233,6 +274,23 @@ impl Station {
     /// One slice of planning; whether more is to be done.
     pub fn plan_step(&self) -> bool {
         self.controller.borrow_mut().plan_step()
+    }
+
+    /// Whether what is wanted is so.
+    #[must_use]
+    pub fn ready(&self) -> bool {
+        self.controller.borrow().ready()
+    }
+
+    /// The control of a drive cycle took so many cycles of the core.
+    pub fn took(&self, cycles: u32) {
+        self.longest.set(self.longest.get().max(cycles));
+    }
+
+    /// The most that it ever took.
+    #[must_use]
+    pub fn longest(&self) -> u32 {
+        self.longest.get()
     }
 
     /// The end of the next drive cycle.
@@ -310,7 +368,9 @@ impl Station {
 
     /// The settings in use were saved: where they were missing the fault ends, and the drive waits for a new enable.
     pub fn saved(&self) {
-        if self.report.get().fault == Some(Fault::SettingsInvalid) && !self.simulated.get() {
+        self.condition.set(Condition::Whole);
+        if self.report.get().fault == Some(Fault::SettingsInvalid) && self.simulated.get().is_none()
+        {
             // Settings that were accepted once are accepted again.
             let _ = self.renew_controller(&self.settings.get(), self.target(), Start::Reset);
         }

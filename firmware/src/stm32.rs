@@ -2,6 +2,9 @@
 //!
 //! The pins are the same on every board, so that one page of wiring serves them all.
 
+use core::sync::atomic::{AtomicU8, Ordering};
+
+use cortex_m::peripheral::DWT;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
 use embassy_stm32::dac::{DacChannel, Value};
@@ -11,8 +14,10 @@ use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
+use embassy_stm32::pac::wwdg::regs::Cr;
+use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, IWDG, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, TIM1, USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -20,26 +25,29 @@ use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::PwmPin;
 use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
-use embassy_stm32::wdg::IndependentWatchdog;
 use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash as sync;
 use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
-use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE, State};
+use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE};
 
 use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use crate::cortex::stack_low;
 use crate::link::Line;
 use crate::log;
 
-/// Time in which neither switch of the half bridge conducts, as a share of a second: 1 us.
-const DEAD_TIME: u32 = 1_000_000;
-/// Period of the watchdog in us. A cycle at 5 Hz takes 0.2 s, so that each gets a chance to check in.
-const WATCHDOG_PERIOD: u32 = 800_000;
+/// Time in which neither switch of the half bridge conducts, in ns.
+const DEAD_TIME: u32 = 1_000;
+/// Share of a period that the bridge's duty keeps from either end, 3 us: its edges stay clear of the sample, and a
+/// bootstrapped driver is charged in every period.
+const DUTY_END: f32 = 0.06;
+/// Period of the independent watchdog as its prescaler and reload: 0.8 s at 32 kHz. A cycle at 5 Hz takes 0.2 s, so
+/// that each gets a chance to check in.
+const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
 /// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
 ///
-/// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %. The voltage is 0..3.3 V
-/// with the middle for 0, for an external amplifier. PB12 high opens the bridge.
+/// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %, of which 6..94 % are given. The voltage is
+/// 0..3.3 V with the middle for 0, for an external amplifier. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,
@@ -78,7 +86,7 @@ impl HalfBridge {
             CountingMode::CenterAlignedBothInterrupts,
         );
         pwm.set_master_output_enable(false);
-        pwm.set_dead_time((core_clock / DEAD_TIME) as u16);
+        pwm.set_dead_time((core_clock / 1_000_000 * DEAD_TIME / 1_000) as u16);
         let function = BreakInputPin::<TIM1, BkIn1>::af_num(&*over_current);
         let mut over_current = Flex::new(over_current);
         // Active where nothing is wired.
@@ -92,11 +100,14 @@ impl HalfBridge {
         let timer = pac::TIM1;
         timer.cr1().modify(|control| control.set_cen(false));
         timer.cnt().write(|count| count.set_cnt(0));
+        // Up and down are a period: exactly the sample rate. The driver takes one count less.
+        let half = (core_clock / (2 * SAMPLE_RATE)) as u16;
+        timer.arr().write(|reload| reload.set_arr(half));
         pwm.set_repetition_counter(1);
         timer.egr().write(|event| event.set_ug(true));
         timer.cr2().modify(|control| control.set_mms(Mms::UPDATE));
         timer.cr1().modify(|control| control.set_cen(true));
-        let full = pwm.get_max_duty() as f32;
+        let full = f32::from(half);
         pwm.set_duty(Channel::Ch1, (0.5 * full) as u32);
         pwm.enable(Channel::Ch1);
         // Off, both gates are driven to their off level, low, not let go. Then nothing but a reset can
@@ -105,8 +116,11 @@ impl HalfBridge {
         timer
             .bdtr()
             .modify(|register| register.set_lock(Lock::LEVEL2));
-        // A core that a debugger halts sets no duty: the timer stops with it, and its outputs are off.
-        pac::DBGMCU.apb2fzr().modify(|frozen| frozen.set_tim1(true));
+        // A core that a debugger halts sets no duty. RM0090, 38.16.2, stops a frozen timer's counter and says nothing of
+        // its outputs, which might stand on: the timer goes on, and the window watchdog resets the chip within 5 ms.
+        pac::DBGMCU
+            .apb2fzr()
+            .modify(|frozen| frozen.set_tim1(false));
         let mut voltage = DacChannel::new_blocking(converter, voltage);
         voltage.set(Value::Bit12Right(MIDDLE));
         Self {
@@ -126,11 +140,16 @@ impl Drive for HalfBridge {
     #[inline]
     fn set(&mut self, output: f32) {
         let share = 0.5 + 0.5 * output.clamp(-1.0, 1.0);
-        self.pwm.set_duty(Channel::Ch1, (share * self.full) as u32);
+        let duty = share.clamp(DUTY_END, 1.0 - DUTY_END) * self.full;
+        pac::TIM1
+            .ccr(0)
+            .write(|compare| compare.set_ccr(duty as u16));
         self.voltage
             .set(Value::Bit12Right((share * 4095.0 + 0.5) as u16));
         if !self.on {
             self.on = true;
+            // What opened the bridge before is past, or opens it again.
+            forget_break();
             self.pwm.set_master_output_enable(true);
         }
     }
@@ -139,6 +158,18 @@ impl Drive for HalfBridge {
         self.on = false;
         drive_off();
     }
+}
+
+/// Whether the break opened the bridge since it was last closed, or holds it open.
+fn broken() -> bool {
+    pac::TIM1.sr().read().bif(0)
+}
+
+fn forget_break() {
+    // Flags are cleared by a zero, and left alone by a one.
+    pac::TIM1
+        .sr()
+        .write_value(pac::timer::regs::SrAdv(!(1 << 7)));
 }
 
 /// Takes the power from the half bridge and the voltage to its middle, by registers alone.
@@ -177,17 +208,27 @@ impl Sense for Converter {
     }
 }
 
-/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool).
+/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool), and what the chip sees
+/// of its own state.
 pub struct Terminals {
     enable: Input<'static>,
     cool: Input<'static>,
+    supply_low: fn() -> bool,
+    clock_failed: bool,
 }
 
 impl Terminals {
     /// The inputs, inactive where nothing is wired: a broken wire stops the drive.
     #[must_use]
-    pub fn new(enable: Peri<'static, PB0>, cool: Peri<'static, PB1>) -> Self {
+    pub fn new(
+        enable: Peri<'static, PB0>,
+        cool: Peri<'static, PB1>,
+        supply_low: fn() -> bool,
+        clock_failed: bool,
+    ) -> Self {
         Self {
+            supply_low,
+            clock_failed,
             enable: Input::new(enable, Pull::Down),
             cool: Input::new(cool, Pull::Up),
         }
@@ -201,7 +242,15 @@ impl Panel for Terminals {
             over_temperature: self.cool.is_high(),
             link_heard: false,
             stack_low: stack_low(),
+            over_current: broken(),
+            control_late: false,
+            supply_low: (self.supply_low)(),
+            clock_failed: self.clock_failed,
         }
+    }
+
+    fn now(&self) -> u32 {
+        DWT::cycle_count()
     }
 }
 
@@ -223,8 +272,7 @@ impl Lamps {
 }
 
 impl Monitor for Lamps {
-    fn report(&mut self, report: &Report) {
-        let ready = matches!(report.state, State::Holding | State::Locked);
+    fn report(&mut self, report: &Report, ready: bool) {
         self.ready.set_level(ready.into());
         self.fault.set_level(report.fault.is_some().into());
         log::report(report);
@@ -232,22 +280,71 @@ impl Monitor for Lamps {
 }
 
 /// The independent watchdog.
-pub struct Guard(IndependentWatchdog<'static, IWDG>);
+pub struct Guard;
 
 impl Guard {
-    /// The watchdog, started; nothing but a reset stops it.
+    /// The watchdog, started; nothing but a reset stops it. It has an oscillator of its own and needs no other clock.
     #[must_use]
-    pub fn new(watchdog: Peri<'static, IWDG>) -> Self {
-        let mut guard = IndependentWatchdog::new(watchdog, WATCHDOG_PERIOD);
-        guard.unleash();
-        Self(guard)
+    pub fn start() -> Self {
+        let (prescaler, reload) = WATCHDOG;
+        let watchdog = pac::IWDG;
+        watchdog.kr().write(|key| key.set_key(Key::START));
+        watchdog.kr().write(|key| key.set_key(Key::ENABLE));
+        watchdog.pr().write(|register| register.set_pr(prescaler));
+        watchdog.rlr().write(|register| register.set_rl(reload));
+        Self
     }
 }
 
 impl Watchdog for Guard {
     fn feed(&mut self) {
-        self.0.pet();
+        pac::IWDG.kr().write(|key| key.set_key(Key::RESET));
     }
+}
+
+/// The window watchdog: it resets the chip, and so opens the bridge, where samples stop for 4.7 ms, or come twice as
+/// often as they should.
+pub struct Window;
+
+/// Steps of some 97 us from a feed of the window watchdog to its bite, and those before which a feed bites.
+const BITES: u8 = 48;
+const EARLIEST: u8 = 10;
+/// Samples from feed to feed: 2 ms.
+const FEED: u8 = 40;
+/// The last count before the bite.
+const LAST_COUNT: u8 = 0x40;
+
+/// Samples since the last feed.
+static SAMPLED: AtomicU8 = AtomicU8::new(0);
+
+impl Window {
+    /// Starts the watchdog, whose peripheral clock divided by 4096 and `divider` gives its steps.
+    pub fn start(divider: Wdgtb) {
+        pac::WWDG.cfr().write(|register| {
+            register.set_wdgtb(divider);
+            register.set_w(LAST_COUNT + BITES - 1 - EARLIEST);
+        });
+        SAMPLED.store(0, Ordering::Relaxed);
+        feed_window();
+    }
+
+    /// A sample was taken; for the sample interrupt alone.
+    #[inline]
+    pub fn sampled() {
+        let samples = SAMPLED.load(Ordering::Relaxed) + 1;
+        SAMPLED.store(samples % FEED, Ordering::Relaxed);
+        if samples == FEED {
+            feed_window();
+        }
+    }
+}
+
+/// What the window watchdog's control register is written with to feed and to start it.
+pub const WINDOW_FED: u32 = 0x80 | (LAST_COUNT + BITES - 1) as u32;
+
+#[inline]
+fn feed_window() {
+    pac::WWDG.cr().write_value(Cr(WINDOW_FED));
 }
 
 /// Buffers of the serial port.
@@ -308,8 +405,7 @@ impl Line for Serial {
 
 /// Flash whose work ends before its call returns, for the memory of the settings.
 ///
-/// The core stands still while a page is erased: up to 4 s for the 128 KiB of an STM32F405. The drive
-/// is off then, and the watchdog is given the time.
+/// The drive is off while a page is erased, and the watchdog is given the time.
 pub struct Pages<F>(pub F);
 
 /// Time that the watchdog is given for the erasure of a page, as its prescaler and reload: 32 s.
@@ -336,16 +432,21 @@ impl<F: sync::NorFlash> NorFlash for Pages<F> {
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
-        let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
-        allow(ERASURE);
-        let result = self.0.erase(from, to);
-        allow(usual);
-        result
+        with_patience(|| self.0.erase(from, to))
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
         self.0.write(offset, bytes)
     }
+}
+
+/// While `work` is done the independent watchdog is given 32 s: an erasure of 128 KiB takes up to 4 s.
+pub fn with_patience<T>(work: impl FnOnce() -> T) -> T {
+    let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
+    allow(ERASURE);
+    let result = work();
+    allow(usual);
+    result
 }
 
 /// Gives the watchdog this prescaler and reload, and feeds it.

@@ -44,6 +44,21 @@ fn inverted(change: &Change) -> bool {
 fn stack(change: &Change) -> bool {
     matches!(change, Change::StackLow(_))
 }
+fn over_current(change: &Change) -> bool {
+    matches!(change, Change::OverCurrent(_))
+}
+fn supply(change: &Change) -> bool {
+    matches!(change, Change::SupplyLow(_))
+}
+fn clock(change: &Change) -> bool {
+    matches!(change, Change::ClockFailed(_))
+}
+fn late(change: &Change) -> bool {
+    matches!(change, Change::ControlLate(_))
+}
+fn sensitivity(change: &Change) -> bool {
+    matches!(change, Change::Sensitivity(_))
+}
 fn target(change: &Change) -> bool {
     matches!(change, Change::Target(_))
 }
@@ -88,7 +103,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 57] = [
+const PROOFS: [(&str, Shows, Break); 63] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -216,10 +231,36 @@ const PROOFS: [(&str, Shows, Break); 57] = [
         Told(another_target),
     ),
     ("stack_low", Shows::Fault(Fault::StackLow), Hidden(stack)),
+    (
+        "over_current",
+        Shows::Fault(Fault::OverCurrent),
+        Hidden(over_current),
+    ),
+    ("supply_low", Shows::Fault(Fault::SupplyLow), Hidden(supply)),
+    (
+        "clock_failed",
+        Shows::Fault(Fault::ClockFailed),
+        Hidden(clock),
+    ),
+    (
+        "control_late",
+        Shows::Fault(Fault::ControlLate),
+        Hidden(late),
+    ),
+    (
+        "sensor_implausible",
+        Shows::Fault(Fault::SensorImplausible),
+        Hidden(sensitivity),
+    ),
     ("stop_and_start", Obeying, Hidden(enable)),
     ("stop_in_capture", Obeying, Hidden(enable)),
     ("stop_in_holding", Obeying, Hidden(enable)),
     ("stop_in_limiting", Obeying, Hidden(enable)),
+    (
+        "fault_in_lost",
+        Shows::Fault(Fault::OverTemperature),
+        Hidden(hot),
+    ),
     ("stop_in_lost", Obeying, Hidden(enable)),
     ("stop_in_start", Obeying, Hidden(enable)),
     ("stop_in_sweep", Obeying, Hidden(enable)),

@@ -127,6 +127,7 @@ scenes! {
     fault_in_capture
     fault_in_holding
     fault_in_limiting
+    fault_in_lost
     fault_in_stopping
     from_rest
     gain_drift
@@ -148,9 +149,11 @@ scenes! {
     output_limit
     outside_every_band
     over_amplitude
+    over_current
     over_temperature
     over_temperature_in_start
     resonance_tracking
+    sensor_implausible
     sensor_inverted
     sensor_lost
     sensor_saturated
@@ -158,6 +161,9 @@ scenes! {
     speed
     speed_of_no_lock
     stack_low
+    supply_low
+    clock_failed
+    control_late
     stop_and_start
     stop_in_capture
     stop_in_holding

@@ -489,8 +489,9 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     ] {
         let mut board = Board::with(FOUND(condition));
         let fault = |board: &mut Board| {
-            for enable in [true, false, false, true, true] {
-                board.enable = enable;
+            // Half a second acknowledges what may be acknowledged.
+            for cycle in 0..30 {
+                board.enable = !(1..27).contains(&cycle);
                 board.cycle();
             }
             board.station.report().fault

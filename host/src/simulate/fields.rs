@@ -209,7 +209,7 @@ pub const CHANGES: [Number; 6] = [
 pub type Flag = (&'static str, &'static str, fn(bool) -> Change);
 
 /// The flags that a disturbance may set.
-pub const FLAGS: [Flag; 7] = [
+pub const FLAGS: [Flag; 11] = [
     ("enable", "The enable input.", Change::Enable),
     (
         "sensor_lost",
@@ -227,6 +227,26 @@ pub const FLAGS: [Flag; 7] = [
         Change::OverTemperature,
     ),
     ("stack_low", "The stack warning.", Change::StackLow),
+    (
+        "over_current",
+        "The over-current input.",
+        Change::OverCurrent,
+    ),
+    (
+        "supply_low",
+        "The supply monitor of the board.",
+        Change::SupplyLow,
+    ),
+    (
+        "clock_failed",
+        "Whether the crystal has failed and the board runs on its own oscillator.",
+        Change::ClockFailed,
+    ),
+    (
+        "control_late",
+        "Whether the board switched the drive off because its control came too late.",
+        Change::ControlLate,
+    ),
     ("link", "Whether the link brings frames.", Change::Link),
     (
         "brown_out",

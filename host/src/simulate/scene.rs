@@ -111,9 +111,12 @@ impl SceneFile {
         if let Some(start) = root.take("start") {
             scene.start = match start.as_str() {
                 Some("ordinary") => Start::Ordinary,
+                Some("power-on") => Start::PowerOn,
                 Some("reset") => Start::Reset,
                 Some("refused") => Start::Refused,
-                _ => return Err(root.refuse("start", &start, "ordinary, reset, refused")),
+                _ => {
+                    return Err(root.refuse("start", &start, "ordinary, power-on, reset, refused"));
+                }
             };
         }
         for (name, keys, required) in SECTIONS {

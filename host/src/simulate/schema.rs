@@ -219,7 +219,7 @@ pub fn schema() -> Value {
     );
     properties.insert(
         "start".into(),
-        json!({"enum": ["ordinary", "reset", "refused"], "default": "ordinary",
+        json!({"enum": ["ordinary", "power-on", "reset", "refused"], "default": "ordinary",
             "description": "Why the controller starts."}),
     );
     properties.insert(

@@ -1,5 +1,7 @@
 //! What the controller is told about the track, the drive, the sensor and its parts.
 
+use core::f32::consts::TAU;
+
 use crate::feeder::{OutOfRange, Restitution, Track, TrackSettings};
 
 /// One setting: its key, unit, accepted range and default.
@@ -127,7 +129,7 @@ settings! {
     /// Reference voltage of the converter.
     converter_reference = 3.3, 1.0..5.0 "V";
     /// Resolution of the converter.
-    converter_bits = 12.0, 8.0..16.0 "bits";
+    converter_bits = 12.0, 8.0..12.0 "bits";
     /// Silence of the link after which the drive goes to its safe amplitude; 0 turns this off.
     link_timeout = 2.0, 0.0..3600.0 "s";
     /// Half width of the band in which the drive frequency may follow the resonance; 0 turns this off.
@@ -205,6 +207,22 @@ impl Settings {
         }
         if self.safe_amplitude > self.amplitude_limit {
             return refuse("safe_amplitude", self.safe_amplitude, "0..amplitude_limit");
+        }
+        let highest = TAU * (self.frequency + self.tracking);
+        if self.safe_amplitude * 1e-3 * highest * highest > self.acceleration_limit {
+            return refuse(
+                "safe_amplitude",
+                self.safe_amplitude,
+                "0..what acceleration_limit allows at the highest frequency",
+            );
+        }
+        let lowest = (self.frequency - self.tracking).max(5.0);
+        if (self.frequency + self.tracking - lowest) * self.quality > 200.0 * lowest {
+            return refuse(
+                "tracking",
+                self.tracking,
+                "0 to a band of 200 widths of the resonance, the lowest frequency over quality",
+            );
         }
         if self.sensor_zero >= self.converter_reference {
             return refuse("sensor_zero", self.sensor_zero, "below converter_reference");

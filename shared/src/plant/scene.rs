@@ -102,6 +102,14 @@ pub enum Change {
     Link(bool),
     /// The stack warning.
     StackLow(bool),
+    /// The over-current input.
+    OverCurrent(bool),
+    /// The supply monitor of the board.
+    SupplyLow(bool),
+    /// The crystal has failed (`true`), and the board runs on its own oscillator.
+    ClockFailed(bool),
+    /// The board switched the drive off because its control came too late.
+    ControlLate(bool),
     /// The supply of the board sags (`true`): its controller starts anew, as after a brown-out.
     BrownOut(bool),
 }

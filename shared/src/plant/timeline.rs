@@ -62,6 +62,10 @@ impl Timeline {
             Change::OverTemperature(hot) => self.inputs.over_temperature = hot,
             Change::Link(linked) => self.inputs.link_heard = linked,
             Change::StackLow(low) => self.inputs.stack_low = low,
+            Change::OverCurrent(open) => self.inputs.over_current = open,
+            Change::SupplyLow(low) => self.inputs.supply_low = low,
+            Change::ClockFailed(failed) => self.inputs.clock_failed = failed,
+            Change::ControlLate(late) => self.inputs.control_late = late,
             Change::BrownOut(sagged) => self.sagged |= sagged,
             change => return Some(change),
         }

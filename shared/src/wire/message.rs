@@ -74,6 +74,14 @@ pub struct SimulatedInputs {
     pub link_heard: bool,
     /// Whether the stack came close to its end.
     pub stack_low: bool,
+    /// Whether the over-current input opened the bridge.
+    pub over_current: bool,
+    /// Whether the drive was switched off because the control of several cycles came too late.
+    pub control_late: bool,
+    /// Whether the supply is below what the chip needs.
+    pub supply_low: bool,
+    /// Whether the clock is not the crystal's.
+    pub clock_failed: bool,
 }
 
 impl From<control::Inputs> for SimulatedInputs {
@@ -83,6 +91,10 @@ impl From<control::Inputs> for SimulatedInputs {
             over_temperature: inputs.over_temperature,
             link_heard: inputs.link_heard,
             stack_low: inputs.stack_low,
+            over_current: inputs.over_current,
+            control_late: inputs.control_late,
+            supply_low: inputs.supply_low,
+            clock_failed: inputs.clock_failed,
         }
     }
 }
@@ -94,6 +106,10 @@ impl From<SimulatedInputs> for control::Inputs {
             over_temperature: inputs.over_temperature,
             link_heard: inputs.link_heard,
             stack_low: inputs.stack_low,
+            over_current: inputs.over_current,
+            control_late: inputs.control_late,
+            supply_low: inputs.supply_low,
+            clock_failed: inputs.clock_failed,
         }
     }
 }
@@ -260,12 +276,14 @@ impl From<Target> for control::Target {
 /// Why a controller starts; [`control::Start`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Start {
-    /// Power came, or a user asked for it.
+    /// A user asked for it: a given enable input counts.
     Ordinary,
     /// The watchdog or a brown-out reset the board.
     Reset,
     /// The stored settings were refused.
     Refused,
+    /// Power came: off until the enable input was seen withdrawn.
+    PowerOn,
 }
 
 impl From<control::Start> for Start {
@@ -274,6 +292,7 @@ impl From<control::Start> for Start {
             control::Start::Ordinary => Self::Ordinary,
             control::Start::Reset => Self::Reset,
             control::Start::Refused => Self::Refused,
+            control::Start::PowerOn => Self::PowerOn,
         }
     }
 }
@@ -284,6 +303,7 @@ impl From<Start> for control::Start {
             Start::Ordinary => Self::Ordinary,
             Start::Reset => Self::Reset,
             Start::Refused => Self::Refused,
+            Start::PowerOn => Self::PowerOn,
         }
     }
 }

@@ -427,12 +427,12 @@ mod tests {
         for wrong in [
             Report { state: 9, ..sound },
             Report {
-                fault: Some(9),
+                fault: Some(14),
                 ..sound
             },
             Report { limits: 1, ..sound },
             Report {
-                events: [Some(21); 6],
+                events: [Some(22); 6],
                 ..sound
             },
         ] {

@@ -1,7 +1,9 @@
 //! The board: its pins and peripherals joined to the application.
 
+use core::sync::atomic::{AtomicU32, Ordering};
+
 use cortex_m::peripheral::scb::SystemHandler;
-use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::peripheral::{DWT, NVIC, SCB};
 use cortex_m_rt::exception;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
@@ -22,7 +24,7 @@ use kband_firmware::log;
 use kband_firmware::start::Cause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
-    Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, drive_off,
+    Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, Window, drive_off,
 };
 use kband_firmware::store::{Condition, Found, Store};
 use kband_firmware::watch::{Roll, Watched};
@@ -49,6 +51,8 @@ bind_interrupts!(struct Interrupts {
 
 static EXCHANGE: Exchange = Exchange::new();
 static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
+/// Most cycles of the core that a sample took.
+static LONGEST: AtomicU32 = AtomicU32::new(0);
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_drive_off() {
@@ -70,7 +74,13 @@ extern "Rust" fn kband_halt() -> ! {
 pub unsafe fn sample() {
     // SAFETY: one handler, once a call, as the caller guarantees.
     if let Some(sampler) = unsafe { SAMPLER.get() } {
+        let began = DWT::cycle_count();
         sampler.interrupt();
+        Window::sampled();
+        let took = DWT::cycle_count().wrapping_sub(began);
+        if took > LONGEST.load(Ordering::Relaxed) {
+            LONGEST.store(took, Ordering::Relaxed);
+        }
     }
 }
 
@@ -124,7 +134,17 @@ fn place(
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let cause = Cause::of(Board::signs());
-    let peripherals = embassy_stm32::init(Board::clocks());
+    // Before anything that is waited for.
+    let mut guard = Guard::start();
+    let Some(mut core) = cortex_m::Peripherals::take() else {
+        defmt::panic!("the core's peripherals are taken");
+    };
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    let clocks = Board::clocks();
+    let sound = clocks.sound;
+    let peripherals = embassy_stm32::init(clocks.config);
+    guard.feed();
     let last_words = take_last_words();
     log::start(cause, &last_words);
     let p = peripherals;
@@ -137,13 +157,17 @@ async fn main(spawner: Spawner) {
         p.PB12,
         Board::CORE_CLOCK,
     );
-    Board::watch_clock();
+    Board::watch(sound);
+    if !sound {
+        defmt::error!("the crystal does not swing at its frequency: the drive stays off");
+    }
     let (adc, sample_time) = Board::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, sample_time);
     let Ok(mut memory) = Board::memory(p.FLASH) else {
         defmt::panic!("the memory of the settings does not fit its pages");
     };
     let found = memory.load().await;
+    guard.feed();
     match found.condition {
         Condition::Whole => defmt::info!("settings: as saved"),
         Condition::Never => defmt::warn!("settings: none were ever saved"),
@@ -151,9 +175,6 @@ async fn main(spawner: Spawner) {
     }
     let Some(station) = place(&found, cause.start(), last_words, converter, bridge) else {
         defmt::panic!("settings that were accepted are refused");
-    };
-    let Some(mut core) = cortex_m::Peripherals::take() else {
-        defmt::panic!("the core's peripherals are taken");
     };
     let Ok(serial) = Serial::new(p.USART2, p.PA3, p.PA2, Interrupts, BUFFERS.take()) else {
         defmt::panic!("the serial port does not take its rate");
@@ -167,17 +188,22 @@ async fn main(spawner: Spawner) {
         core.NVIC.set_priority(Board::CONVERTED, 0);
         NVIC::unmask(Board::CONVERTED);
     }
+    // From here on a sample that does not come is a reset.
+    Board::start_window();
     let image = Image {
         identity: IDENTITY,
         stack_free,
-        set_up: SetUp::default,
+        set_up: || SetUp {
+            sample: LONGEST.load(Ordering::Relaxed),
+            ..Board::set_up()
+        },
     };
-    let terminals = Terminals::new(p.PB0, p.PB1);
+    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
     let lamps = Lamps::new(p.PB10, p.PB11);
     let service = Service::new(image, memory);
     spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
-    spawner.spawn(supervise(Guard::new(p.IWDG)).expect("spawned once"));
+    spawner.spawn(supervise(guard).expect("spawned once"));
     loop {
         Timer::after_secs(60).await;
         let (used, size) = stack_use();

@@ -1,38 +1,78 @@
 //! STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and its like.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
-use embassy_stm32::flash::{Bank1Region3, Blocking, Flash};
+use embassy_stm32::flash::Flash;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
+use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
-use kband_firmware::chip::Chip;
+use kband::wire::SetUp;
+use kband_firmware::chip::{Chip, ChipClocks};
 use kband_firmware::cortex::remembers_running;
 use kband_firmware::start::Signs;
-use kband_firmware::stm32::Pages;
+use kband_firmware::stm32::{Window, drive_off};
 use kband_firmware::store::{Records, StoreFailed};
+
+use flash::Sectors;
+
+#[path = "stm32f405rg/crystal.rs"]
+mod crystal;
+#[path = "stm32f405rg/flash.rs"]
+mod flash;
+
+/// The board's crystal in Hz.
+const CRYSTAL: u32 = 8_000_000;
+/// The supply monitor's highest level, 2.9 V (DS8626, table 19), and its line of interrupts.
+const HIGHEST_LEVEL: u8 = 7;
+const SUPPLY_LINE: usize = 16;
+
+/// Whether the supply fell since it was last asked.
+static SUPPLY_FELL: AtomicBool = AtomicBool::new(false);
+
+/// The supply fell below the monitor's level: the bridge opens before anything else, and stays open until the control
+/// has seen it.
+#[interrupt]
+fn PVD() {
+    drive_off();
+    SUPPLY_FELL.store(true, Ordering::Relaxed);
+    pac::EXTI
+        .pr(0)
+        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+}
 
 /// The board's chip.
 pub struct Board;
 
 impl Chip for Board {
-    type Memory = Records<Pages<Bank1Region3<'static, Blocking>>>;
+    type Memory = Records<Sectors>;
 
     const CORE_CLOCK: u32 = 168_000_000;
 
     const CONVERTED: pac::Interrupt = pac::Interrupt::ADC;
 
-    fn clocks() -> embassy_stm32::Config {
+    /// From the crystal where it swings at its frequency, from the internal oscillator where not: a board with
+    /// another crystal would run its core far beyond what it bears.
+    fn clocks() -> ChipClocks {
         use embassy_stm32::rcc::*;
+        let sound = crystal::swings(CRYSTAL);
         let mut config = embassy_stm32::Config::default();
-        config.rcc.hse = Some(Hse {
-            freq: Hertz(8_000_000),
+        config.rcc.hse = sound.then_some(Hse {
+            freq: Hertz(CRYSTAL),
             mode: HseMode::Oscillator,
         });
-        config.rcc.pll_src = PllSource::HSE;
+        let (source, prediv) = if sound {
+            (PllSource::HSE, PllPreDiv::DIV4)
+        } else {
+            (PllSource::HSI, PllPreDiv::DIV8)
+        };
+        config.rcc.pll_src = source;
         config.rcc.pll = Some(Pll {
-            prediv: PllPreDiv::DIV4,
+            prediv,
             mul: PllMul::MUL168,
             divp: Some(PllPDiv::DIV2),
             divq: Some(PllQDiv::DIV7),
@@ -42,18 +82,60 @@ impl Chip for Board {
         config.rcc.apb1_pre = APBPrescaler::DIV4;
         config.rcc.apb2_pre = APBPrescaler::DIV2;
         config.rcc.sys = Sysclk::PLL1_P;
-        config
+        ChipClocks { config, sound }
     }
 
-    /// Has the chip watch its crystal: where that stops, the bridge opens by the break of TIM1, which needs no
-    /// clock, and an interrupt without a handler resets the board.
-    fn watch_clock() {
-        pac::RCC.cr().modify(|control| control.set_csson(true));
+    /// Where the crystal stops, the bridge opens by the break of TIM1, which needs no clock, and an interrupt without
+    /// a handler resets the board. Where the supply falls below 2.9 V, an interrupt opens the bridge: at 168 MHz the core
+    /// needs 2.7 V.
+    fn watch(clocks_sound: bool) {
+        pac::RCC
+            .cr()
+            .modify(|control| control.set_csson(clocks_sound));
+        pac::PWR.cr1().modify(|control| {
+            control.set_pls(HIGHEST_LEVEL);
+            control.set_pvde(true);
+        });
+        pac::EXTI
+            .rtsr(0)
+            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+        pac::EXTI
+            .imr(0)
+            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and registers.
+        unsafe { NVIC::unmask(pac::Interrupt::PVD) };
+        flash::read_ahead();
     }
 
-    /// The converter and the time it takes to sample: 56 cycles at 21 MHz, 2.7 us.
+    fn supply_low() -> bool {
+        let now = pac::PWR.csr1().read().pvdo();
+        SUPPLY_FELL.swap(false, Ordering::Relaxed) || now
+    }
+
+    fn start_window() {
+        pac::RCC.apb1enr().modify(|clocks| clocks.set_wwdgen(true));
+        // 42 MHz.
+        Window::start(Wdgtb::DIV1);
+    }
+
+    fn set_up() -> SetUp {
+        let options = pac::FLASH.optcr().read();
+        SetUp {
+            // DS8626, table 19: typical, of a falling supply.
+            brown_out: match options.bor_lev() {
+                0 => 2830,
+                1 => 2500,
+                2 => 2190,
+                _ => 0,
+            },
+            watchdog: !options.wdg_sw(),
+            ..SetUp::default()
+        }
+    }
+
+    /// The converter and the time it takes to sample: 28 cycles at 21 MHz, 1.3 us, enough for 27 kOhm.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
-        (Adc::new(converter), SampleTime::CYCLES56)
+        (Adc::new(converter), SampleTime::CYCLES28)
     }
 
     /// The settings lie in the last two sectors of 128 KiB, the faults in the two before them.
@@ -63,7 +145,7 @@ impl Chip for Board {
             .bank1_region3;
         let (end, page) = (region.0.size, region.0.erase_size);
         Records::new(
-            Pages(region),
+            Sectors(region),
             end - 2 * page..end,
             end - 4 * page..end - 2 * page,
         )

@@ -5,12 +5,17 @@ use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
 use embassy_stm32::flash::{Bank2Region, Blocking, Flash};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
+use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
-use kband_firmware::chip::Chip;
+use kband::wire::SetUp;
+use kband_firmware::chip::{Chip, ChipClocks};
 use kband_firmware::cortex::remembers_running;
 use kband_firmware::start::Signs;
-use kband_firmware::stm32::Pages;
+use kband_firmware::stm32::{Pages, Window};
 use kband_firmware::store::{Records, StoreFailed};
+
+/// The supply monitor's highest level, 2.9 V (DS12288, table 21).
+const HIGHEST_LEVEL: u8 = 6;
 
 /// The board's chip.
 pub struct Board;
@@ -22,7 +27,7 @@ impl Chip for Board {
 
     const CONVERTED: pac::Interrupt = pac::Interrupt::ADC1_2;
 
-    fn clocks() -> embassy_stm32::Config {
+    fn clocks() -> ChipClocks {
         use embassy_stm32::rcc::*;
         let mut config = embassy_stm32::Config::default();
         config.rcc.pll = Some(Pll {
@@ -36,17 +41,61 @@ impl Chip for Board {
         config.rcc.boost = true;
         config.rcc.sys = Sysclk::PLL1_R;
         config.rcc.mux.adc12sel = mux::Adcsel::SYS;
-        config
+        ChipClocks {
+            config,
+            sound: true,
+        }
     }
 
-    /// Nothing to watch: the chip's own oscillator starts and stops with it.
-    fn watch_clock() {}
+    /// The chip's own oscillator starts and stops with it. A supply below 2.9 V, a core that locks up and an error of
+    /// the flash open the bridge by the break of TIM1, without the program.
+    fn watch(_clocks_sound: bool) {
+        pac::PWR.cr2().modify(|control| {
+            control.set_pls(HIGHEST_LEVEL);
+            control.set_pvde(true);
+        });
+        pac::RCC
+            .apb2enr()
+            .modify(|clocks| clocks.set_syscfgen(true));
+        pac::SYSCFG.cfgr2().modify(|breaks| {
+            breaks.set_pvdl(true);
+            breaks.set_cll(true);
+            breaks.set_eccl(true);
+        });
+        pac::FLASH.acr().modify(|access| access.set_prften(true));
+    }
 
-    /// The converter and the time it takes to sample: 92.5 cycles at 42.5 MHz, 2.2 us.
+    fn supply_low() -> bool {
+        pac::PWR.sr2().read().pvdo()
+    }
+
+    fn start_window() {
+        pac::RCC.apb1enr1().modify(|clocks| clocks.set_wwdgen(true));
+        // 170 MHz by 4.
+        Window::start(Wdgtb::DIV4);
+    }
+
+    fn set_up() -> SetUp {
+        let options = pac::FLASH.optr().read();
+        SetUp {
+            // DS12288, table 21: typical, of a falling supply; level 0 is the power-on reset.
+            brown_out: match options.bor_lev() {
+                1 => 2000,
+                2 => 2200,
+                3 => 2490,
+                4 => 2760,
+                _ => 0,
+            },
+            watchdog: !options.idwg_sw(),
+            ..SetUp::default()
+        }
+    }
+
+    /// The converter and the time it takes to sample: 47.5 cycles at 42.5 MHz, 1.1 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
         (
             Adc::new(converter, AdcConfig::default()),
-            SampleTime::CYCLES92_5,
+            SampleTime::CYCLES47_5,
         )
     }
 

@@ -143,7 +143,7 @@ struct Trace {
 }
 
 impl Monitor for Trace {
-    fn report(&mut self, report: &Report) {
+    fn report(&mut self, report: &Report, _ready: bool) {
         log::report(report);
         if let Some(left) = &mut self.left {
             heprintln!("{}", TraceRow(report));

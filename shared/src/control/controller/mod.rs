@@ -96,8 +96,9 @@ pub struct Controller {
     limits: LimitMonitor,
     reference: Reference,
     output: f32,
-    /// Envelope that nominal gain would give, in m.
-    expected: f32,
+    /// Envelope that the outputs should give at the ends of cycles, in m: of the one that the last output will
+    /// drive, the one before, and the two that the last reading is the mean of.
+    expected: [f32; 3],
     faults: FaultDetector,
     count: u32,
     seen: Seen,
@@ -125,7 +126,7 @@ impl Controller {
             resonance,
             amplitude,
             selection: Selection::at(target, settings, &scale)?,
-            machine: StateMachine::begin(start, settings.capture_attempts),
+            machine: StateMachine::begin(start, settings.frequency, settings.capture_attempts),
             listener: Listener::build()?,
             identifier: Identifier::new(),
             lead: 0.0,
@@ -133,7 +134,7 @@ impl Controller {
             limits: LimitMonitor::default(),
             reference: Reference::default(),
             output: 0.0,
-            expected: 0.0,
+            expected: [0.0; 3],
             faults: FaultDetector::default(),
             count: 0,
             seen: Seen::default(),
@@ -207,7 +208,11 @@ impl Controller {
         } else {
             // A sensor that may be lost is not followed: the output waits for the verdict.
             if !blind {
-                self.output = self.amplitude.cycle(measured, self.reference.now);
+                self.output = self.amplitude.cycle(
+                    measured,
+                    self.reference.now,
+                    self.scale.most_output(self.expected[0]),
+                );
                 let wanted = self.machine.listens_for_chaos();
                 self.listener
                     .cycle(cycle, self.count, lead, self.selection.lock(), wanted);
@@ -222,9 +227,10 @@ impl Controller {
         } else if held_back && limits.is_empty() && self.machine.running() {
             events.push(Event::Freed);
         }
-        let keep = self.scale.keep;
-        self.expected =
-            keep * self.expected + (1.0 - keep) * self.output * self.settings.gain * 1e-3;
+        // Also where the output is held because the reading is not trusted.
+        self.output = self.output.min(self.scale.most_output(self.expected[0]));
+        let [newest, before, _] = self.expected;
+        self.expected = [self.scale.after(newest, self.output), newest, before];
         self.seen = Seen {
             amplitude: measured,
             lead,
@@ -244,12 +250,28 @@ impl Controller {
         if inputs.stack_low {
             self.machine.fail(Fault::StackLow, events);
         }
-        if inputs.over_temperature && self.machine.running() {
-            self.machine.fail(Fault::OverTemperature, events);
+        if inputs.supply_low {
+            self.machine.fail(Fault::SupplyLow, events);
+        }
+        if inputs.clock_failed {
+            self.machine.fail(Fault::ClockFailed, events);
+        }
+        if self.machine.running() {
+            for (present, fault) in [
+                (inputs.over_current, Fault::OverCurrent),
+                (inputs.control_late, Fault::ControlLate),
+                (inputs.over_temperature, Fault::OverTemperature),
+            ] {
+                if present {
+                    self.machine.fail(fault, events);
+                }
+            }
         }
         let expected = Expected {
             running: self.machine.running(),
-            amplitude: self.expected,
+            known: !self.resonance.sweeps(),
+            amplitude: 0.5 * (self.expected[1] + self.expected[2]),
+            least: self.scale.least,
             ceiling: self.scale.ceiling,
         };
         let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
@@ -275,12 +297,12 @@ impl Controller {
                 self.amplitude.resume(measured, self.output);
             }
             Some(EnableResponse::Started) => {
-                self.expected = 0.0;
+                self.expected = [0.0; 3];
                 if self.selection.target() == Target::Identify {
                     self.identifier.begin();
                     self.selection.go(identify::FIRST);
                 }
-                if self.resonance.tracks() {
+                if self.resonance.tracks() && self.sweep_amplitude() > 0.0 {
                     self.resonance.begin();
                     self.retune();
                 }
@@ -316,8 +338,11 @@ impl Controller {
         let (goal, pace) = match (self.machine.state(), self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Move::Step),
             (State::Stopping, _) => (0.0, down),
-            _ if limits.contains(Limits::LINK_LOST) => (safe, down),
-            _ if limits.contains(Limits::NO_SETPOINT) => (safe, up),
+            // Where it is not known what is wanted, less is done, never more.
+            _ if limits.contains(Limits::LINK_LOST) => {
+                (safe.min(setpoint).min(self.reference.now), down)
+            }
+            _ if limits.contains(Limits::NO_SETPOINT) => (safe.min(self.reference.now), down),
             _ if !self.selection.chosen() => (self.reference.now, Move::Step),
             (_, Some(kick)) => (setpoint * kick, Move::Lag),
             _ if self.machine.glides() => (setpoint, Move::Ramp(setpoint * (0.25 / GLIDE))),
@@ -341,9 +366,16 @@ impl Controller {
         self.identifier.interrupt();
     }
 
+    /// Amplitude in m that the search for the resonance has at its peak.
+    fn sweep_amplitude(&self) -> f32 {
+        (self.settings.safe_amplitude * 1e-3)
+            .min(self.selection.setpoint(&self.scale))
+            .min(self.scale.ceiling)
+    }
+
     /// A cycle of the search for the resonance, at the output that gives the safe amplitude there.
     fn sweep(&mut self, measured: f32, events: &mut Events) {
-        let output = self.settings.safe_amplitude / self.settings.gain;
+        let output = self.sweep_amplitude() / self.scale.strength;
         self.output = output.min(self.settings.output_maximum);
         self.reference.now = measured;
         let ended = self.resonance.swept(measured);

@@ -49,6 +49,17 @@ impl Controller {
         }
     }
 
+    /// Whether what is wanted is so: the lock or the chaos is heard, or the amplitude that was asked for is held.
+    #[must_use]
+    pub fn ready(&self) -> bool {
+        match (self.machine.state(), self.selection.target()) {
+            (State::Holding, Target::K(_) | Target::Amplitude(_)) => true,
+            (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
+            (State::Locked, target) => target != Target::Chaotic,
+            _ => false,
+        }
+    }
+
     /// What the controller is doing.
     #[must_use]
     pub fn state(&self) -> State {
@@ -64,7 +75,7 @@ impl Controller {
     /// Normal amplitude of the track in m that the outputs so far should have given.
     #[must_use]
     pub fn expected(&self) -> f32 {
-        self.expected
+        0.5 * (self.expected[1] + self.expected[2])
     }
 
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.

@@ -5,24 +5,29 @@ use core::f32::consts::PI;
 use crate::control::hear::Cycle;
 use crate::control::state::Fault;
 
-/// Amplitude in m that the drive should have before its answer is judged. At 50 Hz its acceleration, 2 m/s^2,
-/// is 25 steps of the default converter, and 13 times the RMS of the default sensor's noise.
-const MOVING: f32 = 0.02e-3;
 /// Steps of the converter that a dead reading may move by: the last one, between two of them.
 const STILL_STEPS: u16 = 1;
-/// Cycles of that: with [`MOVING`], the default sensor's noise alone moves over more steps in each.
+/// Cycles of that: from [`Expected::least`] on, the default sensor's noise alone moves over more steps in each.
 const STILL: u8 = 3;
+/// Steps that a cut wire spans: a converter's own noise of 1.5 steps RMS comes to 9 in the 400 samples of a cycle at 50 Hz.
+const NOISE_STEPS: u16 = 10;
+/// Cycles of that and no answer: half of those in which any drive that does not answer is a fault.
+const NOISE: u8 = 8;
 /// Readings of a cycle at the ends of the converter's range. Fewer may be the crest of one ringing: two
 /// readings of 2.4 kHz at 20 kHz, on each side.
 const CLIPPED: u16 = 4;
 /// Cycles of that: the time constant of a kick ([`Settings`](crate::control::Settings)), whose crest alone is none.
 const SATURATED: u8 = 5;
-/// Least share of the expected amplitude that is an answer. The loop follows the drive's gain down to a
-/// quarter of its setting; what is weaker by as much again is no drive.
+/// Least share of the expected amplitude that is an answer: a third of the least that is plausible.
 const ANSWER: f32 = 0.15;
 /// Cycles without one: two time constants of the envelope at Q = 25, in which a drive that was switched on
 /// or retuned has come to 86 % of what is expected.
 const UNANSWERED: u8 = 15;
+/// How far, as a factor, amplitude measured and amplitude expected may be apart: drives change by a third as they
+/// warm up, springs age, and a sensitivity is known to a tenth.
+const PLAUSIBLE: f32 = 2.0;
+/// Cycles beyond it: a second at 50 Hz, in which the loop has learned a gain twice over.
+const IMPLAUSIBLE: u8 = 50;
 /// Distance in rad of a wrong lead from both ends of the half turn where it is wrong. A track lags behind its
 /// output by 0 to pi, an inverted sensor says pi more; within this of the ends are the held output (0.008 rad at
 /// 50 Hz), noise and transients, and only drives further off their resonance than 1/(2 Q tan 0.4), 4.7 % at
@@ -33,18 +38,23 @@ const INVERTED: u8 = 5;
 /// Amplitude over the hard limit that is a fault. The reference never goes beyond the limit, and the loop never
 /// more than 5 % beyond its reference ([`AmplitudeLoop`](crate::control::AmplitudeLoop)): three times that.
 const EXCESS: f32 = 1.15;
-/// Cycles of it: the least in a row, for a single one may have been struck.
+/// Cycles of it: the least of more than one, for a single one may have been struck.
 const EXCESSIVE: u8 = 2;
 
-/// Cycles in a row in which a sign of a fault was seen.
+/// Cycles in which a sign of a fault was seen: each that shows it adds two, each that does not takes one off, so that a
+/// contact that bounces is found as well.
 #[derive(Clone, Copy, Debug, Default)]
 struct Persistence(u8);
 
 impl Persistence {
-    /// Whether `present` has been true for `cycles` cycles in a row.
+    /// Whether `present` has been true for `cycles` cycles.
     fn lasts(&mut self, present: bool, cycles: u8) -> bool {
-        self.0 = if present { self.0.saturating_add(1) } else { 0 };
-        self.0 >= cycles
+        self.0 = if present {
+            self.0.saturating_add(2)
+        } else {
+            self.0.saturating_sub(1)
+        };
+        self.0 >= 2 * cycles
     }
 }
 
@@ -53,8 +63,12 @@ impl Persistence {
 pub struct Expected {
     /// Whether the drive runs.
     pub running: bool,
-    /// Amplitude that nominal gain would give, in m.
+    /// Whether the drive's response at its frequency is known: it is not while the resonance is searched for.
+    pub known: bool,
+    /// Amplitude that the outputs so far should have given in this cycle, in m.
     pub amplitude: f32,
+    /// Amplitude in m that the converter tells from rest.
+    pub least: f32,
     /// Largest amplitude that the hard limits allow, in m.
     pub ceiling: f32,
 }
@@ -63,9 +77,11 @@ pub struct Expected {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FaultDetector {
     still: Persistence,
+    noise: Persistence,
     saturated: Persistence,
     inverted: Persistence,
     unanswered: Persistence,
+    implausible: Persistence,
     excessive: Persistence,
 }
 
@@ -80,11 +96,14 @@ impl FaultDetector {
         expected: &Expected,
     ) -> (Option<Fault>, bool) {
         let running = expected.running;
-        let moving = running && expected.amplitude > MOVING;
-        let still = moving && cycle.high <= cycle.low.saturating_add(STILL_STEPS);
+        let moving = running && expected.known && expected.amplitude > expected.least;
+        let span = cycle.high.saturating_sub(cycle.low);
+        let still = moving && span <= STILL_STEPS;
         let saturated = running && !still && cycle.saturated >= CLIPPED;
         let unanswered = moving && !still && measured < ANSWER * expected.amplitude;
         let inverted = moving && !unanswered && lead > WRONG_LEAD && lead < PI - WRONG_LEAD;
+        let weak = moving && !still && PLAUSIBLE * measured < expected.amplitude;
+        let strong = moving && measured > PLAUSIBLE * expected.amplitude;
         let excessive = running && measured > EXCESS * expected.ceiling;
         let faults = [
             (self.still.lasts(still, STILL), Fault::SensorLost),
@@ -97,6 +116,10 @@ impl FaultDetector {
                 Fault::SensorInverted,
             ),
             (
+                self.noise.lasts(unanswered && span <= NOISE_STEPS, NOISE),
+                Fault::SensorLost,
+            ),
+            (
                 self.unanswered.lasts(unanswered, UNANSWERED),
                 Fault::NoResponse,
             ),
@@ -104,11 +127,15 @@ impl FaultDetector {
                 self.excessive.lasts(excessive, EXCESSIVE),
                 Fault::OverAmplitude,
             ),
+            (
+                self.implausible.lasts(weak || strong, IMPLAUSIBLE),
+                Fault::SensorImplausible,
+            ),
         ];
         let fault = faults.iter().find(|(lasts, _)| *lasts);
         (
             fault.map(|&(_, fault)| fault),
-            still || saturated || unanswered,
+            still || saturated || unanswered || weak,
         )
     }
 }
@@ -123,7 +150,9 @@ mod tests {
     fn after(cycles: usize, cycle: &Cycle, measured: f32, lead: f32) -> Option<Fault> {
         let expected = Expected {
             running: true,
+            known: true,
             amplitude: 1e-4,
+            least: 1e-6,
             ceiling: 1e-3,
         };
         let mut detector = FaultDetector::default();
@@ -183,6 +212,14 @@ mod tests {
                 Fault::NoResponse,
             ),
             (
+                spread(10),
+                spread(11),
+                (1.4e-5, well.1),
+                (1.6e-5, well.1),
+                8,
+                Fault::SensorLost,
+            ),
+            (
                 moving.clone(),
                 moving,
                 (1.16e-3, well.1),
@@ -194,8 +231,54 @@ mod tests {
         for (ill, sound, (b, lead), (sound_b, sound_lead), cycles, fault) in cases {
             assert_eq!(after(cycles, &ill, b, lead), Some(fault));
             assert_eq!(after(cycles - 1, &ill, b, lead), None, "{fault:?}");
-            assert_eq!(after(100, &sound, sound_b, sound_lead), None, "{fault:?}");
+            // Not so long that it becomes implausible.
+            assert_eq!(after(49, &sound, sound_b, sound_lead), None, "{fault:?}");
         }
+    }
+
+    #[test]
+    fn amplitudes_twice_apart_are_implausible_in_a_second_and_others_never() {
+        let moving = Cycle {
+            low: 2000,
+            high: 2100,
+            ..Cycle::default()
+        };
+        for (measured, found) in [
+            (0.49e-4, Some(Fault::SensorImplausible)),
+            (0.51e-4, None),
+            (1.99e-4, None),
+            (2.01e-4, Some(Fault::SensorImplausible)),
+        ] {
+            assert_eq!(after(50, &moving, measured, -1.5), found);
+            assert_eq!(after(49, &moving, measured, -1.5), None);
+        }
+    }
+
+    #[test]
+    fn a_contact_that_bounces_evades_no_count() {
+        let mut detector = FaultDetector::default();
+        let expected = Expected {
+            running: true,
+            known: true,
+            amplitude: 1e-4,
+            least: 1e-6,
+            ceiling: 1e-3,
+        };
+        let found = (0..200).find_map(|n| {
+            // Every other cycle is sound.
+            let (measured, high) = if n % 2 == 0 {
+                (1e-4, 2100)
+            } else {
+                (0.0, 2000)
+            };
+            let cycle = Cycle {
+                low: 2000,
+                high,
+                ..Cycle::default()
+            };
+            detector.cycle(&cycle, measured, -1.5, &expected).0
+        });
+        assert_eq!(found, Some(Fault::SensorLost));
     }
 
     /// The fault that stops a scene within some cycles, in the envelope.
@@ -205,7 +288,8 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_at_a_quarter_of_its_gain_answers_and_one_at_a_tenth_does_not() {
+    fn a_drive_at_half_of_its_gain_is_plausible_at_a_quarter_it_answers_and_at_a_tenth_it_does_not()
+    {
         let scene = |gain| Scene {
             target: Target::Amplitude(0.15),
             drive: DriveModel {
@@ -214,7 +298,8 @@ mod tests {
             },
             ..Scene::default()
         };
-        assert_eq!(fault(&scene(0.25), 400), None);
+        assert_eq!(fault(&scene(0.55), 400), None);
+        assert_eq!(fault(&scene(0.25), 400), Some(Fault::SensorImplausible));
         assert_eq!(fault(&scene(0.1), 400), Some(Fault::NoResponse));
     }
 

@@ -24,6 +24,10 @@ const ARRIVED: u8 = 3;
 const SURE: f32 = 0.5;
 /// Cycles in lock before the glide to chaos begins: three times the memory of the phase statistics.
 const SETTLED: u32 = 50;
+/// Seconds for which the enable input has to be withdrawn before a fault is acknowledged: no contact bounces so long.
+const ACKNOWLEDGED: f32 = 0.5;
+/// The third fault within so many seconds locks the drive out, for as long.
+const MINUTE: f32 = 60.0;
 
 /// Where the way to chaos stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,6 +104,15 @@ pub struct StateMachine {
     fault: Option<Fault>,
     /// Whether the enable input must be withdrawn before the drive may start.
     latched: bool,
+    /// Whether faults came so often that a short withdrawal does not acknowledge them.
+    locked_out: bool,
+    /// Cycles since the beginning, and when the last faults came, newest first.
+    now: u32,
+    faults: [Option<u32>; 2],
+    /// Cycles for which the enable input has been withdrawn in a fault.
+    withdrawn: u32,
+    /// Cycles a second.
+    pace: f32,
     in_state: u32,
     arrived: u8,
     doubts: u8,
@@ -113,10 +126,11 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
-    /// The state machine of a drive that starts for a reason and may be kicked `attempts` times.
-    pub fn begin(start: Start, attempts: f32) -> Self {
+    /// The state machine of a drive that starts for a reason, makes so many cycles a second and may be kicked `attempts`
+    /// times.
+    pub fn begin(start: Start, pace: f32, attempts: f32) -> Self {
         let fault = match start {
-            Start::Ordinary => None,
+            Start::Ordinary | Start::PowerOn => None,
             Start::Reset => Some(Fault::WatchdogReset),
             Start::Refused => Some(Fault::SettingsInvalid),
         };
@@ -127,7 +141,12 @@ impl StateMachine {
                 State::Off
             },
             fault,
-            latched: fault.is_some(),
+            latched: start != Start::Ordinary,
+            locked_out: false,
+            now: 0,
+            faults: [None; 2],
+            withdrawn: 0,
+            pace,
             in_state: 0,
             arrived: 0,
             doubts: 0,
@@ -157,6 +176,11 @@ impl StateMachine {
     /// Whether the regime decides what is done next.
     pub fn listens_for_chaos(&self) -> bool {
         matches!(self.glide, Glide::Going | Glide::There { .. })
+    }
+
+    /// Whether the parts are heard in the chaos that is wanted.
+    pub fn in_chaos(&self) -> bool {
+        self.state == State::Holding && self.glide == Glide::There { heard: true }
     }
 
     /// Whether the amplitude glides from a lock to chaos.
@@ -193,6 +217,7 @@ impl StateMachine {
     /// A cycle on.
     pub fn count(&mut self) {
         self.in_state = self.in_state.saturating_add(1);
+        self.now = self.now.wrapping_add(1);
     }
 
     fn settled(&self) -> bool {
@@ -212,8 +237,16 @@ impl StateMachine {
         if self.fault.is_none() {
             self.fault = Some(fault);
             self.latched = true;
+            self.withdrawn = 0;
             self.enter(State::Fault);
             events.push(Event::Faulted);
+            let [newest, oldest] = self.faults;
+            let since = |then: u32| self.now.wrapping_sub(then) as f32;
+            if oldest.is_some_and(|then| since(then) < MINUTE * self.pace) {
+                self.locked_out = true;
+                events.push(Event::LockedOut);
+            }
+            self.faults = [Some(self.now), newest];
         }
     }
 
@@ -231,20 +264,33 @@ impl StateMachine {
         rest: &Standstill,
         events: &mut Events,
     ) -> Option<EnableResponse> {
+        self.withdrawn = if inputs.enable {
+            0
+        } else {
+            self.withdrawn.saturating_add(1)
+        };
         match self.state {
             State::Fault if !inputs.enable => {
-                // Each fault is reported for a cycle at least, and stays while its cause does: refused
-                // settings until others are accepted.
+                // A fault stays while its cause does: refused settings until others are saved.
                 let stays = match self.fault {
                     Some(Fault::SettingsInvalid) => true,
                     Some(Fault::OverTemperature) => inputs.over_temperature,
                     Some(Fault::StackLow) => inputs.stack_low,
+                    Some(Fault::OverCurrent) => inputs.over_current,
+                    Some(Fault::SupplyLow) => inputs.supply_low,
+                    Some(Fault::ClockFailed) => inputs.clock_failed,
                     _ => false,
                 };
-                if self.in_state == 0 || stays {
+                let seconds = if self.locked_out {
+                    MINUTE
+                } else {
+                    ACKNOWLEDGED
+                };
+                if stays || (self.withdrawn as f32) < seconds * self.pace {
                     return None;
                 }
                 self.fault = None;
+                self.locked_out = false;
                 self.latched = false;
                 self.enter(State::Off);
                 events.push(Event::Acknowledged);
@@ -263,7 +309,11 @@ impl StateMachine {
                 }
                 None
             }
-            State::Off | State::Fault => None,
+            State::Off => {
+                self.latched &= inputs.enable;
+                None
+            }
+            State::Fault => None,
             _ if !inputs.enable => {
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);
@@ -285,6 +335,13 @@ impl StateMachine {
             return Decision::Stay;
         }
         match self.state {
+            // On the way to a setpoint that is not to be gone to.
+            State::Starting
+                if limits.contains(Limits::LINK_LOST) || limits.contains(Limits::NO_SETPOINT) =>
+            {
+                self.enter(State::Limiting);
+                return Decision::ListenAnew;
+            }
             State::Starting => {
                 self.arrived = if near {
                     self.arrived.saturating_add(1)

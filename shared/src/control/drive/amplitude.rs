@@ -100,8 +100,8 @@ impl AmplitudeLoop {
     }
 
     /// Takes the amplitude measured in the cycle that just ended and the reference at the end of the
-    /// cycle after next, both in m; gives the output for that cycle as a share of full output.
-    pub fn cycle(&mut self, measured: f32, reference: f32) -> f32 {
+    /// cycle after next, both in m; gives the output for that cycle as a share of full output, `most` at most.
+    pub fn cycle(&mut self, measured: f32, reference: f32, most: f32) -> f32 {
         let Tuning {
             keep,
             integral,
@@ -110,6 +110,9 @@ impl AmplitudeLoop {
             high,
             nominal,
         } = self.tuning;
+        let high = high.min(most);
+        // Nothing but a track that is to move needs the least output.
+        let low = if reference > 0.0 { low.min(high) } else { 0.0 };
         let [newest, before, oldest, _] = self.reference;
         self.reference = [reference, newest, before, oldest];
         let before = self.model;
@@ -182,7 +185,7 @@ mod tests {
         for n in 0..200 {
             let reference = goal * ((n + 2) as f32 / 20.0).min(1.0);
             b = drive.cycle(output);
-            output = control.cycle(b, reference);
+            output = control.cycle(b, reference, 1.0);
             peak = peak.max(b);
             if (b / goal - 1.0).abs() > 0.01 {
                 last_outside = n;
@@ -213,7 +216,7 @@ mod tests {
         let mut output = 0.0;
         for _ in 0..500 {
             let b = drive.cycle(output);
-            output = control.cycle(b, 2e-3);
+            output = control.cycle(b, 2e-3, 1.0);
         }
         assert!(control.saturated());
         let mut cycles = 0;
@@ -222,7 +225,7 @@ mod tests {
             if b < 0.55e-3 || cycles > 100 {
                 break;
             }
-            output = control.cycle(b, 0.5e-3);
+            output = control.cycle(b, 0.5e-3, 1.0);
             cycles += 1;
         }
         // From 0.95 mm the free decay alone takes 5 cycles to 0.55 mm.

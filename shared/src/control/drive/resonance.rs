@@ -6,8 +6,8 @@ use crate::control::angle::SAMPLE_RATE;
 use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 
-/// Most points of a sweep: beside the steps of half a width, a bound of the time that it takes.
-const POINTS: u16 = 64;
+/// Most points of a sweep; the settings refuse a band that needs more.
+const POINTS: u16 = 400;
 /// Time constants of the envelope at each point before its amplitude counts: 2 % of the last point's is left.
 const DWELL: f32 = 4.0;
 /// Cycles more, for the dead time from a command to its measured amplitude.
@@ -33,6 +33,8 @@ struct Sweep {
     cycles: u16,
     /// Largest amplitude so far in m, and its frequency.
     best: (f32, f32),
+    /// Whether the drive has gone back to the peak, and comes to stand there.
+    back: bool,
 }
 
 impl Resonance {
@@ -66,9 +68,9 @@ impl Resonance {
         self.sweep.is_some()
     }
 
-    /// Begins a sweep from the low end, in steps of half the resonance's width.
+    /// Begins a sweep from the low end, in steps of half the width that a resonance has there.
     pub fn begin(&mut self) {
-        let step = 0.5 * self.frequency / self.quality;
+        let step = 0.5 * self.low / self.quality;
         let intervals = libm::ceilf((self.high - self.low) / step) as u16;
         self.frequency = self.low;
         self.sweep = Some(Sweep {
@@ -76,6 +78,7 @@ impl Resonance {
             point: 0,
             cycles: 0,
             best: (0.0, self.low),
+            back: false,
         });
     }
 
@@ -84,7 +87,7 @@ impl Resonance {
         self.sweep = None;
     }
 
-    /// Takes the amplitude of a cycle of the sweep in m; whether that ended it, at its peak.
+    /// Takes the amplitude of a cycle of the sweep in m; whether that ended it, with the track at its peak.
     pub fn swept(&mut self, amplitude: f32) -> bool {
         let Some(sweep) = &mut self.sweep else {
             return false;
@@ -93,6 +96,10 @@ impl Resonance {
         if f32::from(sweep.cycles) < DWELL * self.quality * (1.0 / PI) + DEAD_TIME {
             return false;
         }
+        if sweep.back {
+            self.sweep = None;
+            return true;
+        }
         if amplitude > sweep.best.0 {
             sweep.best = (amplitude, self.frequency);
         }
@@ -100,8 +107,8 @@ impl Resonance {
         sweep.point += 1;
         if sweep.point > sweep.intervals {
             self.frequency = sweep.best.1;
-            self.sweep = None;
-            return true;
+            sweep.back = true;
+            return false;
         }
         let part = f32::from(sweep.point) / f32::from(sweep.intervals);
         self.frequency = self.low + (self.high - self.low) * part;

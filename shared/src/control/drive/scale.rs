@@ -5,6 +5,22 @@ use core::f32::consts::{PI, TAU};
 use crate::control::angle::phase_step;
 use crate::control::settings::Settings;
 use crate::control::state::Limits;
+use crate::feeder::STANDARD_GRAVITY;
+
+/// Steps of the converter that a swing has to have to be told from rest.
+const TELLS: f32 = 8.0;
+/// How far the envelope that the outputs should give may go over the hard limits.
+const OVER: f32 = 1.2;
+
+/// Response of the drive at its frequency over the one at resonance.
+fn response(settings: &Settings) -> f32 {
+    let x = settings.frequency / settings.resonance;
+    if settings.tracking > 0.0 || x == 1.0 {
+        return 1.0;
+    }
+    let (detuned, damped) = (1.0 - x * x, x / settings.quality);
+    1.0 / (settings.quality * libm::sqrtf(detuned * detuned + damped * damped))
+}
 
 /// The numbers that amplitude, k and output hang together by.
 #[derive(Clone, Copy, Debug)]
@@ -24,6 +40,11 @@ pub struct Scale {
     pub ceiling_limit: Limits,
     /// Share of the drive's envelope that a cycle leaves.
     pub keep: f32,
+    /// Amplitude for full output at the drive's frequency, in m; where the frequency follows the resonance, the
+    /// one at resonance.
+    pub strength: f32,
+    /// Amplitude in m that the converter tells from rest.
+    pub least: f32,
 }
 
 impl Scale {
@@ -36,6 +57,8 @@ impl Scale {
             ceiling: 0.0,
             ceiling_limit: Limits::AMPLITUDE,
             keep: libm::expf(-PI / settings.quality),
+            strength: settings.gain * 1e-3 * response(settings),
+            least: 0.0,
         };
         scale.retune(settings, frequency);
         scale
@@ -46,6 +69,10 @@ impl Scale {
         let angular = TAU * frequency;
         self.square = angular * angular;
         self.step = phase_step(frequency);
+        let step = settings.converter_reference
+            / (libm::exp2f(settings.converter_bits) * settings.sensitivity)
+            * STANDARD_GRAVITY as f32;
+        self.least = TELLS * step / self.square;
         let by_acceleration = settings.acceleration_limit / self.square;
         let by_amplitude = settings.amplitude_limit * 1e-3;
         self.ceiling = by_acceleration.min(by_amplitude);
@@ -73,6 +100,18 @@ impl Scale {
         let (detuned, damped) = (1.0 - x * x, x / settings.quality);
         let response = 1.0 / (settings.quality * libm::sqrtf(detuned * detuned + damped * damped));
         (settings.output_maximum * settings.gain * 1e-3 * response).min(self.ceiling)
+    }
+
+    /// Largest output for the next cycle, as a share of full output: with the drive's set gain, whatever the
+    /// accelerometer says, it takes an envelope (m) no further than a fifth over the hard limits.
+    pub fn most_output(&self, envelope: f32) -> f32 {
+        let room = OVER * self.ceiling - self.keep * envelope;
+        (room / ((1.0 - self.keep) * self.strength)).max(0.0)
+    }
+
+    /// The envelope (m) after a cycle at an output.
+    pub fn after(&self, envelope: f32, output: f32) -> f32 {
+        self.keep * envelope + (1.0 - self.keep) * output * self.strength
     }
 
     /// How far a kick may go over an amplitude within the drive's output and hard limits.

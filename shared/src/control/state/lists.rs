@@ -47,6 +47,16 @@ pub enum Fault {
     WatchdogReset = 9,
     /// The stack came close to its end.
     StackLow = 10,
+    /// The over-current input opened the bridge.
+    OverCurrent = 11,
+    /// The amplitude measured and the one that the output should give differ by more than a factor of two.
+    SensorImplausible = 12,
+    /// The control of several cycles came too late.
+    ControlLate = 13,
+    /// The supply of the board is below what its chip needs.
+    SupplyLow = 14,
+    /// The crystal does not swing, or not at its frequency.
+    ClockFailed = 15,
 }
 
 /// What holds the controller back, as a set.
@@ -173,6 +183,8 @@ pub enum Event {
     Identified = 20,
     /// The restitution of the parts could not be identified.
     NotIdentified = 21,
+    /// The third fault within a minute locked the drive out.
+    LockedOut = 22,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -221,13 +233,15 @@ named!(State: Off = "off", Starting = "starting", Holding = "holding", Capturing
     Lost = "lost", Limiting = "limiting", Fault = "fault", Stopping = "stopping");
 named!(Fault: SensorLost = "sensor lost", SensorSaturated = "sensor saturated", SensorInverted = "sensor inverted",
     NoResponse = "no response", OverAmplitude = "over-amplitude", OverTemperature = "over-temperature",
-    SettingsInvalid = "settings invalid", WatchdogReset = "watchdog reset", StackLow = "stack low");
+    SettingsInvalid = "settings invalid", WatchdogReset = "watchdog reset", StackLow = "stack low",
+    OverCurrent = "over-current", SensorImplausible = "sensor implausible", ControlLate = "control late",
+    SupplyLow = "supply low", ClockFailed = "clock failed");
 named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetSet = "target set", NoSetpoint = "no setpoint",
     KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
     Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
     Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped",
     ResonanceFound = "resonance found", Identified = "restitution identified",
-    NotIdentified = "restitution not identified");
+    NotIdentified = "restitution not identified", LockedOut = "locked out");
 
 #[cfg(test)]
 mod tests {
@@ -236,9 +250,9 @@ mod tests {
     #[test]
     fn numbers_are_stable_and_names_are_unique() {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
-        assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10]);
+        assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..22));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..23));
         let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         names.sort_unstable();
         names.dedup();

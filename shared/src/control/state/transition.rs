@@ -18,7 +18,7 @@ const fn on(from: State, to: State, when: &'static str) -> Transition {
 }
 
 /// Every change of state; there is no other (random walks of a controller make each one, and no other).
-pub const TRANSITIONS: [Transition; 36] = {
+pub const TRANSITIONS: [Transition; 37] = {
     use State::{Capturing, Fault, Holding, Limiting, Locked, Lost, Off, Starting, Stopping};
     const ENABLED: &str = "enable given";
     const WITHDRAWN: &str = "enable withdrawn";
@@ -28,7 +28,8 @@ pub const TRANSITIONS: [Transition; 36] = {
     const TARGET: &str = "new target";
     [
         on(Off, Starting, ENABLED),
-        on(Off, Fault, "stack low"),
+        on(Off, Limiting, "enable given, no setpoint"),
+        on(Off, Fault, "fault of the board"),
         on(Starting, Holding, "setpoint reached"),
         on(Starting, Limiting, HELD_BACK),
         on(Starting, Fault, FAULT),

@@ -1,5 +1,6 @@
 //! The state table against the controller, on random walks.
 
+use super::obeyed;
 use crate::arithmetic::Phase;
 use crate::control::{
     Controller, Cycle, Heard, Inputs, Settings, Start, State, TRANSITIONS, Target,
@@ -29,6 +30,7 @@ fn ready(target: Target) -> (Controller, Phase) {
         restitution_low: 0.199,
         restitution_high: 0.201,
         capture_attempts: 1.0,
+        link_timeout: 0.5,
         ..Settings::default()
     };
     let mut controller = Controller::build(&settings, target, Start::Ordinary).unwrap();
@@ -63,20 +65,23 @@ fn the_table_is_what_the_controller_does() {
     ];
     let mut random = Random(1);
     let mut made = BTreeSet::new();
-    for walk in 0..600 {
+    for walk in 0..1500 {
         let (mut controller, phase) = bases[walk % 2].clone();
         // A walk in which little goes wrong gets far, one in which much does visits the edges.
         let calm = [400, 100, 30][walk / 2 % 3];
         let mut inputs = Inputs::default();
-        let (mut reference, mut frequency) = (0.0, 50.0);
+        let (mut amplitude, mut frequency) = (0.0, 50.0);
         let (mut ear, mut trouble) = (0, 0);
         let mut state = State::Off;
         for _ in 0..1500 {
-            if random.one_in(if inputs.enable { calm } else { 10 }) {
+            // Half a second, 25 cycles, acknowledges a fault.
+            let withdrawn = if state == State::Fault { 80 } else { 10 };
+            if random.one_in(if inputs.enable { calm } else { withdrawn }) {
                 inputs.enable = !inputs.enable;
             }
             inputs.over_temperature = random.one_in(5 * calm);
             inputs.stack_low = random.one_in(5 * calm);
+            inputs.over_current = random.one_in(20 * calm);
             if random.one_in(if inputs.link_heard { 5 * calm } else { 150 }) {
                 inputs.link_heard = !inputs.link_heard;
             }
@@ -91,7 +96,7 @@ fn the_table_is_what_the_controller_does() {
             if random.one_in(if trouble == 0 { calm } else { 8 }) {
                 trouble = random.next() % 6;
             }
-            let mut cycle = seen(reference, frequency);
+            let mut cycle = seen(amplitude, frequency);
             if ear > 0 {
                 let turn = if ear == 1 { 0 } else { 1 << 31 };
                 let _ = cycle.heard.push(Heard {
@@ -112,7 +117,7 @@ fn the_table_is_what_the_controller_does() {
                 made.insert((state.number(), report.state.number()));
                 state = report.state;
             }
-            (reference, frequency) = (report.reference, report.frequency);
+            (amplitude, frequency) = (obeyed(&controller), report.frequency);
         }
     }
     let drawn: BTreeSet<_> = TRANSITIONS

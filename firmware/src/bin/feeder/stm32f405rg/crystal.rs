@@ -1,0 +1,90 @@
+//! Whether the crystal swings, and at its frequency.
+//!
+//! Nothing of it waits for ever, and the core never runs faster than the crystal itself.
+
+use cortex_m::peripheral::DWT;
+use embassy_stm32::pac;
+use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::pac::rcc::vals::Sw;
+
+/// The internal oscillator in Hz.
+const INTERNAL: u32 = 16_000_000;
+/// Cycles of the core that a crystal is given to start, 100 ms, and a step of the watchdog's clock, 10 ms.
+const PATIENCE: u32 = INTERNAL / 10;
+const STEP: u32 = INTERNAL / 100;
+/// Registers handed to the watchdog's clock in a measurement, five of its periods each.
+const HANDED: u32 = 8;
+
+/// Whether the crystal swings at `nominal` Hz within an eighth, by the internal oscillator (8 % at most off, DS8626,
+/// table 39).
+///
+/// Both are held against the clock of the independent watchdog, which runs: whatever its frequency, it is the
+/// same for both. The core runs from the internal oscillator before and after.
+pub fn swings(nominal: u32) -> bool {
+    let clocks = pac::RCC;
+    clocks.cr().modify(|control| control.set_hseon(true));
+    let sound = until(PATIENCE, || clocks.cr().read().hserdy()) && {
+        let internal = measure();
+        let crystal = if run_from(Sw::HSE) { measure() } else { None };
+        run_from(Sw::HSI)
+            && internal
+                .zip(crystal)
+                .is_some_and(|(internal, crystal)| within(nominal, internal, crystal))
+    };
+    if !sound {
+        clocks.cr().modify(|control| control.set_hseon(false));
+    }
+    sound
+}
+
+/// Whether cycles of the core in the same time, from either, are those of a crystal of `nominal` Hz within an eighth.
+fn within(nominal: u32, internal: u32, crystal: u32) -> bool {
+    let seen = u64::from(crystal) * u64::from(INTERNAL);
+    let wanted = u64::from(internal) * u64::from(nominal);
+    seen.abs_diff(wanted) <= wanted / 8
+}
+
+fn run_from(source: Sw) -> bool {
+    let clocks = pac::RCC;
+    clocks.cfgr().modify(|register| register.set_sw(source));
+    until(STEP, || clocks.cfgr().read().sws() == source)
+}
+
+/// Cycles of the core in which the watchdog's clock takes over so many registers; `None` where it stands.
+fn measure() -> Option<u32> {
+    // The first one waits for its edge.
+    if !hand_over() {
+        return None;
+    }
+    let began = DWT::cycle_count();
+    for _ in 0..HANDED {
+        if !hand_over() {
+            return None;
+        }
+    }
+    Some(DWT::cycle_count().wrapping_sub(began))
+}
+
+fn hand_over() -> bool {
+    let watchdog = pac::IWDG;
+    if !until(STEP, || !watchdog.sr().read().pvu()) {
+        return false;
+    }
+    let prescaler = watchdog.pr().read().pr();
+    watchdog.kr().write(|key| key.set_key(Key::ENABLE));
+    watchdog.pr().write(|register| register.set_pr(prescaler));
+    until(STEP, || !watchdog.sr().read().pvu())
+}
+
+/// Whether something comes about within so many cycles of the core.
+fn until(cycles: u32, come: impl Fn() -> bool) -> bool {
+    let began = DWT::cycle_count();
+    loop {
+        if come() {
+            return true;
+        }
+        if DWT::cycle_count().wrapping_sub(began) > cycles {
+            return false;
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Every end is a safe end: the flashed image on its chip, and the time in which its bridge opens.
+
+use kband::wire::{Kept, Request, Response, Target};
+use kband_tests::chip::clocks::Cause;
+use kband_tests::chip::world::Seen;
+use kband_tests::chip::{Hang, flash};
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+use kband_tests::rig::{Act, Rig};
+
+fn blank() -> Rig {
+    Rig::boot(&images::build(
+        "kband-firmware",
+        "feeder",
+        Machine::CortexM4F,
+    ))
+}
+
+/// A board whose settings are saved, its target a small amplitude, at 0.4 s.
+fn commissioned() -> Rig {
+    let mut rig = blank();
+    rig.run(0.3);
+    rig.done(&Request::Target(Target::Amplitude(0.2)));
+    rig.done(&Request::Set {
+        key: "link_timeout",
+        value: 0.0,
+    });
+    rig.done(&Request::Save);
+    rig
+}
+
+/// The same, running since 1.2 s, at 3 s.
+fn running() -> Rig {
+    let mut rig = commissioned();
+    rig.at(1.2, Act::Enable(true)).run(3.0);
+    assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
+    assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
+    rig
+}
+
+fn kept(rig: &mut Rig) -> Kept {
+    rig.ask(&Request::SelfTest, |response| match response {
+        Response::SelfTest(test) => test.settings,
+        other => panic!("{other:?}"),
+    })
+}
+
+/// The newest fault of those kept in flash.
+fn fault(rig: &mut Rig) -> Option<u8> {
+    rig.ask(&Request::Fault(0), |response| match response {
+        Response::Fault(fault) => fault.map(|fault| fault.fault),
+        other => panic!("{other:?}"),
+    })
+}
+
+#[test]
+fn the_bridge_opens_in_time_whatever_ends() {
+    let rig = running();
+    let cases: [(&str, Act, f64, Option<Cause>); 8] = [
+        (
+            "samples stop",
+            Act::Converts(false),
+            5e-3,
+            Some(Cause::Window),
+        ),
+        (
+            "the crystal stops",
+            Act::CrystalStops,
+            1e-3,
+            Some(Cause::Software),
+        ),
+        ("over-current", Act::OverCurrent(true), 1e-3, None),
+        ("the supply sags", Act::Volts(2.8), 1e-3, None),
+        ("a debugger halts", Act::Halt, 5e-3, None),
+        (
+            "everything hangs",
+            Act::Hang(Hang::Everything),
+            5e-3,
+            Some(Cause::Window),
+        ),
+        // Four cycles of 20 ms, and the one that is running.
+        ("the control hangs", Act::Hang(Hang::Thread), 0.1, None),
+        ("too hot", Act::Cool(false), 0.04, None),
+    ];
+    for (name, act, most, reset) in cases {
+        let mut rig = rig.clone();
+        rig.tolerant = true;
+        rig.at(3.0, act.clone()).run(3.2);
+        let opens = rig.opens_after(3.0);
+        println!("{name}: bridge open after {opens:?} s");
+        assert!(opens.is_some_and(|time| time <= most), "{name}: {opens:?}");
+        // It stays open, with the enable input given.
+        if act != Act::Halt {
+            rig.run(4.5);
+        }
+        let again = rig.seen_after(3.0 + most, &Seen::Bridge(true));
+        assert_eq!(again, None, "{name}");
+        if let Some(cause) = reset {
+            assert!(
+                rig.resets()[1..].iter().any(|seen| seen.1 == cause),
+                "{name}: {:?}",
+                rig.resets()
+            );
+        }
+    }
+}
+
+#[test]
+fn what_opened_the_bridge_is_told_and_kept() {
+    let rig = running();
+    for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
+        let mut rig = rig.clone();
+        rig.at(3.0, act.clone()).run(3.03);
+        // Lamp and log within a cycle and the writing of a record.
+        assert!(rig.seen_after(3.0, &Seen::Fault(true)).is_some(), "{act:?}");
+        rig.run(3.2);
+        assert_eq!(fault(&mut rig), Some(number), "{act:?}");
+    }
+}
+
+#[test]
+fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
+    for crystal in [0, 4_000_000, 12_000_000, 16_000_000, 25_000_000] {
+        let mut rig = blank();
+        rig.chip.board.clocks.crystal = crystal;
+        rig.at(0.5, Act::Enable(true)).run(1.0);
+        assert_eq!(rig.chip.board.clock(), 168_000_000, "{crystal}");
+        assert!(
+            rig.seen_after(0.0, &Seen::Fault(true)).is_some(),
+            "{crystal}"
+        );
+        assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None, "{crystal}");
+        assert_eq!(rig.resets().len(), 1, "{crystal}: {:?}", rig.resets());
+    }
+}
+
+#[test]
+fn a_board_does_not_start_by_itself() {
+    let mut rig = commissioned();
+    rig.at(0.9, Act::Enable(true));
+    rig.run(0.9);
+    // Power is gone and comes back with the enable input given.
+    rig.at(1.0, Act::Volts(0.0))
+        .at(1.5, Act::Volts(3.3))
+        .run(3.0);
+    assert_eq!(rig.seen_after(1.0, &Seen::Bridge(true)), None);
+    rig.at(3.0, Act::Enable(false))
+        .at(3.6, Act::Enable(true))
+        .run(5.0);
+    assert!(rig.seen_after(3.6, &Seen::Bridge(true)).is_some());
+    assert!((rig.amplitude() - 0.2).abs() < 0.01, "the target is kept");
+}
+
+#[test]
+fn damaged_settings_never_drive() {
+    let mut rig = commissioned();
+    rig.run(0.5);
+    let settings = 0x080c_0000 - flash::START as usize;
+    assert_eq!(kept(&mut rig), Kept::InUse);
+    for bit in [0, 3 * 8 + 1, 60 * 8, 110 * 8 + 5, 242 * 8] {
+        let mut rig = rig.clone();
+        rig.chip.flash_mut()[settings + bit / 8] ^= 1 << (bit % 8);
+        rig.at(1.0, Act::Volts(0.0))
+            .at(1.5, Act::Volts(3.3))
+            .at(2.0, Act::Enable(true))
+            .at(2.5, Act::Enable(false))
+            .at(3.2, Act::Enable(true))
+            .run(4.0);
+        assert_eq!(rig.seen_after(1.0, &Seen::Bridge(true)), None, "bit {bit}");
+        assert!(
+            rig.seen_after(1.5, &Seen::Fault(true)).is_some(),
+            "bit {bit}"
+        );
+        assert_eq!(kept(&mut rig), Kept::Damaged, "bit {bit}");
+    }
+}
