@@ -1,5 +1,5 @@
 //! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and how much of
-//! the time one does whose restitution scatters.
+//! the time one does whose restitution scatters (docs/theory-real-parts.md#t10.1).
 
 use core::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! Locks and their bands on a track of several tones, in closed form (theory, section 10.3).
+//! Locks and their bands on a track of several tones, in closed form (docs/theory-real-parts.md#t10.3).
 
 use core::f64::consts::{PI, TAU};
 
@@ -354,7 +354,7 @@ mod tests {
 
     #[test]
     fn bands_of_two_tones_are_the_references() {
-        // Theory, section 10.3, three decimals.
+        // docs/theory-real-parts.md#t10.3, three decimals.
         for (e, th, k2, k1) in [
             (0.05, 2.487, 0.339, 0.445),
             (0.10, 2.487, 0.274, 0.429),
