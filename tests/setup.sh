@@ -11,7 +11,7 @@ exec </dev/null
 cd "$(dirname "$0")/.." || exit 1
 
 targets=(thumbv7em-none-eabihf thumbv6m-none-eabi)
-linked=kband-thumb # the toolchain name of the Debian route; tests/src/images.rs looks for it too
+linked=kband-thumb # the toolchain name of the Debian route; tests/machines/src/images.rs looks for it too
 wanted=9.2
 packages=/usr/lib/rustlib
 

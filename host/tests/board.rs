@@ -8,8 +8,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use came::Came;
-use kband_tests::emulator::Machine;
-use kband_tests::images;
+use kband_machines::emulator::Machine;
+use kband_machines::images;
 use serde_json::Value;
 
 /// Wall-clock seconds for one command, a loaded machine allowed for.
@@ -329,7 +329,7 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
     let folder = folder();
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let image = image.to_str().unwrap();
-    let status = Command::new(kband_tests::root().join("tests/emulator"))
+    let status = Command::new(kband_machines::root().join("tests/emulator"))
         .args([
             "--limit",
             LIMIT,

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use kband::wire::{Request, Target};
 use kband_host::board::{Address, Emulated};
-use kband_tests::emulator::Machine;
-use kband_tests::images;
-use kband_tests::terminal::Terminal;
+use kband_machines::emulator::Machine;
+use kband_machines::images;
+use kband_machines::terminal::Terminal;
 use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Termios, Winsize, tcgetattr, tcsetwinsize};

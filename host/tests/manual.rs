@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use kband_tests::emulator::Machine;
-use kband_tests::images;
+use kband_machines::emulator::Machine;
+use kband_machines::images;
 
 // Wall-clock seconds for one command in the test build on a loaded machine.
 const LIMIT: &str = "120";

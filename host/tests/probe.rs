@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 
 use came::Came;
 use kband_host::chip::{Image, STM32F405RG};
-use kband_tests::chip::Chip;
-use kband_tests::emulator::Machine;
-use kband_tests::images;
-use kband_tests::probe::Probe;
+use kband_machines::chip::Chip;
+use kband_machines::emulator::Machine;
+use kband_machines::images;
+use kband_machines::probe::Probe;
 use object::{Object, ObjectSymbol};
 use serde_json::Value;
 use tempfile::TempDir;

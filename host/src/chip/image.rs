@@ -63,8 +63,8 @@ impl Image {
         if machine != EM_ARM || kind != ET_EXEC {
             return Err(Refusal::value(
                 "machine, type",
-                format!("{machine}, {kind}"),
-                format!("{EM_ARM}, {ET_EXEC}: a program for Arm"),
+                format!("{}, {}", machine.0, kind.0),
+                format!("{}, {}: a program for Arm", EM_ARM.0, ET_EXEC.0),
                 BUILD,
             ));
         }
@@ -295,7 +295,7 @@ mod tests {
 
     fn elf_with(change: impl FnOnce(&mut Parts)) -> Vec<u8> {
         let mut parts = Parts {
-            machine: EM_ARM,
+            machine: EM_ARM.0,
             vectors: vec![0x0800_0189; 98],
             code_at: 0x0800_0188,
             stack: (0x2000_0000, 0x8000),
@@ -326,7 +326,7 @@ mod tests {
                 .iter()
                 .for_each(|value| file.extend_from_slice(&value.to_le_bytes()));
         };
-        half(&mut file, ET_EXEC);
+        half(&mut file, ET_EXEC.0);
         half(&mut file, parts.machine);
         words(
             &mut file,
@@ -340,7 +340,7 @@ mod tests {
         words(
             &mut file,
             &[
-                PT_LOAD,
+                PT_LOAD.0,
                 table_at,
                 0x0800_0000,
                 0x0800_0000,
@@ -352,12 +352,21 @@ mod tests {
         );
         words(
             &mut file,
-            &[PT_LOAD, code_at, parts.code_at, parts.code_at, 64, 64, 5, 4],
+            &[
+                PT_LOAD.0,
+                code_at,
+                parts.code_at,
+                parts.code_at,
+                64,
+                64,
+                5,
+                4,
+            ],
         );
         words(
             &mut file,
             &[
-                PT_LOAD,
+                PT_LOAD.0,
                 code_at,
                 parts.stack.0,
                 parts.stack.0,

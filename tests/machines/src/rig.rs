@@ -1,7 +1,7 @@
 //! A board on a test rig: the flashed image on its chip, the track on its bridge, and what is done to them.
 //!
 //! ```no_run
-//! use kband_tests::rig::{Act, Rig};
+//! use kband_machines::rig::{Act, Rig};
 //!
 //! let mut rig = Rig::boot(std::path::Path::new("feeder"));
 //! rig.at(0.5, Act::Enable(true)).at(3.0, Act::Converts(false));
