@@ -123,7 +123,7 @@ fn instruction(random: &mut Random) -> Vec<u16> {
         6 | 7 => {
             let kind = random.pick([0, 1, 2, 3, 4, 8, 10, 11, 13, 14]) << 5;
             let i = random.below(2) << 10;
-            let n = if kind <= 3 << 5 && kind >= 2 << 5 && random.below(4) == 0 {
+            let n = if (0x40..=0x60).contains(&kind) && random.below(4) == 0 {
                 15
             } else {
                 n
@@ -135,7 +135,7 @@ fn instruction(random: &mut Random) -> Vec<u16> {
         }
         8 | 9 => {
             let kind = random.pick([0, 1, 2, 3, 4, 8, 10, 11, 13, 14]) << 5;
-            let n = if kind <= 3 << 5 && kind >= 2 << 5 && random.below(4) == 0 {
+            let n = if (0x40..=0x60).contains(&kind) && random.below(4) == 0 {
                 15
             } else {
                 n
@@ -431,7 +431,7 @@ fn image(cases: &[Case], expected: Option<&[u32]>) -> Vec<u8> {
         code.extend([0xe8ae, 0x0003]);
         // Scratch: movw r8, movt r8; ldmia r8, {r0-r3}; stmia lr, {r0-r3}
         code.extend([0xf240 | (((SCRATCH + 32) >> 12) & 0xf) as u16]);
-        code.extend([((SCRATCH + 32 >> 8 & 7) << 12 | 8 << 8 | SCRATCH + 32 & 0xff) as u16]);
+        code.extend([(((SCRATCH + 32) >> 8 & 7) << 12 | 8 << 8 | (SCRATCH + 32) & 0xff) as u16]);
         code.extend([0xf2c2, 0x0800, 0xe898, 0x000f, 0xe88e, 0x000f]);
         data.extend(case.inputs);
     }

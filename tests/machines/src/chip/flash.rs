@@ -236,9 +236,10 @@ impl Flash {
     pub fn register(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x00 => self.access,
-            0x0c => self.status | u32::from(now < self.busy) * BUSY,
+            0x0c => self.status | (u32::from(now < self.busy) * BUSY),
             0x10 => {
-                self.control | u32::from(now < self.busy) * START_ERASING * (self.control >> 1 & 1)
+                self.control
+                    | (u32::from(now < self.busy) * START_ERASING * (self.control >> 1 & 1))
             }
             0x14 => self.option_control,
             _ => 0,
@@ -264,14 +265,12 @@ impl Flash {
                 }
             }
             0x04 => {
-                if turn(&mut self.keys, &KEYS) {
-                    self.control &= !LOCKED;
-                }
+                let opens = turn(&mut self.keys, &KEYS);
+                self.control &= !(u32::from(opens) * LOCKED);
             }
             0x08 => {
-                if turn(&mut self.option_keys, &OPTION_KEYS) {
-                    self.option_control &= !OPTIONS_LOCKED;
-                }
+                let opens = turn(&mut self.option_keys, &OPTION_KEYS);
+                self.option_control &= !(u32::from(opens) * OPTIONS_LOCKED);
             }
             0x0c => self.status &= !(value & ERRORS),
             0x10 if self.control & LOCKED == 0 => {

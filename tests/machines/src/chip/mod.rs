@@ -377,6 +377,9 @@ impl Chip {
                 return;
             }
             self.one();
+            if self.board.next <= self.board.now {
+                self.board.happen();
+            }
             self.attend();
         }
         if most > 1 && self.runs == Runs::Core && self.core.instructions >= end {

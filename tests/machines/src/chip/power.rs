@@ -62,7 +62,7 @@ impl Power {
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.control,
-            0x04 => self.status | SCALED | u32::from(self.below) * BELOW,
+            0x04 => self.status | SCALED | (u32::from(self.below) * BELOW),
             _ => 0,
         }
     }
@@ -105,8 +105,10 @@ mod tests {
 
     #[test]
     fn the_monitor_sees_a_supply_below_its_level_and_only_while_it_is_on() {
-        let mut power = Power::default();
-        power.volts = 2.5;
+        let mut power = Power {
+            volts: 2.5,
+            ..Power::default()
+        };
         assert!(!power.look());
         power.write(0, MONITOR | 5 << 5);
         assert_eq!(power.read(4) & BELOW, BELOW);

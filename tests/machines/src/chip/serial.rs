@@ -187,7 +187,7 @@ impl Serial {
     pub fn interrupts(&self) -> bool {
         let (status, control) = (self.status, self.control[0]);
         let asked = control & (IDLE | RECEIVED | SENT | EMPTY);
-        let flags = status | u32::from(status & OVERRUN != 0) * RECEIVED;
+        let flags = status | (u32::from(status & OVERRUN != 0) * RECEIVED);
         control & ON != 0 && flags & asked != 0
     }
 }

@@ -217,9 +217,8 @@ impl System {
         if self.tick_control & 1 == 0 {
             return;
         }
-        if old > 0 {
-            self.tick_left = self.tick_due.saturating_sub(now) / old;
-        }
+        let left = self.tick_due.saturating_sub(now);
+        self.tick_left = left.checked_div(old).unwrap_or(self.tick_left);
         self.tick_due = if new > 0 {
             now + self.tick_left * new
         } else {

@@ -168,7 +168,7 @@ impl Window {
 
     /// Ticks a count, where a cycle of APB1 has `cycle` ticks.
     fn step(&self, cycle: u64) -> u64 {
-        cycle * 4096 << (self.configuration >> 7 & 3)
+        (cycle * 4096) << (self.configuration >> 7 & 3)
     }
 
     fn count(&self, now: u64, cycle: u64) -> u32 {

@@ -84,7 +84,7 @@ impl World {
 
     /// The bridge gives this from now on.
     pub fn drive(&mut self, output: f32, now: u64) {
-        self.sum += f64::from(self.held) * (now - self.since) as f64;
+        self.sum += f64::from(self.held) * now.saturating_sub(self.since) as f64;
         (self.held, self.since) = (output, now);
     }
 

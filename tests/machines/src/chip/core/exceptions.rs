@@ -114,8 +114,8 @@ impl Core {
         let second = self.control & SECOND_STACK != 0;
         match number {
             0..=3 => {
-                self.program_status() & 0xf80f_0000
-                    | u32::from(number & 1 == 1) * u32::from(self.exception)
+                let exception = if number & 1 == 1 { self.exception } else { 0 };
+                self.program_status() & 0xf80f_0000 | u32::from(exception)
             }
             5 | 7 => self.exception.into(),
             8 if second => self.other_stack,

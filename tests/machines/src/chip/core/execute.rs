@@ -678,7 +678,9 @@ impl Core {
         };
         let value = match kind {
             Product::Halves(first, second) => sum(pick([n0, n1], first) * pick([m0, m1], second)),
-            Product::WordHalf(second) => sum(i64::from(one as i32) * pick([m0, m1], second) >> 16),
+            Product::WordHalf(second) => {
+                sum((i64::from(one as i32) * pick([m0, m1], second)) >> 16)
+            }
             Product::Dual(exchange) => {
                 let [low, high] = exchanged(exchange);
                 sum(i64::from(n0) * i64::from(low) + i64::from(n1) * i64::from(high))
@@ -791,7 +793,7 @@ impl Core {
             self.greater = if bytes {
                 greater
             } else {
-                (greater & 1) * 3 | (greater >> 1) * 12
+                ((greater & 1) * 3) | ((greater >> 1) * 12)
             };
         }
         value
