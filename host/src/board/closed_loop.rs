@@ -68,7 +68,7 @@ impl BoardLoop {
             time: self.bench.time(),
             report,
             strikes: self.bench.plant().strikes().len() as u32,
-            way: self.bench.plant().way(),
+            displacement: self.bench.plant().displacement(),
         })
     }
 

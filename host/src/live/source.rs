@@ -166,7 +166,7 @@ impl Source for Simulation {
                 time: self.time,
                 telemetry: Telemetry::from(&moment.report),
                 strikes: strikes.map(|strike| strike.phase).collect(),
-                way: Some(moment.way),
+                way: Some(moment.displacement),
                 events: moment.report.events.iter().collect(),
             });
         }

@@ -235,7 +235,7 @@ impl Outcome {
         };
         let time = last.time - first.time;
         if time > 0.0 {
-            (last.way - first.way) / time
+            (last.displacement - first.displacement) / time
         } else {
             0.0
         }

@@ -48,7 +48,7 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
         single(report.phase),
         single(report.confidence),
         moment.strikes.into(),
-        (moment.way * 1e3).into(),
+        (moment.displacement * 1e3).into(),
         events.join("; ").into(),
     ]
 }

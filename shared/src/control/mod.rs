@@ -41,7 +41,7 @@ pub use controller::{Controller, PLAN_SLICES};
 pub use hear::{AdcCode, Command, Cycle, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
-    Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_LEFT_OUT, Onset, OnsetDetector, QUARTILE, Standard,
+    Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, Standard,
 };
 pub use identify::{Identification, Identified, Unidentified};
 pub use report::{Inputs, Report, Start};

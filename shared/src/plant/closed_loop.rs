@@ -15,8 +15,8 @@ pub struct Moment {
     pub report: Report,
     /// Impacts of all parts in this cycle.
     pub strikes: u32,
-    /// Mean way of the parts along the track so far in m, positive upwards.
-    pub way: f64,
+    /// Mean displacement of the parts along the track so far in m, positive upwards.
+    pub displacement: f64,
 }
 
 /// One sample of the closed loop, for a scope.
@@ -94,7 +94,7 @@ impl ClosedLoop {
             time: self.bench.time(),
             report,
             strikes: self.bench.plant().strikes().len() as u32,
-            way: self.bench.plant().way(),
+            displacement: self.bench.plant().displacement(),
         }
     }
 

@@ -7,7 +7,7 @@ use heapless::Vec;
 use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
-use super::feeder::{STRIKES, mean_way, parts_at_rest};
+use super::feeder::{STRIKES, mean_displacement, parts_at_rest};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track, turned};
@@ -147,7 +147,7 @@ impl EnvelopePlant {
         let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
         let found = self.drive.end();
-        let heeded = 1.0 - self.onset.left_out(samples);
+        let heeded = 1.0 - self.onset.blanked(samples);
         let found = readings.unwrap_or(Demodulated {
             in_phase: found.in_phase + struck.re / heeded,
             quadrature: found.quadrature + struck.im / heeded,
@@ -341,8 +341,8 @@ impl EnvelopePlant {
         } = self.sense;
         let turned = if self.inverted { -factor } else { factor };
         let samples = f64::from(cycle.samples);
-        // Mean of 2 n(t) e^(i phase) over the N samples that are not left out.
-        let heeded = 1.0 - self.onset.left_out(u32::from(cycle.samples));
+        // Mean of 2 n(t) e^(i phase) over the N samples that are not blanked.
+        let heeded = 1.0 - self.onset.blanked(u32::from(cycle.samples));
         let scatter = white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
         let hum = self.hum(samples, middle);
         let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
@@ -422,8 +422,8 @@ impl EnvelopePlant {
         self.time += i64::from(samples) * i64::from(step);
     }
 
-    /// Whether the way along the track is watched; unwatched it stands still and costs nothing.
-    pub(crate) fn watch_way(&mut self, watched: bool) {
+    /// Whether the parts' displacement along the track is watched; unwatched it stands still and costs nothing.
+    pub(crate) fn watch_displacement(&mut self, watched: bool) {
         self.watched = watched;
     }
 
@@ -445,10 +445,10 @@ impl EnvelopePlant {
         [self.sample, u64::from(self.drive.samples())]
     }
 
-    /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.
+    /// Mean displacement of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        mean_way(&self.parts)
+    pub fn displacement(&self) -> f64 {
+        mean_displacement(&self.parts)
     }
 
     /// Makes a change of the plant.

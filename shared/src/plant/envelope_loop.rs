@@ -66,7 +66,7 @@ impl EnvelopeLoop {
             time: self.plant.seconds(),
             report: self.controller.report(),
             strikes: self.plant.strikes().len() as u32,
-            way: self.plant.way(),
+            displacement: self.plant.displacement(),
         }
     }
 
@@ -132,11 +132,11 @@ impl EnvelopeLoop {
         }
     }
 
-    /// Whether that is watched on which nothing else here depends: the way along the track, and the regime
+    /// Whether that is watched on which nothing else here depends: the displacement along the track, and the regime
     /// that is heard where the controller does not act on it. Unwatched both stand still and cost nothing.
     pub fn watch(&mut self, watched: bool) {
         self.watched = watched;
-        self.plant.watch_way(watched);
+        self.plant.watch_displacement(watched);
         self.controller.watch_regime(watched);
     }
 

@@ -200,10 +200,10 @@ impl Plant {
         (self.time >> 32) as u32
     }
 
-    /// Mean way of the parts along the track so far in m, positive upwards; 0 without parts.
+    /// Mean displacement of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        mean_way(&self.parts)
+    pub fn displacement(&self) -> f64 {
+        mean_displacement(&self.parts)
     }
 
     /// Parts that lie on the track now.
@@ -261,8 +261,8 @@ pub(super) fn parts_at_rest(scene: &Scene) -> Vec<Part, PARTS> {
     restitutions.map(|r| Part::at_rest(r.into())).collect()
 }
 
-/// Mean way of parts along the track so far in m, positive upwards; 0 without parts.
-pub(super) fn mean_way(parts: &[Part]) -> f64 {
-    let sum: f64 = parts.iter().map(Part::way).sum();
+/// Mean displacement of parts along the track so far in m, positive upwards; 0 without parts.
+pub(super) fn mean_displacement(parts: &[Part]) -> f64 {
+    let sum: f64 = parts.iter().map(Part::displacement).sum();
     sum / parts.len().max(1) as f64
 }

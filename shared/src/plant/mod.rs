@@ -11,12 +11,12 @@
 //! under the same controller.
 
 mod bench;
+mod blanking;
 mod closed_loop;
 mod drive;
 mod envelope;
 mod envelope_loop;
 mod feeder;
-mod gap;
 mod noise;
 mod onset;
 mod part;

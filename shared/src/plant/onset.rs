@@ -5,7 +5,7 @@ use core::marker::PhantomData;
 
 use num_complex::Complex64 as Complex;
 
-use super::gap::Gap;
+use super::blanking::Blanking;
 use super::noise::Noise;
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
@@ -44,8 +44,8 @@ pub struct OnsetModel<O = Standard> {
     /// What is left of a ringing, and of the memory, after whole samples.
     decay: Powers,
     oblivion: Powers,
-    /// What the demodulator leaves out.
-    gap: Gap,
+    /// What the demodulator blanks.
+    blanking: Blanking,
     /// Logarithm of what a sample leaves of the detector's memory of a loud ringing.
     forgetting: f64,
     /// Samples after which it is taken for none.
@@ -80,7 +80,7 @@ struct Ring {
     /// Samples of it that the memory has.
     known: usize,
     memory: f64,
-    /// Least height that is loud, and that is left out.
+    /// Least height that is loud, and that is blanked.
     loud: f64,
     least: f64,
     /// First of its samples at which the memory is that high.
@@ -228,7 +228,7 @@ impl<O: Onset> OnsetModel<O> {
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / SHARES as f64))),
             decay: Powers::new(ringing),
             oblivion: Powers::new(forgetting.into()),
-            gap: Gap::default(),
+            blanking: Blanking::default(),
             forgetting: forgetting.max(ringing.re),
             forgotten: (libm::log(FORGOTTEN) / forgetting) as u64,
             last: Ring::NONE,
@@ -265,18 +265,18 @@ impl<O: Onset> OnsetModel<O> {
 
     /// Begins the cycle of so many samples from a sample on.
     pub fn begin(&mut self, sample: u64, samples: u32) {
-        self.gap.begin(sample, samples);
+        self.blanking.begin(sample, samples);
     }
 
-    /// Whether nothing is left out of the next cycle.
+    /// Whether nothing is blanked in the next cycle.
     pub fn keep_whole(&mut self, whole: bool) {
-        self.gap.keep_whole(whole);
+        self.blanking.keep_whole(whole);
     }
 
-    /// Share of the cycle under way, of so many samples, that the demodulator leaves out.
+    /// Share of the cycle under way, of so many samples, that the demodulator blanks.
     #[must_use]
-    pub fn left_out(&self, samples: u32) -> f64 {
-        self.gap.share(samples)
+    pub fn blanked(&self, samples: u32) -> f64 {
+        self.blanking.share(samples)
     }
 
     /// Takes an impact: whether it is heard, and the sum of its ringing against the drive's turn from its
@@ -334,12 +334,12 @@ impl<O: Onset> OnsetModel<O> {
         (heard, sum)
     }
 
-    /// Sum of a ringing as far as it is not left out; it and those before are, where it is high, from then until
+    /// Sum of a ringing as far as it is not blanked; it and those before are, where it is high, from then until
     /// the detector has forgotten it.
     fn heeded(&mut self, ring: &mut Ring, heard: bool) -> Complex {
         let sample = ring.sample;
         let since = |at: u64| at.saturating_sub(sample);
-        let held = self.gap.until().max(sample);
+        let held = self.blanking.until().max(sample);
         let began = self.sums(ring.began);
         let own = self.tail(began, since(held));
         let rings = ring.began + ring.under;
@@ -358,7 +358,7 @@ impl<O: Onset> OnsetModel<O> {
         if heard {
             forgotten = forgotten.max(self.open);
         }
-        let until = self.gap.leave_out(from, forgotten).max(from);
+        let until = self.blanking.blank(from, forgotten).max(from);
         let sums = if ring.is_alone() {
             began
         } else {
@@ -522,8 +522,8 @@ mod tests {
         changed::<Settling>(6.0, 133.7, 0.15);
     }
 
-    /// Samples of an impact's ringing that the demodulator leaves out, by the detector and by its closed form.
-    fn left_out<O: Onset>() -> [f64; 2] {
+    /// Samples of an impact's ringing that the demodulator blanks, by the detector and by its closed form.
+    fn blanked<O: Onset>() -> [f64; 2] {
         let mut detector = OnsetDetector::<O>::with(0.1);
         let mut ringing = Ringing::new(2400.0, 1e-3);
         let rings = (0..4000).filter(|&sample| {
@@ -548,12 +548,12 @@ mod tests {
             rms: 0.0,
         };
         fast.impact(struck, background, &mut Noise::new(1));
-        [rings, fast.left_out(4000) * 4000.0]
+        [rings, fast.blanked(4000) * 4000.0]
     }
 
     #[test]
-    fn a_changed_loudness_changes_what_is_left_out_in_both() {
-        let ([slow, fast], [standard, _]) = (left_out::<Loud>(), left_out::<Standard>());
+    fn a_changed_loudness_changes_what_is_blanked_in_both() {
+        let ([slow, fast], [standard, _]) = (blanked::<Loud>(), blanked::<Standard>());
         // A quarter of the height takes ln 4 / 0.0356 = 39 samples longer; the detector's median falls meanwhile.
         assert!(
             (30.0..50.0).contains(&(slow - standard)),

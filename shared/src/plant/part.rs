@@ -11,12 +11,12 @@ use crate::impact::{Contact, Impact, Kernel, Map, Release, State, Tangential, Ta
 enum Motion {
     /// Lying on the track.
     Resting,
-    /// In flight until a time in steps of 2^-32 turns of the drive, arriving at a speed in m/s, having
-    /// come a way along the track in m, with a velocity along it in m/s after the impact.
+    /// In flight until a time in steps of 2^-32 turns of the drive, arriving at a speed in m/s, displaced
+    /// along the track by so much in m, with a velocity along it in m/s after the impact.
     Flying {
         until: u64,
         arrival: f64,
-        way: f64,
+        displacement: f64,
         along: f64,
     },
     /// In a chatter too short to hear, until it rests.
@@ -43,8 +43,8 @@ pub struct Part {
     motion: Motion,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
-    /// Way along the track so far in m.
-    way: f64,
+    /// Displacement along the track so far in m.
+    displacement: f64,
 }
 
 /// What a part needs to know of the track.
@@ -66,7 +66,7 @@ impl Part {
             restitution,
             motion: Motion::Resting,
             along: 0.0,
-            way: 0.0,
+            displacement: 0.0,
         }
     }
 
@@ -75,10 +75,10 @@ impl Part {
         self.restitution = restitution;
     }
 
-    /// Way along the track so far in m, positive upwards.
+    /// Displacement along the track so far in m, positive upwards.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        self.way
+    pub fn displacement(&self) -> f64 {
+        self.displacement
     }
 
     /// Whether it lies on the track.
@@ -121,7 +121,7 @@ impl Part {
     /// Takes the event that is due: the strike, if it is one, and the part's next motion. `swing` is
     /// the track at the event.
     pub fn event(&mut self, swing: Swing, track: &Track) -> Option<Strike> {
-        let (time, arrival, way, along) = match self.motion {
+        let (time, arrival, displacement, along) = match self.motion {
             Motion::Resting => return None,
             Motion::Chattering { .. } => {
                 self.motion = Motion::Resting;
@@ -130,11 +130,11 @@ impl Part {
             Motion::Flying {
                 until,
                 arrival,
-                way,
+                displacement,
                 along,
-            } => (until, arrival, way, along),
+            } => (until, arrival, displacement, along),
         };
-        self.way += way;
+        self.displacement += displacement;
         self.along = along;
         let phase = swing.phase.radians();
         let strike = Strike {
@@ -187,7 +187,7 @@ impl Part {
         let along = track
             .tangential
             .and_then(|settings| Tangential::build(map.k(), settings).ok());
-        let (way, along) = along.map_or((0.0, 0.0), |tangential| {
+        let (displacement, along) = along.map_or((0.0, 0.0), |tangential| {
             (
                 tangential.way(launch, impact, self.along / unit),
                 tangential.after(launch, impact, self.along / unit),
@@ -196,7 +196,7 @@ impl Part {
         self.motion = Motion::Flying {
             until: start + (impact.flight / TAU * Phase::TURN) as u64,
             arrival: arrival_speed(map, phase, impact) * unit,
-            way: way * amplitude,
+            displacement: displacement * amplitude,
             along: along * unit,
         };
     }

@@ -26,5 +26,5 @@ pub use lock::LockWindow;
 pub use onset::{HEARD_PER_CYCLE, Heard, OnsetDetector, QUARTILE};
 pub use onset::{HighPass, Onset, Standard};
 #[cfg(feature = "plant")]
-pub use signal::MOST_LEFT_OUT;
+pub use signal::MOST_BLANKED;
 pub use signal::{AdcCode, Command, Cycle, Sampled, Signal};

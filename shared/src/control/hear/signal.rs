@@ -9,8 +9,8 @@ use crate::control::angle::phase_step;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
-/// Share of a cycle that the demodulator leaves out at most: what is left still tells cosine, sine and mean apart.
-pub const MOST_LEFT_OUT: f64 = 1.0 / 3.0;
+/// Share of a cycle that the demodulator blanks at most: what is left still tells cosine, sine and mean apart.
+pub const MOST_BLANKED: f64 = 1.0 / 3.0;
 
 /// A reading of the converter, right-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,9 +85,9 @@ pub struct Sampled {
 ///
 /// The ringing of an impact begins at once and dies slowly, which would add to what the demodulator finds: 4.7 % of the
 /// amplitude for 24 parts that strike together and ring at 800 Hz. So the samples in which an impact still rings
-/// ([`OnsetDetector::rings`]) are left out, up to a third of a cycle: the last cycle's swing stands for them, with no say in the new one.
+/// ([`OnsetDetector::rings`]) are blanked, up to a third of a cycle: the last cycle's swing stands for them, with no say in the new one.
 /// That leaves 0.3 % at most of 24 parts, at 800 Hz and at 2.4 kHz, where the amplitude is steady; where it changes
-/// quickly, what is left out weighs on the measured change.
+/// quickly, what is blanked weighs on the measured change.
 ///
 /// Deadline: one sample (50 us); the sample interrupt calls [`Signal::sample`] and nothing else. A
 /// missed sample shifts the drive's phase, which the demodulator then measures with everything else.
@@ -137,9 +137,9 @@ pub struct Signal {
     sines: f32,
     accelerations: f32,
     weight: f32,
-    /// Samples of the cycle that were left out of the demodulation, and how many may be.
-    left_out: f32,
-    most_left_out: f32,
+    /// Samples of the cycle that were blanked, and how many may be.
+    blanked: f32,
+    most_blanked: f32,
     running: Cycle,
     finished: Cycle,
     detector: OnsetDetector,
@@ -174,8 +174,8 @@ impl Signal {
             sines: 0.0,
             accelerations: 0.0,
             weight: 0.0,
-            left_out: 0.0,
-            most_left_out: 0.0,
+            blanked: 0.0,
+            most_blanked: 0.0,
             running: Self::EMPTY,
             finished: Self::EMPTY,
             detector: OnsetDetector::new(scale),
@@ -211,11 +211,11 @@ impl Signal {
         self.fold.add(self.phase, residual);
         let heard = self.detector.detect(residual);
         let mut swing = acceleration - self.mean;
-        let left_out = self.detector.rings() && self.left_out < self.most_left_out;
-        if left_out {
+        let blanked = self.detector.rings() && self.blanked < self.most_blanked;
+        if blanked {
             // What was found before stands for it, and has no say in what is found.
             swing = self.finished.in_phase * cosine + self.finished.quadrature * sine;
-            self.left_out += 1.0;
+            self.blanked += 1.0;
         }
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
@@ -226,10 +226,10 @@ impl Signal {
             self.sines += rest * by_sine;
             self.accelerations += rest * swing;
             self.weight += rest;
-            let begun = if left_out { share } else { 0.0 };
-            self.left_out -= begun;
+            let begun = if blanked { share } else { 0.0 };
+            self.blanked -= begun;
             self.finish();
-            self.left_out = begun;
+            self.blanked = begun;
             self.cosines = share * by_cosine;
             self.sines = share * by_sine;
             self.accelerations = share * swing;
@@ -265,10 +265,10 @@ impl Signal {
     }
 
     fn finish(&mut self) {
-        let inverse = 1.0 / (self.weight - self.left_out);
+        let inverse = 1.0 / (self.weight - self.blanked);
         let (running, finished) = (&mut self.running, &mut self.finished);
-        finished.in_phase = (2.0 * self.cosines - self.left_out * finished.in_phase) * inverse;
-        finished.quadrature = (2.0 * self.sines - self.left_out * finished.quadrature) * inverse;
+        finished.in_phase = (2.0 * self.cosines - self.blanked * finished.in_phase) * inverse;
+        finished.quadrature = (2.0 * self.sines - self.blanked * finished.quadrature) * inverse;
         finished.mean = self.mean + self.accelerations * inverse;
         finished.noise = self.detector.noise();
         finished.folded = self.fold.finish(self.pending.fold, self.pending.step);
@@ -287,10 +287,10 @@ impl Signal {
             self.step = self.pending.step;
             self.inverse_step = 1.0 / self.step as f32;
         }
-        self.most_left_out = if self.pending.whole {
+        self.most_blanked = if self.pending.whole {
             0.0
         } else {
-            MOST_LEFT_OUT as f32 * Phase::TURN as f32 * self.inverse_step
+            MOST_BLANKED as f32 * Phase::TURN as f32 * self.inverse_step
         };
     }
 
