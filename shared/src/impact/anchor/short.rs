@@ -26,8 +26,8 @@ fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
 }
 
 /// Two short roots whose discriminant is below this share of `a1^2` are told apart by the valley of `u/d`
-/// between them. At 0 f32 decides 293 of 200 000 launches that all but touch a hump wrongly, for 211 (all of
-/// them nearer than it promises); from there to 0.6 nothing else changes.
+/// between them. At 0 f32 decides 293 of 200 000 launches that all but touch a hump wrongly, for 211; from
+/// there to 0.6 nothing else changes.
 pub(super) const DOUBLE: f32 = 0.2;
 
 /// The longest such valley, in rad: beyond, heights keep enough digits. Tuned: at 0.02
@@ -190,10 +190,9 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
 /// with k near 1.
 ///
 /// Within a short hop of the top the cosine is below [`Flight::SHORT`] (and the sine above 0.96, which is
-/// quicker asked), and where the pull is below the second
-/// bound the fourth order of `u`, `d^4/24`, is over a quarter of what it takes. Tuned: without
-/// it `kernels_survive_their_whole_range` fails; with a third of either bound some of 200 000 launches near
-/// the top at k within 0.1 of 1 are wrong.
+/// quicker asked), and where the pull is below the second bound the fourth order of `u`, `d^4/24`, is over
+/// a quarter of what it takes. Tuned: without it `kernels_survive_their_whole_range` fails; with a third of
+/// either bound some of 200 000 launches near the top at k within 0.1 of 1 are wrong.
 #[inline(always)]
 pub(super) fn is_flat<F: Flight>(launch: &Launch) -> bool {
     launch.sine > 0.96
