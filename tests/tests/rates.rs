@@ -17,6 +17,8 @@ fn machine(frequency: f32, k: f32) -> Scene {
     scene.settings.frequency = frequency;
     scene.settings.resonance = frequency;
     scene.drive.resonance = frequency;
+    // Within the acceleration limit at any of these frequencies.
+    scene.settings.safe_amplitude = 0.005;
     scene.target = Target::K(k);
     scene
 }
@@ -36,8 +38,12 @@ fn board(scene: &Scene) -> Rig {
     let mut rig = Rig::with(holding(&image), scene);
     rig.chip.power_on();
     rig.run(0.3);
-    for key in ["frequency", "resonance"] {
-        let value = scene.settings.frequency;
+    let told = &scene.settings;
+    for (key, value) in [
+        ("safe_amplitude", told.safe_amplitude),
+        ("frequency", told.frequency),
+        ("resonance", told.resonance),
+    ] {
         rig.done(&Request::Set { key, value });
     }
     rig.done(&Request::Target(scene.target.into()));
