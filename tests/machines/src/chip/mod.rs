@@ -580,6 +580,7 @@ impl Chip {
         let running = system.running(core.mask, core.fault_mask, core.base_priority);
         if running <= -1 {
             self.runs = Runs::Lost;
+            self.core.attention = true;
             self.board.world.see(self.board.now, Seen::LockedUp);
             return;
         }
@@ -613,4 +614,34 @@ fn width(address: u32, length: usize) -> usize {
         .into_iter()
         .find(|size| (address as usize | length).is_multiple_of(*size))
         .unwrap_or(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_within_a_fault_locks_up_once_until_the_watchdog_bites() {
+        let mut chip = Chip::default();
+        // The stack at the top of the RAM, every vector to erased flash: no instruction there.
+        let vectors = std::iter::once(0x2002_0000_u32).chain(std::iter::repeat(0x0800_0101));
+        for (place, word) in chip.flash_mut()[..64].chunks_exact_mut(4).zip(vectors) {
+            place.copy_from_slice(&word.to_le_bytes());
+        }
+        chip.power_on();
+        chip.run(TICKS / 100);
+        let locked = |chip: &Chip| {
+            let trace = chip.board.world.trace.iter();
+            trace.filter(|(_, seen)| *seen == Seen::LockedUp).count()
+        };
+        assert_eq!(locked(&chip), 1);
+        assert!(chip.was_lost());
+        assert!(chip.board.now >= TICKS / 100);
+        for (register, value) in [(0, 0x5555), (4, 0), (8, 100), (0, 0xcccc)] {
+            let address = 0x4000_3000 + register;
+            chip.board.store(address, 4, value).unwrap();
+        }
+        chip.run(TICKS / 40);
+        assert_eq!(locked(&chip), 2, "the watchdog reset it");
+    }
 }
