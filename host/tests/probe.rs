@@ -8,11 +8,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use came::Came;
+use kband::plant::Scene;
+use kband::wire::{Request, Response};
 use kband_host::chip::{Image, STM32F405RG};
 use kband_machines::chip::Chip;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
 use kband_machines::probe::Probe;
+use kband_machines::rig::Rig;
 use object::{Object, ObjectSymbol};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -77,6 +80,29 @@ fn an_image_is_written_verified_and_started_with_the_drive_off() {
     let vector = &image.pieces()[0].bytes[4..8];
     let entry = u32::from_le_bytes([vector[0], vector[1], vector[2], vector[3]]);
     assert_eq!(chip.running(), Some(entry & !1));
+}
+
+#[test]
+fn what_was_written_boots_answers_the_desk_and_logs() {
+    let (folder, path) = (folder(), feeder());
+    let probe = Probe::before(board());
+    let name = probe.name();
+    let elf = path.to_str().unwrap();
+    kband(folder.path(), &["flash", elf, "--probe", &name]).done();
+    // Its log, read from the chip while it runs.
+    let words = ["monitor", "--elf", elf, "--probe", &name, "--duration", "2"];
+    let said = kband(folder.path(), &words).done();
+    assert!(said.contains(", started by "), "{said}");
+    assert!(!probe.chip().was_lost(), "it faulted");
+    // The same flash under power, on a track: it answers over its link.
+    let chip = probe.chip().clone();
+    let mut rig = Rig::with(chip, &Scene::default());
+    rig.chip.power_on();
+    rig.run(0.5);
+    assert_eq!(rig.resets().len(), 1);
+    rig.ask(&Request::SelfTest, |response| {
+        assert!(matches!(response, Response::SelfTest(test) if test.sensor));
+    });
 }
 
 #[test]

@@ -88,8 +88,9 @@ impl Rig {
             sequence: 0,
             tolerant: false,
         };
-        rig.chip.board.world = World::new(scene).expect("a scene that is accepted");
+        rig.chip.power_off();
         rig.chip.board.now = 0;
+        rig.chip.board.world = World::new(scene).expect("a scene that is accepted");
         rig.act(&Act::Cool(true));
         rig.act(&Act::OverCurrent(false));
         rig.act(&Act::Enable(false));

@@ -94,7 +94,7 @@ pub struct Handler {
 pub struct Chip {
     /// The supply fails once so many flash operations were done.
     pub fails_after: Option<u64>,
-    /// Whether the bridge was driven while the core was halted.
+    /// Whether the bridge was driven while a debugger changed the flash or had a loader run.
     pub driven_while_halted: bool,
     /// Whether the core was ever halted.
     pub was_halted: bool,
@@ -103,6 +103,8 @@ pub struct Chip {
     /// The core.
     pub core: Core,
     runs: Runs,
+    /// Whether its firmware is still the older one, of which nothing is known.
+    older: bool,
     /// Where the last reset led.
     entry: u32,
     halting: u32,
@@ -137,6 +139,7 @@ impl Default for Chip {
             board,
             core: Core::default(),
             runs: Runs::Unknown,
+            older: true,
             entry: 0,
             halting: 0,
             why: 0,
@@ -238,6 +241,7 @@ impl Chip {
     /// Writes bytes, as a probe does, `size` at a time.
     pub fn write(&mut self, address: u32, size: usize, bytes: &[u8]) -> Option<()> {
         self.goes_on()?;
+        let before = self.board.flash.operations;
         for (index, part) in bytes.chunks_exact(size).enumerate() {
             let place = address.checked_add((index * size) as u32)?;
             let mut word = [0; 4];
@@ -247,6 +251,7 @@ impl Chip {
                 self.board.store(place, size as u32, value)?;
             }
         }
+        self.driven_while_halted |= self.board.flash.operations != before && self.is_driven();
         // What was written may be code that is known already.
         self.core.forget();
         self.goes_on()
@@ -350,7 +355,11 @@ impl Chip {
             self.stop(1);
         } else if self.runs == Runs::Nothing {
             self.goes();
-            if asked & STEP != 0 {
+            if self.runs == Runs::Unknown {
+                if asked & STEP != 0 {
+                    self.stop(1);
+                }
+            } else if asked & STEP != 0 {
                 self.steps(1);
                 if self.runs == Runs::Core {
                     self.stop(1);
@@ -363,7 +372,10 @@ impl Chip {
     }
 
     fn goes(&mut self) {
-        self.runs = Runs::Core;
+        let loader = self.core.r[COUNTER] >= MEMORY;
+        self.driven_while_halted |= loader && self.is_driven();
+        let older = self.older && !loader;
+        self.runs = if older { Runs::Unknown } else { Runs::Core };
         self.board.halted = false;
         self.core.waits = Waits::Not;
         self.board.refresh();
@@ -392,7 +404,6 @@ impl Chip {
         self.was_halted = true;
         self.board.halted = true;
         self.board.refresh();
-        self.driven_while_halted |= self.is_driven();
         self.why |= why;
     }
 
@@ -405,6 +416,7 @@ impl Chip {
     /// The chip is reset.
     pub fn reset(&mut self, cause: Cause) {
         self.was_reset = true;
+        self.older = false;
         self.board.halted = false;
         self.board.reset(cause);
         self.hangs = None;
