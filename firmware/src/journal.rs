@@ -18,7 +18,9 @@ use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 use kband::wire::crc32;
 
-use crate::store::StoreFailed;
+/// The memory failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoreFailed;
 
 const NUMBER: usize = 4;
 const CHECK: usize = 4;
@@ -26,7 +28,7 @@ const SEAL: usize = 8;
 /// Bytes of a slot that are not content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
 /// Slots that are read before other tasks run.
-const TURN: u32 = 16;
+const SLICE: u32 = 16;
 
 /// What a slot holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -195,7 +197,7 @@ impl<const SLOT: usize> Journal<SLOT> {
             for index in 0..self.slots() {
                 let place = Place { bank, index };
                 survey.take(place, Slot::read(&self.read(flash, place).await?));
-                if index % TURN == 0 {
+                if index % SLICE == 0 {
                     yield_now().await;
                 }
             }

@@ -98,7 +98,7 @@ pub struct Station {
     enabled: Cell<bool>,
     /// Seconds since the start at which the desk was last heard of the plant that it simulates.
     simulated: Cell<Option<u32>>,
-    /// The enable input as it was last seen.
+    /// The enable input as it was last seen; before the first cycle nothing can have been started by it.
     asked: Cell<bool>,
     /// Most cycles of the core that the control of a drive cycle took.
     longest: Cell<u32>,
@@ -140,7 +140,7 @@ impl Station {
             heard: Cell::new(false),
             enabled: Cell::new(true),
             simulated: Cell::new(None),
-            asked: Cell::new(true),
+            asked: Cell::new(false),
             longest: Cell::new(0),
             tick: Mailbox::new(),
             uptime: Cell::new(Uptime::default()),

@@ -10,6 +10,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use kband::control::{Settings, Target};
 use kband::wire::KeptFault;
 
+pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
 
 /// Version of what a record means; raised when a setting keeps its name and changes its meaning.
@@ -25,10 +26,6 @@ pub const FAULTS: u32 = 32;
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 
 const _: () = assert!(4 + 4 * COUNT + 8 <= CONTENT);
-
-/// The memory failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StoreFailed;
 
 /// In what condition the settings were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

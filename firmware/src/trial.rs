@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use kband::control::{Report, Target};
+use kband::control::{Report, Start, Target};
 use kband::plant::{Change, Disturbance, Scene};
 
 /// A scene and how long it runs.
@@ -21,7 +21,7 @@ impl Trial {
         Self {
             name: "default",
             cycles: 500,
-            scene: Scene::default,
+            scene: powered,
         },
         Self {
             name: "eventful",
@@ -55,7 +55,7 @@ impl Trial {
     pub const BEFORE_SAG: Self = Self {
         name: "before the sag",
         cycles: 60,
-        scene: Scene::default,
+        scene: powered,
     };
 
     /// What comes after the sag: the enable input stands, is withdrawn and given again.
@@ -75,6 +75,20 @@ impl Trial {
     #[must_use]
     pub fn scene(&self) -> Scene {
         (self.scene)()
+    }
+}
+
+/// The default scene from power-on: the enable input is given once the board is up, as one that stands then starts
+/// nothing.
+fn powered() -> Scene {
+    let changes = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
+    Scene {
+        start: Start::PowerOn,
+        disturbances: changes
+            .map(|(at, change)| Disturbance { at, change })
+            .into_iter()
+            .collect(),
+        ..Scene::default()
     }
 }
 
@@ -98,16 +112,15 @@ fn linked() -> Scene {
     scene
 }
 
-/// The default scene with only the link to be heard.
+/// The default scene from power-on with only the link to be heard.
 fn running() -> Scene {
+    let mut scene = powered();
     let unheard = Disturbance {
         at: 0.0,
         change: Change::Link(false),
     };
-    Scene {
-        disturbances: [unheard].into_iter().collect(),
-        ..Scene::default()
-    }
+    scene.disturbances.insert(0, unheard).ok();
+    scene
 }
 
 /// The default scene with the enable input withdrawn from 1 s to 2 s.
@@ -126,10 +139,8 @@ fn sagged() -> Scene {
 
 /// Everything that may happen, once: targets, drift, another lot of parts, a stop, a lost sensor.
 fn eventful() -> Scene {
-    let mut scene = Scene {
-        parts: [0.2, 0.18, 0.22].into_iter().collect(),
-        ..Scene::default()
-    };
+    let mut scene = powered();
+    scene.parts = [0.2, 0.18, 0.22].into_iter().collect();
     let changes = [
         (1.015, Change::Gain(0.8)),
         (2.015, Change::Target(Target::Chaotic)),
@@ -143,10 +154,9 @@ fn eventful() -> Scene {
         (9.015, Change::SensorLost(true)),
         (9.515, Change::Enable(false)),
     ];
-    scene.disturbances = changes
-        .map(|(at, change)| Disturbance { at, change })
-        .into_iter()
-        .collect();
+    scene
+        .disturbances
+        .extend(changes.map(|(at, change)| Disturbance { at, change }));
     scene
 }
 

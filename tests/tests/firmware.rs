@@ -140,7 +140,7 @@ fn after_a_sag_of_the_supply_the_drive_stays_off_until_it_is_enabled_anew() {
         };
         (0..trial.cycles).map(|_| cycle()).collect::<Vec<_>>()
     };
-    let before = run(Trial::BEFORE_SAG, Start::Ordinary);
+    let before = run(Trial::BEFORE_SAG, Start::PowerOn);
     assert!(before[59].report.command.amplitude > 0.1);
     let after = run(Trial::AFTER_SAG, Start::Reset);
     for Moment { time, report, .. } in after {

@@ -150,6 +150,7 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
         };
         let mut inputs = bench.inputs();
         let mut between = Between::Nothing;
+        let mut fault = false;
         let often = if tame { 300 } else { 30 };
         for _ in 0..if tame { 80_000 } else { 8_000 } {
             samples += 1;
@@ -174,12 +175,19 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
             if below(&mut random, patience) == 0 {
                 between = Between::draw(&mut random);
             }
-            inputs.enable ^= below(&mut random, if inputs.enable { often } else { 3 }) == 0;
+            // A fault is acknowledged by half a second without enable.
+            let patience = match (inputs.enable, fault) {
+                (true, _) => often,
+                (false, true) => 100,
+                (false, false) => 3,
+            };
+            inputs.enable ^= below(&mut random, patience) == 0;
             inputs.over_temperature = below(&mut random, 1000) == 0;
             inputs.stack_low = below(&mut random, 1000) == 0;
             inputs.link_heard = below(&mut random, 3) == 0;
             let report = controller.cycle(signal.cycle(), &inputs);
             check(&report, &scene.settings);
+            fault = report.fault.is_some();
             cycles[usize::from(report.state.number())] += 1;
             signal.command(report.command);
             for _ in 0..PLAN_SLICES {

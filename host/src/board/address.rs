@@ -163,7 +163,7 @@ mod tests {
         std::fs::write(&other, "not a flash").unwrap();
         let message = prepare(&other).unwrap_err().to_string();
         assert!(
-            message.contains("11 bytes") && message.contains("two at least"),
+            message.contains("11 bytes") && message.contains("four pages"),
             "{message}"
         );
         assert_eq!(std::fs::read_to_string(&other).unwrap(), "not a flash");

@@ -276,7 +276,10 @@ impl Signal {
         (finished.low, finished.high) = (running.low, running.high);
         finished.saturated = running.saturated;
         finished.heard.clear();
-        finished.heard.extend(running.heard.iter().copied());
+        for heard in &running.heard {
+            // Both hold as many.
+            let _ = finished.heard.push(*heard);
+        }
         self.mean = finished.mean;
         running.samples = 0;
         (running.low, running.high) = (u16::MAX, 0);
