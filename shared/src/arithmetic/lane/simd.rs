@@ -30,10 +30,26 @@ impl Simd {
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use core::arch::x86_64::{__cpuid, __cpuid_count, _xgetbv};
+    use core::sync::atomic::{AtomicU8, Ordering};
 
     use super::Simd;
 
+    /// The answer once it is known, as a place in `KNOWN`; `KNOWN.len()` before. A hypervisor traps each question to
+    /// the CPU: asked with every register of impacts they took nine tenths of a map of gear.
+    static ANSWER: AtomicU8 = AtomicU8::new(KNOWN.len() as u8);
+    const KNOWN: [Simd; 3] = [Simd::None, Simd::Avx2, Simd::Avx512];
+
     pub(super) fn widest() -> Simd {
+        // Two threads that ask at once store the same answer.
+        let answer = usize::from(ANSWER.load(Ordering::Relaxed));
+        KNOWN.get(answer).copied().unwrap_or_else(|| {
+            let simd = asked();
+            ANSWER.store(simd as u8, Ordering::Relaxed);
+            simd
+        })
+    }
+
+    fn asked() -> Simd {
         const OS_SAVES: u32 = 1 << 27;
         const AVX: u32 = 1 << 28;
         const AVX2: u32 = 1 << 5;
@@ -81,6 +97,7 @@ mod tests {
         } else {
             Simd::None
         };
-        assert_eq!(Simd::widest(), expected);
+        // The first answer and the kept one.
+        assert_eq!([Simd::widest(), Simd::widest()], [expected; 2]);
     }
 }
