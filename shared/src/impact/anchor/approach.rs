@@ -1,7 +1,6 @@
 //! Steps on nodes from the fall of the parabola.
 
-use super::flight::{Flight, Launch, NODES_PER_RADIAN, SPACING, abs, nearest, sine_cosine_at};
-use super::shape::Shape;
+use super::flight::{Flight, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest};
 use crate::arithmetic::square_root_single;
 
 /// The impact of a tall flight, nearly: node and offset; `None` where the flight is not tall or the
@@ -10,18 +9,22 @@ use crate::arithmetic::square_root_single;
 /// Tall is a flight that passes every height h of the track faster than the track ever does there, which
 /// is at most `sqrt(1 - h^2)`: on the rise it cannot meet the track, on the fall it crosses it once. The
 /// square of its speed, `v^2 + 2 k (sin - h)`, is above `1 - h^2` for all of them where that at height 0
-/// is above `1 + k^2`, or `2 k` where k >= 1.
+/// is above `1 + k^2`, or `2 k` where k >= 1; on any track, above the largest `S'^2 + 2 k S` of a turn.
 #[inline(always)]
-pub(crate) fn fall<F: Flight>(shape: &Shape, launch: &Launch) -> Option<Approach> {
-    let rise = launch.velocity + launch.cosine;
-    let square = rise * rise + 2.0 * shape.k * launch.sine;
-    if !(rise > 0.0 && square >= shape.tall) {
+pub(super) fn fall<F: Flight>(
+    track: &impl Track,
+    phase: u32,
+    height: f32,
+    rise: f32,
+) -> Option<Approach> {
+    let square = rise * rise + 2.0 * track.k() * height;
+    if !(rise > 0.0 && square >= track.tall()) {
         return None;
     }
     let speed = square_root_single(square);
-    let x = (rise + speed) * shape.inverse;
-    let (node, offset) = F::node_of(launch.phase, x);
-    approach::<F>(shape, node, -offset, speed, 0.0)
+    let x = (rise + speed) * track.inverse();
+    let (node, offset) = F::node_of(phase, x);
+    approach::<F>(track, node, -offset, speed, 0.0)
 }
 
 /// The last of some steps on nodes.
@@ -31,11 +34,11 @@ pub(crate) struct Approach {
     pub node: i32,
     /// Its length, rad.
     pub step: f32,
-    /// Speed downwards against the track at that node, half the rate at which it grows, sine and cosine.
+    /// Speed downwards against the track at that node, half the rate at which it grows, A' and -A''.
     speed: f32,
     gain: f32,
-    sine: f32,
-    cosine: f32,
+    surge: f32,
+    bend: f32,
     /// The node nearest to where it ends and the distance from there.
     pub end: (i32, f32),
 }
@@ -44,7 +47,7 @@ impl Approach {
     /// Arrival speed where it ends, near to its node.
     #[inline(always)]
     pub fn arrival(&self) -> f32 {
-        let bend = 0.5 * self.cosine - self.sine * (1.0 / 6.0) * self.step;
+        let bend = 0.5 * self.surge - self.bend * (1.0 / 6.0) * self.step;
         self.speed + self.step * (self.gain + self.gain - bend * self.step)
     }
 }
@@ -56,20 +59,26 @@ const NEAR: f32 = 2.0;
 /// height `base`, going down at `speed`.
 #[inline(always)]
 pub(super) fn approach<F: Flight>(
-    shape: &Shape,
+    track: &impl Track,
     mut node: i32,
     mut late: f32,
     speed: f32,
     base: f32,
 ) -> Option<Approach> {
     for _ in 0..6 {
-        let (sine, cosine) = sine_cosine_at(node);
-        let u0 = late * (speed + shape.half_k * late) + (sine - base);
-        let u1 = speed + shape.k * late + cosine;
-        let b2 = 0.5 * (shape.k - sine);
+        let Motion {
+            height,
+            speed: cosine,
+            push,
+            surge,
+            bend,
+        } = track.at(node);
+        let u0 = late * (speed + track.half_k() * late) + (height - base);
+        let u1 = speed + track.k() * late + cosine;
+        let b2 = 0.5 * (track.k() - push);
         let square = u1 * u1;
         let product = b2 * u0;
-        let step = householder(u0, u1, square, product, -cosine);
+        let step = householder(u0, u1, square, product, -surge);
         let (jump, count) = nearest(step * NODES_PER_RADIAN);
         let next = node.wrapping_add(jump);
         // Householder's step is short as well where it leads to no root, but not Newton's. The steps may
@@ -86,8 +95,8 @@ pub(super) fn approach<F: Flight>(
                 step,
                 speed: u1,
                 gain: b2,
-                sine,
-                cosine,
+                surge,
+                bend,
                 end: (next, step - count * SPACING),
             });
         }

@@ -24,13 +24,40 @@ pub(crate) struct Launch {
     pub pull: f32,
 }
 
-/// Height and slope of the flight above the track at a node, with sine and cosine there.
+/// Height and slope of the flight above the track at a node, with the track's push and what it becomes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Local {
     pub height: f32,
     pub slope: f32,
-    pub sine: f32,
-    pub cosine: f32,
+    /// `A = -S''` there, its slope and its downward curvature: for a sine its sine, cosine and sine.
+    pub push: f32,
+    pub surge: f32,
+    pub bend: f32,
+}
+
+/// What the track does at a node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motion {
+    /// Displacement S.
+    pub height: f32,
+    /// S'.
+    pub speed: f32,
+    /// `A = -S''`, A' and -A''.
+    pub push: f32,
+    pub surge: f32,
+    pub bend: f32,
+}
+
+/// A track as steps on nodes ask for it.
+pub(super) trait Track {
+    /// k, half of it and its inverse.
+    fn k(&self) -> f32;
+    fn half_k(&self) -> f32;
+    fn inverse(&self) -> f32;
+    /// The least square of the speed at height 0 of a tall flight.
+    fn tall(&self) -> f32;
+    /// The track at a node, from f32.
+    fn at(&self, node: i32) -> Motion;
 }
 
 /// A flight as its kernel knows it.

@@ -89,10 +89,15 @@ impl Hybrid {
             cosine: fine.narrow::<30>().single(),
             pull: 0.0,
         };
-        if let Some(approach) = fall::<Ballistic<'_>>(&self.shape, &launch) {
+        if let Some(approach) = fall::<Ballistic<'_>>(
+            &self.shape,
+            phase,
+            launch.sine,
+            launch.velocity + launch.cosine,
+        ) {
             let (node, offset) = approach.end;
             let (local, slope) = flight.exact(node);
-            if let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset) {
+            if let Some(settled) = settle::<Ballistic<'_>>(self.shape.k, &local, offset) {
                 let steps = steps_at(&flight, node, &settled);
                 return self.landing(phase, steps, speed(&settled, slope), false);
             }
@@ -122,7 +127,7 @@ impl Hybrid {
             Candidate::Hop { flight, arrival } => return self.hop(launch, flight, arrival, false),
             Candidate::Near { node, offset } => {
                 let (local, slope) = flight.exact(node);
-                if let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset) {
+                if let Some(settled) = settle::<Ballistic<'_>>(self.shape.k, &local, offset) {
                     let steps = steps_at(flight, node, &settled);
                     if self.shape.ends::<Ballistic<'_>>(flight.phase, steps)
                         || self.shape.clears(launch, steps)
@@ -164,11 +169,11 @@ impl Hybrid {
             } => {
                 let (local, slope) = flight.exact(node);
                 if simple
-                    && let Some(settled) = settle::<Ballistic<'_>>(&self.shape, &local, offset)
+                    && let Some(settled) = settle::<Ballistic<'_>>(self.shape.k, &local, offset)
                 {
                     return self.impact_at(&flight, node, slope, settled, grazes);
                 }
-                let (settled, doubtful) = settle_carefully(&self.shape, local, offset);
+                let (settled, doubtful) = settle_carefully(self.shape.k, local, offset);
                 let grazes = grazes || doubtful;
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
@@ -281,8 +286,9 @@ impl Ballistic<'_> {
             Local {
                 height: rise.wrapping_add(self.sine).wrapping_sub(fixed[0]).single(),
                 slope: slope.narrow::<24>().single(),
-                sine: single[0],
-                cosine: single[1],
+                push: single[0],
+                surge: single[1],
+                bend: single[0],
             },
             Fixed(slope.narrow::<26>().0 as u32),
         )
@@ -328,7 +334,7 @@ impl Flight for Ballistic<'_> {
             -2.0
         } else {
             let rise: Fixed<26> = turns.product(RADIANS_PER_TURN);
-            let coarse = (rise + self.sine.to::<26>()).single() - local.sine;
+            let coarse = (rise + self.sine.to::<26>()).single() - local.push;
             if !(-1.9..=1.9).contains(&coarse) {
                 coarse
             } else {

@@ -9,7 +9,7 @@ use super::flight::{
 use super::settle::expand;
 use super::shape::Shape;
 use super::short::{ShortFlight, hop, short_flight};
-use super::solve::{Bracket, Found, solve};
+use super::solve::{Bracket, Found, Start, solve};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
@@ -29,7 +29,12 @@ pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (
         _ => {}
     }
     let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
-    (solve(shape, launch, flight, &bracket), grazes || skims)
+    let start = Start {
+        phase: launch.phase,
+        height: launch.sine,
+        rise: launch.velocity + launch.cosine,
+    };
+    (solve(shape, &start, flight, &bracket), grazes || skims)
 }
 
 #[inline(always)]

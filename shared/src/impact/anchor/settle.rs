@@ -1,7 +1,6 @@
 //! An impact near a node to the precision of the kernel.
 
 use super::flight::{Flight, Local, abs, larger, root, smaller};
-use super::shape::Shape;
 
 /// A settled impact: offset from its node in rad, and the arrival speed less minus the node's slope.
 #[derive(Clone, Copy, Debug)]
@@ -16,12 +15,13 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
     let Local {
         height,
         slope,
-        sine,
-        cosine,
+        push,
+        surge,
+        bend,
     } = *local;
-    let curvature = sine - k;
-    let third = cosine * d;
-    let fourth = sine * d * d;
+    let curvature = push - k;
+    let third = surge * d;
+    let fourth = bend * d * d;
     let b2 = 0.5 * curvature + 0.5 * third;
     (
         height + d * (slope + d * (0.5 * curvature + third * (1.0 / 6.0) - fourth * (1.0 / 24.0))),
@@ -34,14 +34,14 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
 /// only where the first is not enough; `None` where that is not either, or at no down-crossing (the steps
 /// may have led back to launch), or at one so slow that it may be a graze.
 #[inline(always)]
-pub(crate) fn settle<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> Option<Settled> {
-    let (settled, left) = settle_once::<F>(shape, local, offset);
+pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
+    let (settled, left) = settle_once::<F>(k, local, offset);
     if left < 0.0 {
         return Some(settled);
     }
     // So near to the node the expansion holds.
     if abs(settled.offset) < 0.03 {
-        let (settled, left) = settle_once::<F>(shape, local, settled.offset);
+        let (settled, left) = settle_once::<F>(k, local, settled.offset);
         return (left < 0.0).then_some(settled);
     }
     None
@@ -49,8 +49,8 @@ pub(crate) fn settle<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> Op
 
 /// One step; and a value below 0 where it is enough.
 #[inline(always)]
-fn settle_once<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> (Settled, f32) {
-    let (height, gain, b2) = expand(shape.k, local, offset);
+fn settle_once<F: Flight>(k: f32, local: &Local, offset: f32) -> (Settled, f32) {
+    let (height, gain, b2) = expand(k, local, offset);
     let slope = local.slope + gain;
     let inverse = 1.0 / slope;
     let newton = height * inverse;
@@ -67,7 +67,7 @@ fn settle_once<F: Flight>(shape: &Shape, local: &Local, offset: f32) -> (Settled
 fn finished(local: &Local, offset: f32, gain: f32, b2: f32, e: f32) -> Settled {
     Settled {
         offset: offset + e,
-        speed_gain: -(gain + e * (b2 + b2 + 0.5 * local.cosine * e)),
+        speed_gain: -(gain + e * (b2 + b2 + 0.5 * local.surge * e)),
     }
 }
 
@@ -86,13 +86,13 @@ pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 
 /// The first root from `offset` near a node, also where two roots nearly meet; and whether it is doubtful.
 #[inline(never)]
-pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> (Settled, bool) {
+pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settled, bool) {
     // The search came nearer than this, but where three roots nearly meet within rounding.
     const LONGEST: f32 = 0.02;
     let mut doubtful = false;
     let mut round = 0;
     loop {
-        let (height, gain, b2) = expand(shape.k, &local, offset);
+        let (height, gain, b2) = expand(k, &local, offset);
         let slope = local.slope + gain;
         let simple = slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope;
         let (mut e, square) = if simple {
@@ -102,7 +102,7 @@ pub(crate) fn settle_carefully(shape: &Shape, local: Local, mut offset: f32) -> 
             down_crossing(height, slope, b2)
         };
         if square > 0.0 {
-            let cubic = e * e * e * local.cosine * (1.0 / 6.0) / square;
+            let cubic = e * e * e * local.surge * (1.0 / 6.0) / square;
             if abs(cubic) < 0.25 * abs(e) {
                 e += cubic;
             }

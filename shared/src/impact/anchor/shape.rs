@@ -1,6 +1,8 @@
 //! A track as the search knows it: which flights a comparison tells, in f32.
 
-use super::flight::{Flight, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger};
+use super::flight::{
+    Flight, Launch, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
+};
 use crate::arithmetic::Phase;
 use crate::impact::set_up::SetUp;
 
@@ -91,5 +93,39 @@ impl Shape {
         let rise = self.lift_off_cosine * d * (1.0 - z * (1.0 / 6.0))
             - self.k * z * (0.5 - z * (1.0 / 24.0));
         self.excess - rise
+    }
+}
+
+impl Track for Shape {
+    #[inline(always)]
+    fn k(&self) -> f32 {
+        self.k
+    }
+
+    #[inline(always)]
+    fn half_k(&self) -> f32 {
+        self.half_k
+    }
+
+    #[inline(always)]
+    fn inverse(&self) -> f32 {
+        self.inverse
+    }
+
+    #[inline(always)]
+    fn tall(&self) -> f32 {
+        self.tall
+    }
+
+    #[inline(always)]
+    fn at(&self, node: i32) -> Motion {
+        let (sine, cosine) = sine_cosine_at(node);
+        Motion {
+            height: sine,
+            speed: cosine,
+            push: sine,
+            surge: cosine,
+            bend: sine,
+        }
     }
 }

@@ -83,7 +83,12 @@ impl Single {
             cosine,
             pull: 0.0,
         };
-        if let Some(approach) = fall::<Ballistic>(&self.shape, &launch) {
+        if let Some(approach) = fall::<Ballistic>(
+            &self.shape,
+            phase,
+            launch.sine,
+            launch.velocity + launch.cosine,
+        ) {
             let steps = steps_after(phase, &approach);
             return self.landing(phase, steps, approach.arrival(), false);
         }
@@ -151,10 +156,10 @@ impl Single {
                 simple,
             } => {
                 let local = flight.local(node);
-                if simple && let Some(settled) = settle::<Ballistic>(&self.shape, &local, offset) {
+                if simple && let Some(settled) = settle::<Ballistic>(self.shape.k, &local, offset) {
                     return self.impact_at(flight.phase, node, &local, settled, grazes);
                 }
-                let (settled, doubtful) = settle_carefully(&self.shape, local, offset);
+                let (settled, doubtful) = settle_carefully(self.shape.k, local, offset);
                 let grazes = grazes || doubtful;
                 // At a graze the arrival speed may round below 0.
                 if settled.speed_gain <= local.slope {
@@ -238,8 +243,9 @@ impl Flight for Ballistic {
         Local {
             height: (self.sine - sine) + time * (self.rise - 0.5 * self.k * time),
             slope: self.rise - self.k * time - cosine,
-            sine,
-            cosine,
+            push: sine,
+            surge: cosine,
+            bend: sine,
         }
     }
 

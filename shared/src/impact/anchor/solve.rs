@@ -2,10 +2,9 @@
 
 use super::approach::householder;
 use super::flight::{
-    Flight, Launch, Local, NODES_PER_RADIAN, SPACING, abs, nearest, node_of, sine_cosine_at,
+    Flight, Local, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest, node_of,
 };
 use super::settle::down_crossing;
-use super::shape::Shape;
 
 // The thresholds below decide when a step is believed. Measured over 200 000 launches a set (velocities 0..3,
 // near lift-off, and such that all but touch a hump), they change no impact where nothing else is said.
@@ -58,6 +57,14 @@ pub(crate) enum Found {
     },
 }
 
+/// The ball at launch: phase of the track in steps, its height and upward speed there.
+#[derive(Clone, Copy)]
+pub(super) struct Start {
+    pub(super) phase: u32,
+    pub(super) height: f32,
+    pub(super) rise: f32,
+}
+
 /// The bracket and start that the segment search hands to the solver.
 #[derive(Clone, Copy)]
 pub(super) struct Bracket {
@@ -71,25 +78,35 @@ pub(super) struct Bracket {
 /// search.
 #[inline(always)]
 pub(super) fn solve<F: Flight>(
-    shape: &Shape,
-    launch: &Launch,
+    track: &impl Track,
+    start: &Start,
     flight: &F,
     bracket: &Bracket,
 ) -> Found {
-    let v = launch.velocity + launch.cosine;
-    let (mut node, offset) = node_of(launch.phase, bracket.start);
+    let Start {
+        phase,
+        height,
+        rise: v,
+    } = *start;
+    let (mut node, offset) = node_of(phase, bracket.start);
     let mut time = bracket.start - offset;
     for _ in 0..3 {
-        let (sine, cosine) = sine_cosine_at(node);
-        let u0 = (launch.sine - sine) + time * (v - shape.half_k * time);
-        let u1 = v - shape.k * time - cosine;
-        let b2 = 0.5 * (sine - shape.k);
+        let Motion {
+            height: below,
+            speed,
+            push,
+            surge,
+            ..
+        } = track.at(node);
+        let u0 = (height - below) + time * (v - track.half_k() * time);
+        let u1 = v - track.k() * time - speed;
+        let b2 = 0.5 * (push - track.k());
         let square = u1 * u1;
         let product = b2 * u0;
         if !(u1 < -SLOWEST && abs(product) < SIMPLE * square) {
             break;
         }
-        let step = householder(u0, u1, square, product, cosine);
+        let step = householder(u0, u1, square, product, surge);
         let next = time + step;
         if !(next >= bracket.low - SLACK && next <= bracket.high + SLACK) {
             break;
@@ -105,7 +122,7 @@ pub(super) fn solve<F: Flight>(
         }
         time += count * SPACING;
     }
-    let (node, offset) = solve_safely(shape, *launch, flight, *bracket);
+    let (node, offset) = solve_safely(track.k(), phase, flight, *bracket);
     Found::Near {
         node,
         offset,
@@ -116,12 +133,7 @@ pub(super) fn solve<F: Flight>(
 /// The root in `bracket`, nearly, by Cauchy's step on nodes to the full precision of the kernel, with
 /// bisection where there is no root near or the step leaves the bracket.
 #[inline(never)]
-fn solve_safely<F: Flight>(
-    shape: &Shape,
-    launch: Launch,
-    flight: &F,
-    bracket: Bracket,
-) -> (i32, f32) {
+fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> (i32, f32) {
     let Bracket {
         mut low,
         mut high,
@@ -129,14 +141,14 @@ fn solve_safely<F: Flight>(
     } = bracket;
     let mut round = 0;
     loop {
-        let (node, offset) = node_of(launch.phase, x);
+        let (node, offset) = node_of(phase, x);
         let time = x - offset;
         let local = flight.local(node);
         let Local { height, slope, .. } = local;
-        let b2 = 0.5 * (local.sine - shape.k);
+        let b2 = 0.5 * (local.push - k);
         let (mut step, square) = down_crossing(height, slope, b2);
         if square > CORRECTED {
-            let cubic = step * step * step * local.cosine * (1.0 / 6.0) / square;
+            let cubic = step * step * step * local.surge * (1.0 / 6.0) / square;
             if abs(cubic) < CORRECTION * abs(step) {
                 step += cubic;
             }
