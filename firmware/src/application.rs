@@ -238,8 +238,10 @@ mod tests {
             target: scene.target,
             condition: Condition::Whole,
         };
-        let (station, signal) =
-            Station::build(&found, Start::Ordinary, exchange, LastWords::EMPTY).unwrap();
+        let start = Start::Ordinary;
+        let controller = Station::controller(&found, start).unwrap();
+        let station = Station::new(&found, start, &controller, exchange, LastWords::EMPTY);
+        let signal = Signal::build(&found.settings).unwrap();
         let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
         assert!(desk.0.borrow().off, "the drive starts off");
         let mut task = pin!(control(

@@ -32,6 +32,14 @@ fn fault_of(start: Start) -> Option<KeptFault> {
     })
 }
 
+/// How the controller begins with what was found.
+fn start_with(found: &Found, start: Start) -> Start {
+    match found.condition {
+        Condition::Whole => start,
+        Condition::Never | Condition::Lost => Start::Refused,
+    }
+}
+
 /// Seconds of silence after which a simulation by the desk is over.
 const SIMULATION_LASTS: u32 = 10;
 
@@ -111,25 +119,29 @@ pub struct Station {
 }
 
 impl Station {
-    /// The station for what was found in the memory, and the signal path that goes with it.
+    /// The controller for what was found in the memory; large, made in a call of its own.
     ///
     /// Settings that were not saved by this board, or not whole, start the controller in its fault: the defaults in
     /// their place belong to no machine.
-    pub fn build(
+    #[inline(never)]
+    pub fn controller(found: &Found, start: Start) -> Result<Controller, OutOfRange> {
+        Controller::build(&found.settings, found.target, start_with(found, start))
+    }
+
+    /// The station for what was found in the memory, with the controller for it ([`Self::controller`]): given, so that
+    /// the station is made where it is to lie, and not copied there over a stack that has no room for two.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(
         found: &Found,
         start: Start,
+        controller: &Controller,
         exchange: &'static Exchange,
         last_words: LastWords,
-    ) -> Result<(Self, Signal), OutOfRange> {
-        let settings = found.settings;
-        let start = match found.condition {
-            Condition::Whole => start,
-            Condition::Never | Condition::Lost => Start::Refused,
-        };
-        let signal = Signal::build(&settings)?;
-        let station = Self {
-            controller: RefCell::new(Controller::build(&settings, found.target, start)?),
-            settings: Cell::new(settings),
+    ) -> Self {
+        Self {
+            controller: RefCell::new(controller.clone()),
+            settings: Cell::new(found.settings),
             condition: Cell::new(found.condition),
             report: Cell::new(Report::default()),
             mean: Cell::new(0.0),
@@ -144,11 +156,10 @@ impl Station {
             longest: Cell::new(0),
             tick: Mailbox::new(),
             uptime: Cell::new(Uptime::default()),
-            fresh: Cell::new(fault_of(start)),
+            fresh: Cell::new(fault_of(start_with(found, start))),
             exchange,
             last_words,
-        };
-        Ok((station, signal))
+        }
     }
 
     /// Takes a cycle and the board's inputs; what the controller makes of it. While the desk simulates

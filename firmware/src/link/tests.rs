@@ -82,7 +82,8 @@ impl Board {
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
-        let (station, _) = Station::build(&found, Start::Ordinary, exchange, words).unwrap();
+        let controller = Station::controller(&found, Start::Ordinary).unwrap();
+        let station = Station::new(&found, Start::Ordinary, &controller, exchange, words);
         Self {
             service: Service::new(IMAGE, Memory::of(found)),
             station,

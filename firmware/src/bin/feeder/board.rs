@@ -11,7 +11,7 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::Start;
+use kband::control::{Settings, Signal, Start};
 use kband::wire::SetUp;
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
@@ -114,21 +114,27 @@ async fn supervise(mut guard: Guard) {
     }
 }
 
-/// Station and sampler in their places. They are large: made here, on a stack that is empty again before the
-/// tasks run, they take no room in the future of `main`.
+/// The station in its place. Controller, station and signal path are large: each is made in a call of its own, on a
+/// stack that is empty again before the next, and takes no room in the future of `main`.
 #[inline(never)]
-fn place(
-    found: &Found,
-    start: Start,
-    last_words: LastWords,
-    converter: Converter,
-    bridge: HalfBridge,
-) -> Option<&'static Station> {
+fn place(found: &Found, start: Start, last_words: LastWords) -> Option<&'static Station> {
+    let made = Station::controller(found, start);
+    let Ok(controller) = &made else {
+        return None;
+    };
     let place = STATION.uninit();
-    let (station, signal) = Station::build(found, start, &EXCHANGE, last_words).ok()?;
+    Some(place.write(Station::new(
+        found, start, controller, &EXCHANGE, last_words,
+    )))
+}
+
+/// The sample interrupt's work in its place.
+#[inline(never)]
+fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) -> Option<()> {
+    let signal = Signal::build(settings).ok()?;
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
-    Some(place.write(station))
+    Some(())
 }
 
 #[embassy_executor::main]
@@ -173,7 +179,9 @@ async fn main(spawner: Spawner) {
         Condition::Never => defmt::warn!("settings: none were ever saved"),
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
     }
-    let Some(station) = place(&found, cause.start(), last_words, converter, bridge) else {
+    let station = place(&found, cause.start(), last_words);
+    let (Some(station), Some(())) = (station, place_sampler(&found.settings, converter, bridge))
+    else {
         defmt::panic!("settings that were accepted are refused");
     };
     let Ok(serial) = Serial::new(p.USART2, p.PA3, p.PA2, Interrupts, BUFFERS.take()) else {

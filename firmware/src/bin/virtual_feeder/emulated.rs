@@ -337,9 +337,11 @@ async fn main(spawner: Spawner) {
 /// stack that is empty again before the next.
 #[inline(never)]
 fn place(found: &Found, cause: Cause) -> Result<(&'static Station, Signal), OutOfRange> {
-    let place = STATION.uninit();
-    let (station, signal) = Station::build(found, cause.start(), &EXCHANGE, LastWords::EMPTY)?;
-    Ok((place.write(station), signal))
+    let start = cause.start();
+    let controller = Station::controller(found, start)?;
+    let station =
+        STATION.init_with(|| Station::new(found, start, &controller, &EXCHANGE, LastWords::EMPTY));
+    Ok((station, Signal::build(&found.settings)?))
 }
 
 /// The bench in its place.
