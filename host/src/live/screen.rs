@@ -48,7 +48,7 @@ pub(super) fn draw(
     ])
     .areas(left);
     let [clock, numbers] =
-        Layout::vertical([Constraint::Min(7), Constraint::Length(9)]).areas(right);
+        Layout::vertical([Constraint::Min(7), Constraint::Length(10)]).areas(right);
     draw_head(frame, head, history, assignment, name, paused);
     draw_gauge(frame, gauge, history, assignment);
     draw_trace(frame, trace, history, assignment);
@@ -267,9 +267,20 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
         lines.push(Line::from(format!("impacts {:.2} a cycle", telemetry.rate)));
         lines.push(Line::from(format!("phase   {:+.3} rad", telemetry.phase)));
         lines.push(Line::from(format!(
-            "lock    {:.0} % sure",
+            "in gear {:.0} %, lock {:.0} % sure",
+            100.0 * telemetry.in_gear,
             100.0 * telemetry.confidence
         )));
+        lines.push(
+            telemetry
+                .margin
+                .map_or(Line::from("margin  not heard"), |margin| {
+                    Line::from(format!(
+                        "margin  {:.2}, R {:.2}, s {:.2}",
+                        margin.flip, margin.restitution, margin.scatter
+                    ))
+                }),
+        );
         lines.push(Line::from(format!(
             "output  {:.1} %",
             100.0 * telemetry.output

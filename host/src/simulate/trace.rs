@@ -6,7 +6,7 @@ use kband::plant::{Moment, Sample};
 use crate::report::{Column, Value};
 
 /// Columns of the trace.
-pub const TRACE: [Column; 15] = [
+pub const TRACE: [Column; 19] = [
     Column::new("time", "s"),
     Column::new("amplitude", "mm"),
     Column::new("k", ""),
@@ -19,6 +19,10 @@ pub const TRACE: [Column; 15] = [
     Column::new("impacts_heard", "per cycle"),
     Column::new("phase_heard", "rad"),
     Column::new("confidence", ""),
+    Column::new("in_gear_heard", ""),
+    Column::new("trace_heard", ""),
+    Column::new("restitution_heard", ""),
+    Column::new("scatter_heard", ""),
     Column::new("impacts", ""),
     Column::new("way", "mm"),
     Column::new("events", "").words(),
@@ -47,6 +51,10 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
         single(report.rate),
         single(report.phase),
         single(report.confidence),
+        single(report.in_gear),
+        heard(report.margin.map(|margin| margin.trace)),
+        heard(report.margin.map(|margin| margin.restitution)),
+        heard(report.margin.map(|margin| margin.scatter)),
         moment.strikes.into(),
         (moment.displacement * 1e3).into(),
         events.join("; ").into(),
@@ -72,6 +80,11 @@ pub fn scope_row(sample: &Sample) -> [Value; SCOPE.len()] {
         single(sample.displacement * 1e3),
         single(sample.velocity * 1e3),
     ]
+}
+
+/// What may not be heard.
+fn heard(value: Option<f32>) -> Value {
+    value.map_or(Value::Missing, single)
 }
 
 /// A number of single precision with the digits it has, not those of its nearest double.

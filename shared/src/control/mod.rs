@@ -38,7 +38,7 @@ pub use aim::{NoSetpoint, Target};
 pub(crate) use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
-pub use hear::{AdcCode, Command, Cycle, Sampled, Signal};
+pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, Standard,

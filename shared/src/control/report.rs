@@ -1,6 +1,6 @@
 //! What goes into a controller each cycle, and what comes out of it.
 
-use crate::control::hear::Command;
+use crate::control::hear::{Command, Margin};
 use crate::control::identify::Identification;
 use crate::control::state::{Events, Fault, Limits, State};
 use crate::regime::classify::Verdict;
@@ -67,6 +67,15 @@ pub struct Report {
     pub frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
+    /// Share of the parts' time in gear as heard, 0..=1, over the last
+    /// [`GEAR_WINDOW`](crate::control::GEAR_WINDOW) cycles.
+    pub in_gear: f32,
+    /// Order (symbol r) of that gear: of the lock or gear that is wanted, else 1.
+    pub gear: u8,
+    /// Mean drive cycles in gear until it was lost, as heard since the setpoint was reached; infinite where it was not lost.
+    pub to_loss: f32,
+    /// How far the parts are from losing gear; `None` where that is not heard.
+    pub margin: Option<Margin>,
     /// Kicks begun for the present target.
     pub attempts: u8,
     /// How far the identification of the parts' restitution has come.

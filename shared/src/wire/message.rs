@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::report::{Identification, Report};
+use super::report::{Identification, Margin, Report};
 use crate::control;
 
 /// What the desk asks of the board.
@@ -329,6 +329,10 @@ pub struct Telemetry {
     pub phase: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
+    /// Share of the parts' time in gear as heard, 0..=1.
+    pub in_gear: f32,
+    /// How far the parts are from losing gear; `None` where that is not heard.
+    pub margin: Option<Margin>,
     /// Number of the state ([`control::State`]).
     pub state: u8,
     /// Number of the fault ([`control::Fault`]), 0 for none.
@@ -349,6 +353,8 @@ impl From<&control::Report> for Telemetry {
             rate: report.rate,
             phase: report.phase,
             confidence: report.confidence,
+            in_gear: report.in_gear,
+            margin: report.margin.map(Into::into),
             state: report.state.number(),
             fault: report.fault.map_or(0, control::Fault::number),
             limits: report.limits.bits(),

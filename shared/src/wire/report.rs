@@ -37,6 +37,14 @@ pub struct Report {
     frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     confidence: f32,
+    /// Share of the parts' time in gear as heard, 0..=1.
+    in_gear: f32,
+    /// Order of that gear.
+    gear: u8,
+    /// Mean drive cycles in gear until it was lost.
+    to_loss: f32,
+    /// How far the parts are from losing gear.
+    margin: Option<Margin>,
     /// Kicks begun for the present target.
     attempts: u8,
     /// How far the identification of the parts' restitution has come.
@@ -72,6 +80,10 @@ impl From<&control::Report> for Report {
             regime: report.regime.map(Into::into),
             frequency: report.frequency,
             confidence: report.confidence,
+            in_gear: report.in_gear,
+            gear: report.gear,
+            to_loss: report.to_loss,
+            margin: report.margin.map(Into::into),
             attempts: report.attempts,
             identification: report.identification.into(),
             state: report.state.number(),
@@ -107,6 +119,10 @@ impl TryFrom<Report> for control::Report {
             regime: report.regime.map(Into::into),
             frequency: report.frequency,
             confidence: report.confidence,
+            in_gear: report.in_gear,
+            gear: report.gear,
+            to_loss: report.to_loss,
+            margin: report.margin.map(Into::into),
             attempts: report.attempts,
             identification: report.identification.into(),
             state: item(control::State::ALL, report.state)?,
@@ -167,6 +183,23 @@ impl From<Command> for control::Command {
             whole: false,
         }
     }
+}
+
+/// How far the parts are from losing gear; [`control::Margin`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Margin {
+    /// Trace of the tangent map (symbol tr J).
+    pub trace: f32,
+    /// Restitution (symbol R) as heard.
+    pub restitution: f32,
+    /// Its standard error.
+    pub error: f32,
+    /// Standard deviation of restitution from impact to impact (symbol s) as heard.
+    pub scatter: f32,
+    /// Distance of the trace from the doubling of the period.
+    pub flip: f32,
+    /// Expected drive cycles until gear is lost.
+    pub to_loss: f32,
 }
 
 /// A regime and how sure it is; [`classify::Verdict`] on the line.
@@ -299,6 +332,48 @@ mirrored!(Regime of classify: Rest, HopAndRest { cycles }, Locked { order }, Dou
 mirrored!(Identification of control: Idle, Listening { hops }, Found(found), NotFound(why));
 mirrored!(Unidentified of control: Quiet, Unlike, Dead);
 
+impl From<control::Margin> for Margin {
+    fn from(own: control::Margin) -> Self {
+        let control::Margin {
+            trace,
+            restitution,
+            error,
+            scatter,
+            flip,
+            to_loss,
+        } = own;
+        Self {
+            trace,
+            restitution,
+            error,
+            scatter,
+            flip,
+            to_loss,
+        }
+    }
+}
+
+impl From<Margin> for control::Margin {
+    fn from(sent: Margin) -> Self {
+        let Margin {
+            trace,
+            restitution,
+            error,
+            scatter,
+            flip,
+            to_loss,
+        } = sent;
+        Self {
+            trace,
+            restitution,
+            error,
+            scatter,
+            flip,
+            to_loss,
+        }
+    }
+}
+
 impl From<control::Identified> for Identified {
     fn from(found: control::Identified) -> Self {
         let control::Identified {
@@ -368,6 +443,17 @@ mod tests {
             }),
             frequency: 50.0,
             confidence: 0.95,
+            in_gear: 0.75,
+            gear: 1,
+            to_loss: 500.0,
+            margin: Some(control::Margin {
+                trace: -0.5,
+                restitution: 0.25,
+                error: 0.125,
+                scatter: 0.0625,
+                flip: 0.5,
+                to_loss: 1000.0,
+            }),
             attempts: 2,
             identification: control::Identification::NotFound(control::Unidentified::Dead),
             state: State::Fault,
@@ -389,9 +475,11 @@ mod tests {
         0xf0, 0xa2, 0x04, 0x85, 0xeb, 0xd1, 0x3e, 0xa6, 0x9b, 0xc4, 0x3a, 0x00, 0x00, 0xc0, 0xbf,
         0x34, 0x80, 0xb7, 0x3a, 0x17, 0xb7, 0xd1, 0x3a, 0x00, 0x00, 0xa0, 0x3f, 0x33, 0x33, 0x33,
         0x3f, 0x66, 0x66, 0x66, 0x3f, 0x01, 0x03, 0x02, 0x01, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00,
-        0x48, 0x42, 0x33, 0x33, 0x73, 0x3f, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01,
-        0x00, 0x01, 0x14, 0x01, 0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x8a, 0xae,
-        0x8f, 0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
+        0x48, 0x42, 0x33, 0x33, 0x73, 0x3f, 0x00, 0x00, 0x40, 0x3f, 0x01, 0x00, 0x00, 0xfa, 0x43,
+        0x01, 0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x80, 0x3e, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00,
+        0x80, 0x3d, 0x00, 0x00, 0x00, 0x3f, 0x00, 0x00, 0x7a, 0x44, 0x02, 0x03, 0x02, 0x07, 0x01,
+        0x08, 0x82, 0x01, 0x01, 0x00, 0x01, 0x14, 0x01, 0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99,
+        0x99, 0x3e, 0x8a, 0xae, 0x8f, 0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
     ];
 
     #[test]

@@ -35,6 +35,8 @@ impl Rows {
             (Column::new("impacts", "1/cycle").digits(3), 17),
             (Column::new("phase", "rad").digits(3), 11),
             (Column::new("confidence", "").digits(2), 10),
+            (Column::new("in_gear", "").digits(2), 7),
+            (Column::new("margin", "").digits(2), 6),
             (Column::new("event", ""), 0),
         ];
         Self {
@@ -87,7 +89,7 @@ impl Rows {
     /// Prints what is new in a log; whether there is still somebody who reads.
     pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
         for words in watch.lines()? {
-            let mut row = vec![Value::Missing; 9];
+            let mut row = vec![Value::Missing; 11];
             row.push(words.into());
             if !self.stream.row(&row)? {
                 return Ok(false);
@@ -98,7 +100,7 @@ impl Rows {
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
         let mut row = self.when(self.clock.then(cycle));
-        row.resize(9, Value::Missing);
+        row.resize(11, Value::Missing);
         row.push(words.into());
         self.stream.row(&row)
     }
@@ -119,6 +121,8 @@ impl Rows {
             shortest(telemetry.rate).into(),
             shortest(telemetry.phase).into(),
             shortest(telemetry.confidence).into(),
+            shortest(telemetry.in_gear).into(),
+            telemetry.margin.map(|margin| shortest(margin.flip)).into(),
             if held.is_empty() {
                 Value::Missing
             } else {

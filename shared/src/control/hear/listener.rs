@@ -1,5 +1,7 @@
 //! What the parts are heard to do: the lock, and the regime.
 
+use super::gear::GearHearing;
+use super::margin::Margin;
 use super::phases::PhaseStatistics;
 use super::signal::Cycle;
 use crate::arithmetic::Phase;
@@ -15,6 +17,8 @@ const LOOK: u32 = 8;
 pub struct Listener {
     /// When in a cycle they strike.
     pub hearing: PhaseStatistics,
+    /// How much of their time they are in gear.
+    pub gear: GearHearing,
     classifier: Classifier<64>,
     /// What they were last heard to do.
     pub regime: Option<Verdict>,
@@ -27,6 +31,7 @@ impl Listener {
     pub fn build() -> Result<Self, OutOfRange> {
         Ok(Self {
             hearing: PhaseStatistics::default(),
+            gear: GearHearing::default(),
             classifier: Classifier::build(HearingSettings::EAR)?,
             regime: None,
             watched: true,
@@ -43,6 +48,7 @@ impl Listener {
     /// Forgets what the parts were heard to do.
     pub fn forget(&mut self) {
         self.hearing.reset();
+        self.gear.reset();
         self.classifier.forget();
         self.regime = None;
     }
@@ -56,6 +62,8 @@ impl Listener {
         lock: Option<&LockWindow>,
         wanted: bool,
     ) {
+        let order = lock.map_or(1, |lock| lock.order);
+        self.gear.cycle(cycle, count, lead, order);
         let lock = lock.map(|lock| (lock.phase, lock.width));
         self.hearing.cycle(cycle, lead, lock);
         for heard in &cycle.heard {
@@ -68,6 +76,11 @@ impl Listener {
         if count.is_multiple_of(LOOK) && (self.watched || wanted) {
             self.regime = Some(self.classifier.verdict());
         }
+    }
+
+    /// How far the parts are from losing gear; `None` before enough was heard.
+    pub fn margin(&self) -> Option<Margin> {
+        None
     }
 
     /// Confidence that the parts are in a lock, 0..1.

@@ -6,12 +6,16 @@
 //! | `onset` | impacts, detected in what the drive does not explain |
 //! | `fold` | that residual, summed over many cycles |
 //! | `phases` | circular statistics of the impacts' phases |
+//! | `gear` | the share of time in gear |
+//! | `margin` | how far that is from being lost |
 //! | `lock` | the phases at which a wanted lock strikes |
 //! | `listener` | whether the parts are locked, and their regime |
 
 mod fold;
+mod gear;
 mod listener;
 mod lock;
+mod margin;
 mod onset;
 mod phases;
 mod signal;
@@ -19,8 +23,10 @@ mod signal;
 #[cfg(feature = "plant")]
 pub use fold::Fold;
 pub use fold::{HANDED, Layout, PLACES};
+pub use gear::GEAR_WINDOW;
 pub use listener::Listener;
 pub use lock::LockWindow;
+pub use margin::Margin;
 
 #[cfg(any(test, feature = "plant"))]
 pub use onset::{HEARD_PER_CYCLE, Heard, OnsetDetector, QUARTILE};

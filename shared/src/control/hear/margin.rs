@@ -1,0 +1,18 @@
+//! How far parts in gear are from losing it, told from the phases at which they strike.
+
+/// What the parts' phases say of their gear, without the setpoint being moved.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Margin {
+    /// Trace of the tangent map of the parts' orbit (symbol tr J), over one impact.
+    pub trace: f32,
+    /// Restitution (symbol R) as heard, 0..1.
+    pub restitution: f32,
+    /// Standard error of that restitution.
+    pub error: f32,
+    /// Standard deviation of restitution from impact to impact (symbol s) as heard.
+    pub scatter: f32,
+    /// Distance of the trace from the doubling of the period, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
+    pub flip: f32,
+    /// Expected drive cycles until gear is lost; infinite where that is beyond 10^6.
+    pub to_loss: f32,
+}
