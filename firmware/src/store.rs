@@ -191,6 +191,7 @@ fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
         Target::Amplitude(amplitude) => (3, amplitude.to_bits()),
         Target::Speed(speed) => (4, speed.to_bits()),
         Target::Identify => (5, 0),
+        Target::Gear { order } => (6, u32::from(order)),
     };
     let words = [SCHEMA].into_iter().chain(values).chain([kind, number]);
     put(&mut content, words);
@@ -218,6 +219,9 @@ fn read(content: &[u8]) -> Option<Found> {
         3 => Target::Amplitude(f32::from_bits(number)),
         4 => Target::Speed(f32::from_bits(number)),
         5 => Target::Identify,
+        6 => Target::Gear {
+            order: u8::try_from(number).ok()?,
+        },
         _ => return None,
     };
     Some(Found {

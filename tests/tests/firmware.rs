@@ -375,6 +375,7 @@ fn the_stack_bears_every_request() {
         Target::K(0.4),
         Target::Speed(40.0),
         Target::Identify,
+        Target::Gear(1),
         Target::Locked(2),
     ];
     let simulation = [

@@ -45,7 +45,10 @@ fn settings(random: &mut Random) -> Settings {
 }
 
 fn target(random: &mut Random) -> Target {
-    match below(random, 5) {
+    match below(random, 6) {
+        5 => Target::Gear {
+            order: below(random, 12) as u8,
+        },
         0 => Target::Locked {
             order: below(random, 12) as u8,
         },

@@ -129,13 +129,14 @@ fn changed(factor: f32) -> Settings {
     settings
 }
 
-const TARGETS: [Target; 6] = [
+const TARGETS: [Target; 7] = [
     Target::Locked { order: 3 },
     Target::Chaotic,
     Target::K(0.41),
     Target::Amplitude(0.0),
     Target::Speed(-12.5),
     Target::Identify,
+    Target::Gear { order: 2 },
 ];
 
 #[test]

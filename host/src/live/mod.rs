@@ -117,6 +117,7 @@ fn wish(letter: char, assignment: &Assignment, history: &History) -> Option<Wish
         '1'..='8' => Wish::Target(Target::Locked {
             order: letter as u8 - b'0',
         }),
+        'g' => Wish::Target(Target::Gear { order: 1 }),
         'x' => Wish::Target(Target::Chaotic),
         '+' | '=' | '-' => {
             let k = match assignment.target {

@@ -68,7 +68,7 @@ impl Assignment {
 
     fn order(&self) -> u32 {
         match self.target {
-            Target::Locked { order } => u32::from(order),
+            Target::Locked { order } | Target::Gear { order } => u32::from(order),
             _ => 1,
         }
     }

@@ -13,6 +13,7 @@ use crate::refusal::Refusal;
 pub fn describe(target: Target) -> String {
     match target {
         Target::Locked { order } => format!("lock of order {order}"),
+        Target::Gear { order } => format!("gear of order {order}"),
         Target::Chaotic => "chaos".into(),
         Target::K(k) => format!("k = {k}"),
         Target::Amplitude(b) => format!("amplitude {b} mm"),
@@ -21,11 +22,19 @@ pub fn describe(target: Target) -> String {
     }
 }
 
-const TARGETS: &str = "exactly one of locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true";
+const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true";
 
 pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut found = None;
-    for key in ["locked", "chaotic", "k", "amplitude", "speed", "identify"] {
+    for key in [
+        "gear",
+        "locked",
+        "chaotic",
+        "k",
+        "amplitude",
+        "speed",
+        "identify",
+    ] {
         let Some(value) = section.take(key) else {
             continue;
         };
@@ -37,7 +46,10 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
             ("locked", Value::Integer(order @ 1..=8)) => Target::Locked {
                 order: *order as u8,
             },
-            ("locked", _) => return Err(refused("a whole number of drive cycles, 1..8")),
+            ("gear", Value::Integer(order @ 1..=8)) => Target::Gear {
+                order: *order as u8,
+            },
+            ("locked" | "gear", _) => return Err(refused("a whole number of drive cycles, 1..8")),
             ("chaotic", Value::Boolean(true)) => Target::Chaotic,
             ("identify", Value::Boolean(true)) => Target::Identify,
             ("chaotic" | "identify", _) => return Err(refused("true, or leave it out")),

@@ -76,6 +76,8 @@ pub struct Report {
     pub to_loss: f32,
     /// How far the parts are from losing gear; `None` where that is not heard.
     pub margin: Option<Margin>,
+    /// Share of time in gear to expect of the lot at the setpoint, 0..1; 0 for a target other than gear.
+    pub expected_in_gear: f32,
     /// Kicks begun for the present target.
     pub attempts: u8,
     /// How far the identification of the parts' restitution has come.

@@ -94,6 +94,8 @@ settings! {
     restitution_low = 0.18, 0.0..1.0 "";
     /// High bound of the parts' restitution.
     restitution_high = 0.22, 0.0..1.0 "";
+    /// Standard deviation of a part's restitution from impact to impact (symbol s), for the gear target.
+    scatter = 0.05, 0.0..0.3 "";
     /// Restitution along the track (symbol Rt), for the speed target.
     tangential_restitution = 0.3, 0.0..0.99 "";
     /// Resonance frequency of the drive.

@@ -1,11 +1,19 @@
 //! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and how much of
 //! the time one does whose restitution scatters (docs/theory-real-parts.md#t10.1).
 
+mod draw;
+mod plan;
+mod rider;
+
 use core::f64::consts::TAU;
+use core::ops::AddAssign;
 
 use super::lock::accept_order;
+use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
+
+pub use plan::{GearPlan, GearPlanSettings, GearPlanner};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.
 const FLIGHTS: [f64; 2] = [0.6, 1.4];
@@ -17,13 +25,15 @@ const ROW: u32 = 8;
 ///
 /// It is while every flight takes 0.6 to 1.4 times r drive periods, from the first of at least 8 such flights on, with
 /// no rest between. The mean flight is then r periods, and so the impact mean of the speed is the lock's.
+///
+/// Time is counted in rad of the drive, or, as `Gear<i64>`, in steps of 2^-32 turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gear {
-    shortest: f64,
-    longest: f64,
+pub struct Gear<T = f64> {
+    shortest: T,
+    longest: T,
     row: u32,
-    /// Duration of the row so far, in rad.
-    duration: f64,
+    /// Duration of the row so far.
+    duration: T,
     losses: u64,
 }
 
@@ -31,13 +41,27 @@ impl Gear {
     /// Gear of an order, 1..=100 drive periods a flight.
     pub fn build(order: u32) -> Result<Self, OutOfRange> {
         let period = TAU * accept_order(order)?;
-        Ok(Self {
-            shortest: FLIGHTS[0] * period,
-            longest: FLIGHTS[1] * period,
+        Ok(Self::between(FLIGHTS.map(|share| share * period)))
+    }
+}
+
+impl Gear<i64> {
+    /// Gear of an order, 1..=100 drive periods a flight, whose time is counted in steps of 2^-32 turns.
+    pub fn in_steps(order: u32) -> Result<Self, OutOfRange> {
+        let period = Phase::TURN * accept_order(order)?;
+        Ok(Self::between(FLIGHTS.map(|share| (share * period) as i64)))
+    }
+}
+
+impl<T: Copy + Default + PartialOrd + AddAssign> Gear<T> {
+    fn between([shortest, longest]: [T; 2]) -> Self {
+        Self {
+            shortest,
+            longest,
             row: 0,
-            duration: 0.0,
+            duration: T::default(),
             losses: 0,
-        })
+        }
     }
 
     /// Whether the part is in gear now.
@@ -52,16 +76,16 @@ impl Gear {
         self.losses
     }
 
-    /// Takes a flight in rad; the time in gear that it adds, which for the last of the first 8 is that of all.
-    pub fn flight(&mut self, flight: f64) -> f64 {
+    /// Takes a flight; the time in gear that it adds, which for the last of the first 8 is that of all.
+    pub fn flight(&mut self, flight: T) -> T {
         if !(self.shortest < flight && flight < self.longest) {
             self.lose();
-            return 0.0;
+            return T::default();
         }
-        self.row += 1;
+        self.row = self.row.saturating_add(1);
         self.duration += flight;
         match self.row {
-            row if row < ROW => 0.0,
+            row if row < ROW => T::default(),
             ROW => self.duration,
             _ => flight,
         }
@@ -75,7 +99,7 @@ impl Gear {
     fn lose(&mut self) {
         self.losses += u64::from(self.is_in());
         self.row = 0;
-        self.duration = 0.0;
+        self.duration = T::default();
     }
 }
 

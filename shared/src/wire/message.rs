@@ -245,6 +245,8 @@ pub enum Target {
     Speed(f32),
     /// To find the restitution of the parts.
     Identify,
+    /// In gear, one flight every so many cycles.
+    Gear(u8),
 }
 
 impl From<control::Target> for Target {
@@ -256,6 +258,7 @@ impl From<control::Target> for Target {
             control::Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             control::Target::Speed(speed) => Self::Speed(speed),
             control::Target::Identify => Self::Identify,
+            control::Target::Gear { order } => Self::Gear(order),
         }
     }
 }
@@ -269,6 +272,7 @@ impl From<Target> for control::Target {
             Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             Target::Speed(speed) => Self::Speed(speed),
             Target::Identify => Self::Identify,
+            Target::Gear(order) => Self::Gear { order },
         }
     }
 }

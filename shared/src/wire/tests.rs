@@ -24,6 +24,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::Amplitude(0.25)),
         Request::Target(Target::Speed(12.5)),
         Request::Target(Target::Identify),
+        Request::Target(Target::Gear(1)),
         Request::Enable(true),
         Request::Telemetry(5),
         Request::Event(300),

@@ -38,7 +38,7 @@ pub fn sample() -> bool {
 }
 
 /// One of each kind of request, the costliest of its kind where the kind has several.
-fn requests() -> [(&'static str, Request<'static>); 23] {
+fn requests() -> [(&'static str, Request<'static>); 24] {
     let set = |key, value| Request::Set { key, value };
     [
         ("setting", Request::Setting(Settings::KEYS.len() as u8 - 1)),
@@ -52,6 +52,7 @@ fn requests() -> [(&'static str, Request<'static>); 23] {
         ("target amplitude", Request::Target(Target::Amplitude(0.25))),
         ("target speed", Request::Target(Target::Speed(40.0))),
         ("target identify", Request::Target(Target::Identify)),
+        ("target gear", Request::Target(Target::Gear(1))),
         ("held", Request::Held),
         ("enable", Request::Enable(true)),
         ("telemetry", Request::Telemetry(1)),

@@ -3,12 +3,14 @@
 //! | file | holds |
 //! |---|---|
 //! | `setpoint` | the amplitude for a target, chosen for the whole lot |
+//! | `gear` | the amplitude at which the lot stays in gear the longest |
 //! | `speed` | the lock that conveys at a wanted speed |
 //! | `chaos` | the widest chaotic stretch of k |
 //! | `kicks` | the kicks that bring the lot onto a lock |
 //! | `selection` | the target, what was chosen for it, and what is still searched for |
 
 mod chaos;
+mod gear;
 mod kicks;
 mod selection;
 mod setpoint;

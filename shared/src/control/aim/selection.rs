@@ -1,6 +1,7 @@
 //! Setpoint selection: the target, the setpoint chosen for it, and the searches that belong to it.
 
 use super::chaos::{Chaos, ChaosSearch};
+use super::gear::GearSearch;
 use super::kicks::Search;
 use super::setpoint::{Choice, Level, NoSetpoint, Target};
 use super::speed::SpeedSearch;
@@ -9,6 +10,7 @@ use crate::control::hear::LockWindow;
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
 use crate::feeder::OutOfRange;
+use crate::regime::gear::GearPlan;
 
 /// The target, with what was chosen for it and what is still searched for.
 #[derive(Clone, Debug)]
@@ -17,6 +19,7 @@ pub struct Selection {
     level: Level,
     lock: Option<LockWindow>,
     speed: Option<SpeedSearch>,
+    gear: Option<GearSearch>,
     /// The search for the kicks that bring the parts onto the lock.
     pub search: Search,
     /// The search for chaos, where that is the target.
@@ -26,7 +29,13 @@ pub struct Selection {
 impl Selection {
     /// At a target; the refusal names the number that is out of range.
     pub fn at(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
-        let choice = Choice::of(target, settings)?;
+        let mut choice = Choice::of(target, settings)?;
+        let gear = match target {
+            Target::Gear { order } => GearSearch::begin(order, settings, scale)?
+                .inspect_err(|why| choice.level = Level::None(*why))
+                .ok(),
+            _ => None,
+        };
         let chaotic = target == Target::Chaotic && choice.lock.is_some();
         Ok(Self {
             target,
@@ -36,6 +45,7 @@ impl Selection {
                 Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
                 _ => None,
             },
+            gear,
             search: kicks(&choice, settings, scale)?,
             chaos: if chaotic {
                 Some(ChaosSearch::begin(settings)?)
@@ -100,6 +110,11 @@ impl Selection {
         self.chaos.as_ref().and_then(ChaosSearch::found)
     }
 
+    /// What the plan for gear has found so far, where that is the target.
+    pub fn gear(&self) -> Option<&GearPlan> {
+        self.gear.as_ref().and_then(GearSearch::plan)
+    }
+
     /// One slice of what is searched for; whether more is to be done.
     pub fn step(&mut self, settings: &Settings, scale: &Scale, news: &mut Events) -> bool {
         if let Some(speed) = &mut self.speed {
@@ -108,6 +123,13 @@ impl Selection {
                 self.choose(choice, settings, scale, news);
             }
             return true;
+        }
+        if let Some(gear) = &mut self.gear
+            && !gear.is_over()
+        {
+            let more = gear.step();
+            self.level = gear.choice().level;
+            return more;
         }
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
     }

@@ -36,6 +36,11 @@ pub enum Target {
         /// Drive cycles per impact (symbol r), 1..=8.
         order: u8,
     },
+    /// Parts in gear, one flight every `order` cycles, for as much of the time as the lot's scatter allows.
+    Gear {
+        /// Drive cycles per flight (symbol r), 1..=8.
+        order: u8,
+    },
     /// Parts in chaotic motion.
     Chaotic,
     /// A value of k, 0.02..10.
@@ -54,6 +59,11 @@ pub enum Target {
 pub enum NoSetpoint {
     /// The lot has no common band of the wanted order.
     Band(NoBand),
+    /// The drive does not reach an amplitude at which a part of the lot is in gear.
+    Gear {
+        /// The least amplitude b that would serve, in mm.
+        needed: f32,
+    },
     /// The lot has no common chaotic stretch.
     Chaos,
     /// No lock conveys at this speed within 10 %; the nearest one's speed in mm/s, if there is any.
@@ -64,6 +74,11 @@ impl fmt::Display for NoSetpoint {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Band(none) => none.fmt(formatter),
+            Self::Gear { needed } => write!(
+                formatter,
+                "the drive does not reach the amplitude from which on parts of the lot are in gear, {needed:.4} mm; a \
+                 higher limit, output_maximum or gain would allow it"
+            ),
             Self::Chaos => formatter.write_str(
                 "no k at which all parts of the interval are chaotic; a narrower interval of restitution would \
                  allow it",
@@ -84,7 +99,7 @@ pub enum Level {
     K(f64),
     /// As an amplitude in m.
     Amplitude(f32),
-    /// Not yet: the lock that conveys at the wanted speed is still searched for.
+    /// Not yet: the lock that conveys at the wanted speed, or the k for gear, is still searched for.
     Sought,
     /// Not at all.
     None(NoSetpoint),
@@ -120,6 +135,15 @@ impl Choice {
                     "1..8",
                 )?;
                 Self::lock(order, settings)
+            }
+            Target::Gear { order } => {
+                within(
+                    "target gear order",
+                    f32::from(order),
+                    ORDERS.contains(&order),
+                    "1..8",
+                )?;
+                Ok(Self::level(Level::Sought))
             }
             // Chaos is reached through the lock of order 1.
             Target::Chaotic => Self::lock(1, settings),
@@ -201,6 +225,8 @@ mod tests {
         for (target, parameter) in [
             (Target::Locked { order: 0 }, "target locked order"),
             (Target::Locked { order: 9 }, "target locked order"),
+            (Target::Gear { order: 0 }, "target gear order"),
+            (Target::Gear { order: 9 }, "target gear order"),
             (Target::K(0.0), "target k"),
             (Target::K(f32::NAN), "target k"),
             (Target::Amplitude(1.1), "target amplitude"),

@@ -8,6 +8,7 @@ use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
 use crate::control::state::{Events, State};
+use crate::regime::gear::GearPlan;
 
 impl Controller {
     /// What was seen and done in the last cycle.
@@ -29,6 +30,7 @@ impl Controller {
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.gear.to_loss(),
             margin: self.listener.margin(),
+            expected_in_gear: self.gear().map_or(0.0, |plan| plan.share),
             attempts: self.machine.attempts(),
             identification: self.identifier.result(),
             regime: self.listener.regime,
@@ -57,7 +59,7 @@ impl Controller {
     #[must_use]
     pub fn ready(&self) -> bool {
         match (self.machine.state(), self.selection.target()) {
-            (State::Holding, Target::K(_) | Target::Amplitude(_)) => true,
+            (State::Holding, Target::K(_) | Target::Amplitude(_) | Target::Gear { .. }) => true,
             (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
             (State::Locked, target) => target != Target::Chaotic,
             _ => false,
@@ -106,10 +108,13 @@ impl Controller {
         self.selection.target()
     }
 
-    /// Order of the lock that is wanted, also as the way to chaos or for a speed.
+    /// Order of the lock that is wanted, also as the way to chaos or for a speed, or of the gear.
     #[must_use]
     pub fn order(&self) -> Option<u8> {
-        self.selection.lock().map(|lock| lock.order)
+        match self.selection.target() {
+            Target::Gear { order } => Some(order),
+            _ => self.selection.lock().map(|lock| lock.order),
+        }
     }
 
     /// Amplitude chosen for the target in m, before any limit; 0 where there is none.
@@ -118,7 +123,14 @@ impl Controller {
         self.selection.setpoint(&self.scale)
     }
 
-    /// Whether the setpoint for the target is known, or that it has none: the lock for a speed is searched for.
+    /// What the plan for gear has found so far; `None` for another target, and until a first k is found.
+    #[must_use]
+    pub fn gear(&self) -> Option<GearPlan> {
+        self.selection.gear().copied()
+    }
+
+    /// Whether the setpoint for the target is known, or that it has none: the lock for a speed and the k for gear are
+    /// searched for.
     #[must_use]
     pub fn chosen(&self) -> bool {
         self.selection.chosen()
