@@ -155,6 +155,13 @@ impl Engine<'_> {
         }
     }
 
+    /// Whether the parts' displacement along the track is watched from now on, and nothing else of the moments.
+    pub fn watch_displacement(&mut self) {
+        if let Self::Envelope(closed) = self {
+            closed.watch_displacement(true);
+        }
+    }
+
     /// Keeps the plan that the controller has made for the runs to come.
     pub fn keep_plan(&self) {
         match self {

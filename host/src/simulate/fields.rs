@@ -144,11 +144,19 @@ pub const PLANT: [Model; 6] = [
     ),
 ];
 
+/// How far restitution scatters, in `[part]` and in a disturbance.
+pub const SCATTER: Field = field(
+    "scatter",
+    [0.0, 0.3],
+    "",
+    "Standard deviation of a part's restitution from impact to impact (s).",
+);
+
 /// A number that a disturbance may set, and the change that it makes.
 pub type Number = (Field, fn(f32) -> Change);
 
 /// The numbers that a disturbance may set.
-pub const CHANGES: [Number; 6] = [
+pub const CHANGES: [Number; 7] = [
     (
         field(
             "gain",
@@ -163,10 +171,11 @@ pub const CHANGES: [Number; 6] = [
             "restitution",
             [0.0, 1.0],
             "",
-            "Restitution of all parts (R).",
+            "Mean restitution of all parts (R).",
         ),
         Change::Restitution,
     ),
+    (SCATTER, Change::Scatter),
     (
         field(
             "noise",

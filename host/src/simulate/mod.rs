@@ -25,7 +25,7 @@ pub use expect::Expectation;
 pub use outcome::{Outcome, words};
 pub use parts::Distribution;
 pub use picture::draw;
-pub use record::{Happened, Record, Sketch, Take, Watch};
+pub use record::{Happened, Record, SETTLED, Sketch, Take, Watch};
 pub use runs::Runs;
 pub use scene::{DEFAULT, SceneFile, table as scene_table};
 pub use timeline::describe;

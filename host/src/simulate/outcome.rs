@@ -12,6 +12,7 @@ use kband::regime::Lock;
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
+use kband::regime::gear::Share;
 
 use super::engine::{Engine, Fidelity, Whole};
 use super::record::{END, HEARD, Happened, Record, Watch};
@@ -109,15 +110,22 @@ impl Outcome {
         go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
     ) -> Result<Self, Refusal> {
         let cycles = cycles(file);
-        let mut record = Record::new(file.duration, cycles, &watch);
+        let parts = file.scene.parts.len();
+        let order = order(last_target(file));
+        let mut record = Record::new(file.duration, cycles, parts, order, &watch);
         // Who takes every cycle takes all of it; else only what it comes to at the end is told.
         let mut watched = watch.cycle.is_some() || watch.kept;
+        let mut moving = watched;
         engine.watch(watched);
         let began = Instant::now();
         let mut time = 0.0;
         for n in 0..cycles {
             if n % 1024 == 1023 {
                 go_on(1024)?;
+            }
+            if !moving && record.settles(time) {
+                moving = true;
+                engine.watch_displacement();
             }
             if !watched && record.ends(time) {
                 watched = true;
@@ -239,6 +247,27 @@ impl Outcome {
         } else {
             0.0
         }
+    }
+
+    /// The share of time that the parts were in gear from [`SETTLED`](super::SETTLED) on, mean over the parts, 0..=1;
+    /// `None` without parts or where the run was shorter.
+    #[must_use]
+    pub fn in_gear(&self) -> Option<f64> {
+        let (sum, count) = self
+            .record
+            .shares()
+            .fold((0.0, 0_u32), |(sum, count), share| {
+                (sum + share.share(), count + 1)
+            });
+        (count > 0).then(|| sum / f64::from(count))
+    }
+
+    /// Mean time in drive periods after which gear was lost; `None` where it was not.
+    #[must_use]
+    pub fn time_to_loss(&self) -> Option<f64> {
+        let all = self.record.shares();
+        all.fold(Share::default(), |sum, share| sum.and(&share))
+            .time_to_loss()
     }
 
     fn band_of_target(&self) -> Result<Band, BandError> {
@@ -378,6 +407,12 @@ impl Outcome {
         self.controller.order().map_or(1, u32::from)
     }
 
+    /// Order of the gear that is watched.
+    #[must_use]
+    pub fn gear_order(&self) -> u32 {
+        order(self.target())
+    }
+
     /// Why the target has no setpoint, if it has none, in the controller's words.
     #[must_use]
     pub fn no_setpoint(&self) -> Option<String> {
@@ -418,6 +453,14 @@ fn last_target(file: &SceneFile) -> Target {
         })
         .next()
         .unwrap_or(file.scene.target)
+}
+
+/// Order of the gear that a target asks for; 1 where it asks for none.
+fn order(target: Target) -> u32 {
+    match target {
+        Target::Locked { order } => u32::from(order),
+        _ => 1,
+    }
 }
 
 fn is_planned(event: Event) -> bool {

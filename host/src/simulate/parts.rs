@@ -3,6 +3,7 @@
 use kband::plant::{Noise, PARTS, Scene};
 use toml::Value;
 
+use super::fields::SCATTER;
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
@@ -84,6 +85,37 @@ pub(super) fn read(
     };
     scene.parts = list.iter().map(restitution).collect::<Result<_, _>>()?;
     Ok(None)
+}
+
+/// Reads `part.scatter` into the scene: one number for all parts, or one for each.
+pub(super) fn read_scatter(
+    part: &Section,
+    value: &Value,
+    scene: &mut Scene,
+) -> Result<(), Refusal> {
+    let [low, high] = SCATTER.range;
+    let accepted = format!(
+        "{low}..{high}, the standard deviation of restitution from impact to impact, or a list of one for each of the {} \
+         parts; ordinary parts have 0.03 to 0.15",
+        scene.parts.len()
+    );
+    let deviation = |item| {
+        number(item)
+            .map(|s| s as f32)
+            .filter(|s| (low..=high).contains(s))
+            .ok_or_else(|| part.refuse(SCATTER.key, item, &accepted))
+    };
+    scene.scatter = match value {
+        Value::Array(list) if list.len() == scene.parts.len() => {
+            list.iter().map(deviation).collect::<Result<_, _>>()?
+        }
+        Value::Array(_) => return Err(part.refuse(SCATTER.key, value, &accepted)),
+        one => {
+            let one = deviation(one)?;
+            scene.parts.iter().map(|_| one).collect()
+        }
+    };
+    Ok(())
 }
 
 fn distribution(section: &mut Section, scene: &mut Scene) -> Result<Distribution, Refusal> {

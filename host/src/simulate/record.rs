@@ -1,10 +1,18 @@
 //! What is kept of a run while it goes on: enough to judge and draw it, however long it lasts.
 
+use std::f64::consts::TAU;
+
+use kband::arithmetic::Phase;
 use kband::control::{Event, Report, State};
 use kband::plant::{Moment, Sample, Strike};
+use kband::regime::gear::{GearWatch, Share};
 
 use super::engine::Glance;
 use crate::refusal::Refusal;
+
+/// Time from which on it counts how long the parts are in gear and how fast they are, in s: by then a drive has
+/// come to its setpoint and the first kicks are over.
+pub const SETTLED: f64 = 5.0;
 
 /// Time over which the end of a scene is judged, in s.
 pub(super) const END: f64 = 1.0;
@@ -60,14 +68,37 @@ pub struct Record {
     /// State now, and the time at which it was reached.
     held: Option<(State, f64)>,
     end: Vec<Moment>,
+    /// Time in gear of each part, and the cycle that ended as that began to count.
+    gear: Vec<GearWatch>,
+    settled: Option<Settled>,
     late: Vec<(f64, Strike)>,
     kept: Option<Vec<Moment>>,
     sketch: Option<Sketch>,
 }
 
+/// Where a run stood as its parts' time in gear began to count.
+#[derive(Clone, Copy, Debug)]
+struct Settled {
+    time: f64,
+    displacement: f64,
+}
+
 impl Record {
-    pub(super) fn new(duration: f64, cycles: usize, watch: &Watch<'_>) -> Self {
+    /// The record of a run of so many cycles with `parts`, which are in gear of an order.
+    pub(super) fn new(
+        duration: f64,
+        cycles: usize,
+        parts: usize,
+        order: u32,
+        watch: &Watch<'_>,
+    ) -> Self {
+        // An order that is none has no gear.
+        let gear = GearWatch::build(order).into_iter();
         Self {
+            gear: gear
+                .flat_map(|gear| std::iter::repeat_n(gear, parts))
+                .collect(),
+            settled: None,
             duration,
             cycles: 0,
             last: None,
@@ -92,12 +123,29 @@ impl Record {
         &mut self,
         glance: &Glance,
         strikes: &[Strike],
-        moment: impl FnOnce() -> Option<Moment>,
+        moment: impl Fn() -> Option<Moment>,
     ) {
         self.cycles += 1;
         let time = glance.time;
         if self.held.is_none_or(|(held, _)| held != glance.state) {
             self.held = Some((glance.state, time));
+        }
+        for strike in strikes {
+            let Some(gear) = self.gear.get_mut(usize::from(strike.part)) else {
+                continue;
+            };
+            let landed = strike.time as f64 / Phase::TURN * TAU;
+            let flight = f64::from(strike.flight) * TAU;
+            if strike.rested {
+                gear.rested(landed - flight);
+            }
+            gear.landed(landed, flight);
+        }
+        if self.settled.is_none() && time >= SETTLED && time < self.duration {
+            let displacement = moment().map_or(0.0, |moment| moment.displacement);
+            self.settled = Some(Settled { time, displacement });
+            let now = f64::from(self.cycles) * TAU;
+            self.gear.iter_mut().for_each(|gear| gear.begin(now));
         }
         let late = time > self.duration - HEARD[0];
         if late {
@@ -160,6 +208,27 @@ impl Record {
     #[must_use]
     pub fn held(&self) -> Option<(State, f64)> {
         self.held
+    }
+
+    /// Whether the displacement has to be known from this time on for the speed from [`SETTLED`] on: a second before, in
+    /// which the speed along the track settles.
+    pub(super) fn settles(&self, time: f64) -> bool {
+        self.duration > SETTLED && time >= SETTLED - END
+    }
+
+    /// How much of the time from [`SETTLED`] on each part was in gear; empty where the run was shorter.
+    pub fn shares(&self) -> impl Iterator<Item = Share> + '_ {
+        let now = f64::from(self.cycles) * TAU;
+        let counted = self.settled.map_or(0, |_| self.gear.len());
+        self.gear[..counted].iter().map(move |gear| gear.share(now))
+    }
+
+    /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was shorter.
+    #[must_use]
+    pub fn speed(&self) -> Option<f64> {
+        let (from, to) = (self.settled?, self.last()?);
+        let time = to.time - from.time;
+        (time > 0.0).then(|| (to.displacement - from.displacement) / time)
     }
 
     /// The cycles of the last second.

@@ -31,12 +31,14 @@ pub struct Run {
     pub amplitude: f64,
     /// k at the end.
     pub k: f64,
-    /// Conveying speed at the end in m/s.
+    /// Share of time in gear from [`SETTLED`](super::SETTLED) on, mean over the parts; `None` where it was shorter.
+    pub in_gear: Option<f64>,
+    /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter run.
     pub speed: f64,
 }
 
 /// Columns of a run.
-pub const COLUMNS: [Column; 10] = [
+pub const COLUMNS: [Column; 11] = [
     Column::new("run", ""),
     Column::new("restitution", ""),
     Column::new("sensitivity", "of the one told"),
@@ -44,6 +46,7 @@ pub const COLUMNS: [Column; 10] = [
     Column::new("kicks", ""),
     Column::new("b", "mm"),
     Column::new("k", ""),
+    Column::new("in_gear", ""),
     Column::new("speed", "mm/s"),
     Column::new("state", "").words(),
     Column::new("regime", "").words(),
@@ -61,6 +64,7 @@ impl Run {
             u32::from(self.attempts).into(),
             (self.amplitude * 1e3).into(),
             Some(self.k).filter(|k| k.is_finite()).into(),
+            self.in_gear.into(),
             (self.speed * 1e3).into(),
             self.state.name().into(),
             self.regime.as_str().into(),
@@ -108,6 +112,24 @@ impl Runs {
         let mut times: Vec<f64> = self.runs.iter().filter_map(|run| run.reached).collect();
         times.sort_by(f64::total_cmp);
         times
+    }
+
+    /// Share of time in gear, mean over the runs; `None` where they were too short to tell.
+    #[must_use]
+    pub fn in_gear(&self) -> Option<f64> {
+        self.mean(|run| run.in_gear)
+    }
+
+    /// Mean conveying speed over the runs in m/s; `None` without runs.
+    #[must_use]
+    pub fn speed(&self) -> Option<f64> {
+        self.mean(|run| Some(run.speed))
+    }
+
+    /// Mean over the runs of what all of them have.
+    fn mean(&self, of: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
+        let sum = self.runs.iter().map(of).sum::<Option<f64>>()?;
+        (!self.runs.is_empty()).then(|| sum / self.runs.len() as f64)
     }
 
     /// Share of runs that reached it, and the interval that holds the true share with 95 % (Wilson).
@@ -165,7 +187,8 @@ pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> 
         reached: outcome.reached(wanted).filter(|_| real),
         amplitude: outcome.amplitude(),
         k: outcome.k(),
-        speed: outcome.speed(),
+        in_gear: outcome.in_gear(),
+        speed: outcome.record().speed().unwrap_or_else(|| outcome.speed()),
         regime,
     })
 }
@@ -205,6 +228,8 @@ pub fn summary(all: &[Runs]) -> Table {
         Column::new("high_95", "%").digits(4),
         Column::new("median", "s").digits(3),
         Column::new("slowest_5_percent", "s").digits(3),
+        Column::new("in_gear", "").digits(3),
+        Column::new("speed_mm_s", "").digits(4),
     ]);
     for runs in all {
         let (share, low, high) = runs.share();
@@ -222,6 +247,8 @@ pub fn summary(all: &[Runs]) -> Table {
             (100.0 * high).into(),
             at(50),
             at(95),
+            runs.in_gear().into(),
+            runs.speed().map(|speed| 1e3 * speed).into(),
         ]);
     }
     table
@@ -298,6 +325,7 @@ mod tests {
             reached,
             amplitude: 0.0,
             k: 0.0,
+            in_gear: None,
             speed: 0.0,
         };
         let runs = Runs {

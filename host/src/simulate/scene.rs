@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{PLANT, SENSOR};
+use super::fields::{PLANT, SCATTER, SENSOR};
 use super::parts::{self, Distribution};
 use super::section::Section;
 use super::timeline::{describe, read_disturbances, read_target};
@@ -135,6 +135,9 @@ impl SceneFile {
             Some(value) => parts::read(&part, &value, &mut scene)?,
             None => None,
         };
+        if let Some(value) = part.take(SCATTER.key) {
+            parts::read_scatter(&part, &value, &mut scene)?;
+        }
         part.finish()?;
         if let Some(mut sensor) = root.optional("sensor")? {
             for key in SENSOR_SETTINGS {

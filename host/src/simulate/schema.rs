@@ -5,7 +5,7 @@ use kband::plant::{DISTURBANCES, PARTS};
 use serde_json::{Map, Value, json};
 
 use super::engine::Fidelity;
-use super::fields::{CHANGES, FLAGS, Field, PLANT, SENSOR};
+use super::fields::{CHANGES, FLAGS, Field, PLANT, SCATTER, SENSOR};
 use super::scene::{CONTROLLER, SECTIONS, SENSOR_SETTINGS};
 
 /// Where editors find it, as far as they ask.
@@ -149,6 +149,15 @@ fn part() -> Value {
     );
     properties.extend(settings(&["tangential_restitution"]));
     properties.insert("actual".into(), actual());
+    let scatter = of_field(&SCATTER);
+    properties.insert(
+        SCATTER.key.into(),
+        json!({
+            "description": SCATTER.meaning,
+            "anyOf": [scatter, {"type": "array", "items": scatter, "minItems": 1, "maxItems": PARTS,
+                "description": "One for each part."}],
+        }),
+    );
     object(properties, &["restitution"], "The parts.")
 }
 

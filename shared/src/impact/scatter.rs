@@ -5,6 +5,9 @@ use crate::feeder::{OutOfRange, accept};
 /// Largest restitution that is drawn: the clip to 0..1, 1 itself excluded.
 const HIGHEST: f64 = 1.0 - f64::EPSILON;
 
+/// Largest standard deviation, as an f32 has it: a scene and the wire say 0.3 in single precision, which is above 0.3.
+const WIDEST: f64 = 0.3_f32 as f64;
+
 /// A seeded stream of restitutions: Gaussian about a mean, clipped to [0, 1).
 ///
 /// Only sums, products, quotients and square roots of f64 are used, so that a seed gives the same bits on every
@@ -25,31 +28,44 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Restitutions with a `mean` in 0..=1 (1 excluded), a standard deviation (symbol s) in 0..=0.3 and a seed.
+    /// Restitutions with a `mean` in 0..=1, a standard deviation (symbol s) in 0..=0.3 and a seed.
     pub fn build(mean: f64, deviation: f64, seed: u64) -> Result<Self, OutOfRange> {
-        accept(
-            "restitution",
-            mean,
-            (0.0..1.0).contains(&mean),
-            "0..1, 1 itself excluded",
-        )?;
+        Self {
+            mean: 0.0,
+            deviation: 0.0,
+            state: seed,
+        }
+        .about(mean)?
+        .within(deviation)
+    }
+
+    /// The same stream, about another mean in 0..=1.
+    pub fn about(self, mean: f64) -> Result<Self, OutOfRange> {
+        accept("restitution", mean, (0.0..=1.0).contains(&mean), "0..1")?;
+        Ok(Self { mean, ..self })
+    }
+
+    /// The same stream, with another standard deviation in 0..=0.3.
+    pub fn within(self, deviation: f64) -> Result<Self, OutOfRange> {
         accept(
             "scatter",
             deviation,
-            (0.0..=0.3).contains(&deviation),
+            (0.0..=WIDEST).contains(&deviation),
             "0..0.3, the standard deviation of restitution from impact to impact",
         )?;
-        Ok(Self {
-            mean,
-            deviation,
-            state: seed,
-        })
+        Ok(Self { deviation, ..self })
     }
 
     /// The mean before clipping.
     #[must_use]
     pub fn mean(&self) -> f64 {
         self.mean
+    }
+
+    /// The standard deviation before clipping.
+    #[must_use]
+    pub fn deviation(&self) -> f64 {
+        self.deviation
     }
 
     /// The restitution of the next impact, at least 0 and below 1; without scatter the mean itself.
@@ -189,7 +205,7 @@ mod tests {
         }
         assert_eq!(Scatter::build(0.4, 0.0, 9).unwrap().draw(), 0.4);
         for (mean, deviation, parameter) in [
-            (1.0, 0.1, "restitution"),
+            (1.01, 0.1, "restitution"),
             (-0.1, 0.1, "restitution"),
             (0.3, 0.31, "scatter"),
             (0.3, f64::NAN, "scatter"),

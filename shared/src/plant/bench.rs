@@ -82,6 +82,7 @@ impl Bench {
         match self.timeline.take(change) {
             Some(Change::Gain(gain)) => self.plant.set_gain(gain),
             Some(Change::Restitution(restitution)) => self.plant.set_restitution(restitution),
+            Some(Change::Scatter(deviation)) => self.plant.set_scatter(deviation),
             Some(Change::Noise(noise)) => self.plant.set_noise(noise),
             Some(Change::SensorLost(lost)) => self.plant.set_sensor_lost(lost),
             Some(Change::SensorInverted(inverted)) => self.plant.set_sensor_inverted(inverted),

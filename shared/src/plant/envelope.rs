@@ -7,7 +7,7 @@ use heapless::Vec;
 use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
-use super::feeder::{STRIKES, mean_displacement, parts_at_rest};
+use super::feeder::{STRIKES, mean_displacement, parts_at_rest, set_restitution, set_scatter};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track, turned};
@@ -87,7 +87,7 @@ impl EnvelopePlant {
             readings: Readings::new(&scene.sensor, &sense),
             sense,
             onset: OnsetModel::new(&scene.sensor),
-            parts: parts_at_rest(scene),
+            parts: parts_at_rest(scene)?,
             normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             time: -i64::from(phase_step(settings.frequency)),
@@ -455,11 +455,8 @@ impl EnvelopePlant {
     pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,
-            Change::Restitution(restitution) => {
-                for part in &mut self.parts {
-                    part.set_restitution(f64::from(restitution));
-                }
-            }
+            Change::Restitution(mean) => set_restitution(&mut self.parts, mean),
+            Change::Scatter(deviation) => set_scatter(&mut self.parts, deviation),
             Change::Noise(noise) => self.sensor.noise = noise,
             Change::SensorLost(lost) => self.lost = lost,
             Change::SensorInverted(inverted) => self.inverted = inverted,

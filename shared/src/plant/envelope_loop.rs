@@ -140,6 +140,11 @@ impl EnvelopeLoop {
         self.controller.watch_regime(watched);
     }
 
+    /// Whether the displacement along the track is watched, as [`EnvelopeLoop::watch`] has it for all.
+    pub fn watch_displacement(&mut self, watched: bool) {
+        self.plant.watch_displacement(watched);
+    }
+
     /// The controller.
     #[must_use]
     pub fn controller(&self) -> &Controller {

@@ -11,7 +11,7 @@ use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::{AdcCode, SAMPLE_RATE, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-use crate::impact::TangentialSettings;
+use crate::impact::{Scatter, TangentialSettings};
 
 /// Events of one part in one sample before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_SAMPLE: usize = 16;
@@ -68,7 +68,7 @@ impl Plant {
                 scene.sensor.ringing_decay * 1e-3,
             ),
             sensor: scene.sensor,
-            parts: parts_at_rest(scene),
+            parts: parts_at_rest(scene)?,
             normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             output: 0.0,
@@ -217,11 +217,14 @@ impl Plant {
         self.gain = gain;
     }
 
-    /// Restitution of all parts from their next impact on.
+    /// Mean restitution of all parts from their next impact on.
     pub(crate) fn set_restitution(&mut self, restitution: f32) {
-        for part in &mut self.parts {
-            part.set_restitution(f64::from(restitution));
-        }
+        set_restitution(&mut self.parts, restitution);
+    }
+
+    /// Standard deviation of the restitution of all parts from their next impact on.
+    pub(crate) fn set_scatter(&mut self, deviation: f32) {
+        set_scatter(&mut self.parts, deviation);
     }
 
     /// RMS of the accelerometer's noise in m/s^2.
@@ -255,10 +258,32 @@ impl Plant {
     }
 }
 
-/// The parts of a scene.
-pub(super) fn parts_at_rest(scene: &Scene) -> Vec<Part, PARTS> {
-    let restitutions = scene.parts.iter().copied();
-    restitutions.map(|r| Part::at_rest(r.into())).collect()
+/// Streams of the parts' scatter beside the scene's noise.
+const STREAM: u64 = 0x7363_6174;
+
+/// The parts of a scene, each with a stream of restitutions of its own.
+pub(super) fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
+    let mut seeds = Noise::new(scene.seed ^ STREAM);
+    let parts = scene.parts.iter().enumerate().map(|(n, &restitution)| {
+        let deviation = scene.scatter.get(n).copied().unwrap_or(0.0);
+        let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
+        Scatter::build(restitution.into(), deviation.into(), seed).map(Part::at_rest)
+    });
+    parts.collect()
+}
+
+/// Sets the mean restitution of all parts; one out of range is refused, the old one stays.
+pub(super) fn set_restitution(parts: &mut [Part], mean: f32) {
+    for part in parts {
+        let _ = part.set_restitution(f64::from(mean));
+    }
+}
+
+/// Sets the standard deviation of the restitution of all parts; one out of range is refused, the old one stays.
+pub(super) fn set_scatter(parts: &mut [Part], deviation: f32) {
+    for part in parts {
+        let _ = part.set_scatter(f64::from(deviation));
+    }
 }
 
 /// Mean displacement of parts along the track so far in m, positive upwards; 0 without parts.

@@ -4,7 +4,10 @@ use core::f64::consts::TAU;
 
 use super::drive::Swing;
 use crate::arithmetic::Phase;
-use crate::impact::{Contact, Impact, Kernel, Map, Release, State, Tangential, TangentialSettings};
+use crate::feeder::OutOfRange;
+use crate::impact::{
+    Contact, Impact, Kernel, Map, Release, Scatter, State, Tangential, TangentialSettings,
+};
 
 /// A part's motion between two events.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,15 +35,23 @@ pub struct Strike {
     pub speed: f64,
     /// Phase of the track in rad, 0..2 pi.
     pub phase: f64,
+    /// The flight that ended here, in drive periods.
+    pub flight: f32,
     /// Number of the part, from 0.
     pub part: u8,
+    /// Whether the part lay on the track before this flight.
+    pub rested: bool,
 }
 
 /// One part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    restitution: f64,
+    restitution: Scatter,
     motion: Motion,
+    /// Whether the flight that it is in began at rest.
+    rested: bool,
+    /// When that flight began, in steps of 2^-32 turns of the drive.
+    began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
     /// Displacement along the track so far in m.
@@ -61,18 +72,39 @@ pub struct Track {
 impl Part {
     /// A part at rest on the track.
     #[must_use]
-    pub fn at_rest(restitution: f64) -> Self {
+    pub fn at_rest(restitution: Scatter) -> Self {
         Self {
             restitution,
             motion: Motion::Resting,
+            rested: true,
+            began: 0,
             along: 0.0,
             displacement: 0.0,
         }
     }
 
-    /// Changes its restitution from the next impact on.
-    pub fn set_restitution(&mut self, restitution: f64) {
-        self.restitution = restitution;
+    /// Changes its mean restitution from the next impact on; one out of range is refused.
+    pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
+        self.restitution = self.restitution.about(mean)?;
+        Ok(())
+    }
+
+    /// Changes by how much its restitution scatters, from the next impact on; what is out of range is refused.
+    pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
+        self.restitution = self.restitution.within(deviation)?;
+        Ok(())
+    }
+
+    /// The map of its flights at `k`. That of a part which scatters keeps the arrival speed: what is left of it
+    /// is drawn at the impact.
+    fn map(&self, k: f64) -> Option<Map> {
+        let scatters = self.restitution.deviation() > 0.0;
+        let kept = if scatters {
+            1.0
+        } else {
+            self.restitution.mean()
+        };
+        Map::build(k, kept).ok()
     }
 
     /// Displacement along the track so far in m, positive upwards.
@@ -102,7 +134,7 @@ impl Part {
     pub fn throw(&mut self, swing: Swing, track: &Track, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
-        let Ok(map) = Map::build(k, self.restitution) else {
+        let Some(map) = self.map(k) else {
             return;
         };
         let Some(lift_off) = map.lift_off() else {
@@ -115,6 +147,7 @@ impl Part {
             return;
         };
         self.along = 0.0;
+        self.rested = true;
         self.fly(&map, launch.phase, &impact, amplitude, track, start);
     }
 
@@ -141,20 +174,27 @@ impl Part {
             time,
             speed: arrival,
             phase,
+            flight: (time.saturating_sub(self.began) as f64 / Phase::TURN) as f32,
             part: 0,
+            rested: self.rested,
         };
+        self.rested = false;
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
-        let Ok(map) = Map::build(k, self.restitution) else {
+        let Some(map) = self.map(k) else {
             self.motion = Motion::Resting;
             return Some(strike);
         };
         // Launch speed in the unit that the track has now.
-        let velocity = self.restitution * arrival / (amplitude * track.angular);
+        let velocity = self.restitution.draw() * arrival / (amplitude * track.angular);
         let state = State { phase, velocity };
-        // A chatter is closed below 5e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask.
+        // A chatter is closed below 5e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask. That of a part
+        // which scatters is closed at its mean.
         let slow = velocity < 1e-3 * (1.0 + k) || k > 1000.0;
-        let closed = slow.then(|| Contact::new(&map).time_to_rest(state));
+        let closed = slow.then(|| {
+            let contact = Contact::build(k, self.restitution.mean()).ok()?;
+            contact.time_to_rest(state)
+        });
         if let Some(chatter) = closed.flatten() {
             self.motion = Motion::Chattering {
                 until: time + (chatter / TAU * Phase::TURN) as u64,
@@ -179,6 +219,7 @@ impl Part {
         track: &Track,
         start: u64,
     ) {
+        self.began = start;
         let unit = amplitude * track.angular;
         let launch = State {
             phase,

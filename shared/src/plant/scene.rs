@@ -11,7 +11,7 @@ pub const PARTS: usize = 24;
 /// Most disturbances of a scene.
 pub const DISTURBANCES: usize = 32;
 
-/// Restitution of each part of a scene.
+/// A number of each part of a scene.
 pub type Parts = Vec<f32, PARTS>;
 /// What happens in a scene, in the order of time.
 pub type Disturbances = Vec<Disturbance, DISTURBANCES>;
@@ -82,8 +82,10 @@ pub enum Change {
     Target(Target),
     /// Gain of the drive over the one it began with.
     Gain(f32),
-    /// Restitution of all parts.
+    /// Mean restitution of all parts.
     Restitution(f32),
+    /// Standard deviation of the restitution of all parts from impact to impact.
+    Scatter(f32),
     /// RMS of the accelerometer's noise in m/s^2.
     Noise(f32),
     /// Ripple of the drive's bus, as a share of its mean.
@@ -150,9 +152,12 @@ pub struct Scene {
     pub drive: DriveModel,
     /// The accelerometer as it is.
     pub sensor: SensorModel,
-    /// Restitution of each part.
+    /// Mean restitution of each part.
     pub parts: Parts,
-    /// Seed of the noise.
+    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.3; parts beyond its end
+    /// do not scatter.
+    pub scatter: Parts,
+    /// Seed of the noise and of the scatter.
     pub seed: u64,
     /// What happens, in the order of time.
     pub disturbances: Disturbances,
@@ -168,6 +173,7 @@ impl Default for Scene {
             drive: DriveModel::default(),
             sensor: SensorModel::default(),
             parts: core::iter::once(0.2).collect(),
+            scatter: Parts::new(),
             seed: 1,
             disturbances: Vec::new(),
         }
@@ -220,6 +226,9 @@ impl Scene {
         for &restitution in &self.parts {
             within("part restitution", restitution, 0.0, 1.0, "0..1")?;
         }
+        for &scatter in &self.scatter {
+            within("part scatter", scatter, 0.0, 0.3, "0..0.3")?;
+        }
         for disturbance in &self.disturbances {
             accept(
                 "disturbance at",
@@ -232,6 +241,7 @@ impl Scene {
                 Change::Restitution(r) => {
                     within("disturbance restitution", r, 0.0, 1.0, "0..1")?;
                 }
+                Change::Scatter(s) => within("disturbance scatter", s, 0.0, 0.3, "0..0.3")?,
                 Change::Noise(noise) => {
                     within("disturbance noise", noise, 0.0, 100.0, "0..100 m/s^2")?;
                 }

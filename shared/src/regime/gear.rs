@@ -142,6 +142,86 @@ impl Share {
     }
 }
 
+/// The time that one part is in gear, told flight by flight. Nothing is counted before [`GearWatch::begin`].
+///
+/// ```
+/// use core::f64::consts::TAU;
+/// use kband::regime::gear::GearWatch;
+/// let mut watch = GearWatch::build(1)?;
+/// watch.begin(5.0 * TAU);
+/// // Twenty flights of one period each, of which the last fifteen count.
+/// for landed in 1..=20 {
+///     watch.landed(f64::from(landed) * TAU, TAU);
+/// }
+/// watch.rested(20.0 * TAU);
+/// let share = watch.share(25.0 * TAU);
+/// assert!((share.share() - 0.75).abs() < 1e-12 && share.losses == 1);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GearWatch {
+    gear: Gear,
+    begin: f64,
+    end: f64,
+    in_gear: f64,
+    lost_before: u64,
+}
+
+impl GearWatch {
+    /// Watches gear of an order, 1..=100 drive periods a flight.
+    pub fn build(order: u32) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            gear: Gear::build(order)?,
+            begin: f64::INFINITY,
+            end: f64::INFINITY,
+            in_gear: 0.0,
+            lost_before: 0,
+        })
+    }
+
+    /// Counts from time `now` in rad of drive phase on.
+    pub fn begin(&mut self, now: f64) {
+        self.begin = now;
+        self.in_gear = 0.0;
+        self.lost_before = self.gear.losses();
+    }
+
+    /// Counts up to time `now` in rad of drive phase.
+    pub fn end(&mut self, now: f64) {
+        self.end = now;
+    }
+
+    /// The part landed at a `time` after a `flight`, both in rad of drive phase.
+    pub fn landed(&mut self, time: f64, flight: f64) {
+        let added = self.gear.flight(flight);
+        let from = (time - added).max(self.begin);
+        self.in_gear += (time.min(self.end) - from).max(0.0);
+        self.pass(time);
+    }
+
+    /// The part lies on the track at a `time` in rad of drive phase.
+    pub fn rested(&mut self, time: f64) {
+        self.gear.rest();
+        self.pass(time);
+    }
+
+    fn pass(&mut self, time: f64) {
+        if time <= self.begin {
+            self.lost_before = self.gear.losses();
+        }
+    }
+
+    /// How much of the time up to `now`, in rad of drive phase, it was in gear.
+    #[must_use]
+    pub fn share(&self, now: f64) -> Share {
+        Share {
+            in_gear: self.in_gear / TAU,
+            watched: (now.min(self.end) - self.begin).max(0.0) / TAU,
+            losses: self.gear.losses() - self.lost_before,
+        }
+    }
+}
+
 /// Parts that fly side by side.
 const ABREAST: usize = 16;
 
@@ -162,13 +242,13 @@ pub fn shares_from_rest(
         (16.0..=1e7).contains(&periods),
         "16..1e7 drive periods",
     )?;
+    let mut gear = GearWatch::build(order)?;
+    gear.begin(0.25 * periods * TAU);
+    gear.end(periods * TAU);
     let watch = Watch {
-        gear: Gear::build(order)?,
-        begin: 0.25 * periods * TAU,
-        end: periods * TAU,
+        gear,
         time: 0.0,
-        in_gear: 0.0,
-        lost_before: 0,
+        end: periods * TAU,
     };
     for (number, scatters) in scatters.chunks(ABREAST).enumerate() {
         let begun = |scatter: &Scatter| Rider {
@@ -182,7 +262,10 @@ pub fn shares_from_rest(
         }
         ride(map, &mut riders[..scatters.len()]);
         for (n, rider) in riders.iter().enumerate().take(scatters.len()) {
-            each(ABREAST * number + n, rider.watch.share());
+            each(
+                ABREAST * number + n,
+                rider.watch.gear.share(rider.watch.end),
+            );
         }
     }
     Ok(())
@@ -236,15 +319,12 @@ fn ride(map: &WaveMap, riders: &mut [Rider]) {
     }
 }
 
-/// The time in gear of one part.
+/// One part's time in gear up to an end.
 #[derive(Clone, Copy)]
 struct Watch {
-    gear: Gear,
-    begin: f64,
-    end: f64,
+    gear: GearWatch,
     time: f64,
-    in_gear: f64,
-    lost_before: u64,
+    end: f64,
 }
 
 impl Watch {
@@ -252,26 +332,13 @@ impl Watch {
         match event {
             Event::Impact(impact) => {
                 self.time += impact.flight;
-                let added = self.gear.flight(impact.flight);
-                let from = (self.time - added).max(self.begin);
-                self.in_gear += (self.time.min(self.end) - from).max(0.0);
+                self.gear.landed(self.time, impact.flight);
             }
             Event::Rest { chatter, .. } => {
                 self.time += chatter;
-                self.gear.rest();
+                self.gear.rested(self.time);
             }
             Event::LiftOff { wait, .. } => self.time += wait,
-        }
-        if self.time <= self.begin {
-            self.lost_before = self.gear.losses();
-        }
-    }
-
-    fn share(&self) -> Share {
-        Share {
-            in_gear: self.in_gear / TAU,
-            watched: (self.end - self.begin) / TAU,
-            losses: self.gear.losses() - self.lost_before,
         }
     }
 }

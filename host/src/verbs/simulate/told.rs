@@ -8,7 +8,7 @@ use serde_json::json;
 
 use crate::refusal::Refusal;
 use crate::report::{Column, Report, Table, Value, number};
-use crate::simulate::{Outcome, describe, words};
+use crate::simulate::{Outcome, SETTLED, describe, words};
 
 /// Files of a single run.
 pub(super) struct Written<'a> {
@@ -114,6 +114,18 @@ pub(super) fn told(
         )),
     }
     say(format!("regime           {}", outcome.regime()));
+    if let Some(share) = outcome.in_gear() {
+        let lost = outcome
+            .time_to_loss()
+            .map_or("never lost".into(), |periods| {
+                format!("lost after {} cycles in the mean", number(periods, 3))
+            });
+        say(format!(
+            "in gear          {} of the time from {SETTLED} s on (order {}), {lost}",
+            number(share, 3),
+            outcome.gear_order()
+        ));
+    }
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
     if !strays.is_empty() {
         say(format!(
@@ -208,6 +220,8 @@ pub(super) fn told(
         "k": k.is_finite().then_some(k),
         "band": outcome.band().map(|band| [band.low(), band.high()]),
         "regime": outcome.regime(),
+        "in_gear": outcome.in_gear(),
+        "cycles_to_loss": outcome.time_to_loss(),
         "lock_phase_rad": outcome.lock_phase(),
         "speed_mm_s": outcome.speed() * 1e3,
         "restitution_identified": outcome.identified().map(|found| found.restitution),
