@@ -156,7 +156,7 @@ mod tests {
     use core::future::Future;
     use core::pin::pin;
     use core::task::{Context, Waker};
-    use kband::control::{AdcCode, Command, Inputs, Report, Start, State, Target, phase_step};
+    use kband::control::{AdcCode, Command, Inputs, Report, StartCause, State, Target, phase_step};
     use kband::plant::{Bench, Change, ClosedLoop, Disturbance, Scene};
     use std::boxed::Box;
     use std::rc::Rc;
@@ -238,7 +238,7 @@ mod tests {
             target: scene.target,
             condition: Condition::Whole,
         };
-        let start = Start::Ordinary;
+        let start = StartCause::Ordinary;
         let controller = Station::controller(&found, start).unwrap();
         let station = Station::new(&found, start, &controller, exchange, LastWords::EMPTY);
         let signal = Signal::build(&found.settings).unwrap();

@@ -7,7 +7,7 @@ use core::future::Future;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
-use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, Start};
+use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, StartCause};
 use kband::feeder::OutOfRange;
 use kband::wire::{
     Counters, FRAME_MOST, Identity, Incoming, Kept, Receiver, Refusal, Request, Response, SCHEMA,
@@ -282,7 +282,7 @@ async fn save(station: &Station, store: &mut impl Store, saves: &mut Saves) -> R
 fn begin(
     simulation: &mut Option<Simulation>,
     target: control::Target,
-    start: Start,
+    start: StartCause,
     station: &Station,
 ) -> Response<'static> {
     match station.simulate(target, start) {

@@ -4,10 +4,10 @@ use kband::control::{Event, Report};
 
 use crate::cortex::IDENTITY;
 use crate::last_words::LastWords;
-use crate::start::Cause;
+use crate::start::ResetCause;
 
 /// Which image started, why, and what was said last before.
-pub fn start(cause: Cause, last_words: &LastWords) {
+pub fn start(cause: ResetCause, last_words: &LastWords) {
     defmt::info!("kband {}, started by {}", IDENTITY, cause.name());
     if let Some(words) = last_words.read() {
         defmt::error!("before this reset: {}", words);

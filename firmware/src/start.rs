@@ -1,6 +1,6 @@
 //! Why the processor started, and whether the drive may run at once.
 
-use kband::control::Start;
+use kband::control::StartCause;
 
 /// What a chip shows after a reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -17,7 +17,7 @@ pub struct Signs {
 
 /// The cause of the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Cause {
+pub enum ResetCause {
     /// Power was switched on.
     #[default]
     Power,
@@ -29,7 +29,7 @@ pub enum Cause {
     Software,
 }
 
-impl Cause {
+impl ResetCause {
     /// The cause that the signs point to.
     ///
     /// A chip takes a sag below its lowest limit for power-on, and noise on its reset pin for a button.
@@ -63,10 +63,10 @@ impl Cause {
     /// A feeder must not start by itself where its supply comes back (IEC 60204-1, 7.5): after any reset the drive
     /// stays off until it is enabled anew, and after any but power-on this is a fault.
     #[must_use]
-    pub fn start(self) -> Start {
+    pub fn start(self) -> StartCause {
         match self {
-            Self::Power => Start::PowerOn,
-            Self::BrownOut | Self::Watchdog | Self::Software => Start::Reset,
+            Self::Power => StartCause::PowerOn,
+            Self::BrownOut | Self::Watchdog | Self::Software => StartCause::Reset,
         }
     }
 }
@@ -86,7 +86,7 @@ mod tests {
                 sag: bits & 4 != 0,
                 remembered: bits & 8 != 0,
             };
-            let ordinary = Cause::of(signs).start() == Start::PowerOn;
+            let ordinary = ResetCause::of(signs).start() == StartCause::PowerOn;
             assert_eq!(ordinary, bits == 0, "{signs:?}");
             times += u8::from(ordinary);
         }
@@ -96,16 +96,16 @@ mod tests {
             remembered: true,
             ..Signs::default()
         };
-        assert_eq!(Cause::of(watchdog), Cause::Watchdog);
+        assert_eq!(ResetCause::of(watchdog), ResetCause::Watchdog);
     }
 
     #[test]
     fn no_start_obeys_an_enable_input_that_was_there_before() {
         for cause in [
-            Cause::Power,
-            Cause::BrownOut,
-            Cause::Watchdog,
-            Cause::Software,
+            ResetCause::Power,
+            ResetCause::BrownOut,
+            ResetCause::Watchdog,
+            ResetCause::Software,
         ] {
             let target = Target::Locked { order: 1 };
             let mut controller =
@@ -121,7 +121,7 @@ mod tests {
                 assert_ne!(state(true), State::Starting, "{cause:?}");
             }
             // A fault is acknowledged in half a second, 25 cycles; after power-on there is none.
-            let cycles = if cause == Cause::Power { 1 } else { 25 };
+            let cycles = if cause == ResetCause::Power { 1 } else { 25 };
             for cycle in 1..=cycles {
                 let acknowledged = state(false) == State::Off;
                 assert_eq!(acknowledged, cycle == cycles, "{cause:?}");

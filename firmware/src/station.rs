@@ -5,8 +5,8 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::control::{
-    Controller, Cycle, Fault, Identification, Inputs, Report, SAMPLE_RATE, Settings, Signal, Start,
-    State, Target,
+    Controller, Cycle, Fault, Identification, Inputs, Report, SAMPLE_RATE, Settings, Signal,
+    StartCause, State, Target,
 };
 use kband::feeder::OutOfRange;
 use kband::wire::{KeptFault, Record};
@@ -19,11 +19,11 @@ use crate::store::{Condition, Found};
 const LOG: usize = 64;
 
 /// The fault that a start is, to be kept.
-fn fault_of(start: Start) -> Option<KeptFault> {
+fn fault_of(start: StartCause) -> Option<KeptFault> {
     let fault = match start {
-        Start::Ordinary | Start::PowerOn => return None,
-        Start::Reset => Fault::WatchdogReset,
-        Start::Refused => Fault::SettingsInvalid,
+        StartCause::Ordinary | StartCause::PowerOn => return None,
+        StartCause::Reset => Fault::WatchdogReset,
+        StartCause::Refused => Fault::SettingsInvalid,
     };
     Some(KeptFault {
         fault: fault.number(),
@@ -33,10 +33,10 @@ fn fault_of(start: Start) -> Option<KeptFault> {
 }
 
 /// How the controller begins with what was found.
-fn start_with(found: &Found, start: Start) -> Start {
+fn start_with(found: &Found, start: StartCause) -> StartCause {
     match found.condition {
         Condition::Whole => start,
-        Condition::Never | Condition::Lost => Start::Refused,
+        Condition::Never | Condition::Lost => StartCause::Refused,
     }
 }
 
@@ -124,7 +124,7 @@ impl Station {
     /// Settings that were not saved by this board, or not whole, start the controller in its fault: the defaults in
     /// their place belong to no machine.
     #[inline(never)]
-    pub fn controller(found: &Found, start: Start) -> Result<Controller, OutOfRange> {
+    pub fn controller(found: &Found, start: StartCause) -> Result<Controller, OutOfRange> {
         Controller::build(&found.settings, found.target, start_with(found, start))
     }
 
@@ -134,7 +134,7 @@ impl Station {
     #[must_use]
     pub fn new(
         found: &Found,
-        start: Start,
+        start: StartCause,
         controller: &Controller,
         exchange: &'static Exchange,
         last_words: LastWords,
@@ -195,7 +195,7 @@ impl Station {
     /// Starts a controller anew for a simulated plant, and the signal path that goes with it; the drive
     /// stays off while the desk goes on. Refused while the drive runs or its enable input is given: a simulation must not
     /// take a machine out of service.
-    pub fn simulate(&self, target: Target, start: Start) -> Result<Signal, NotTaken> {
+    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, NotTaken> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.asked.get()) {
             return Err(NotTaken::Running);
         }
@@ -211,8 +211,8 @@ impl Station {
     fn end_simulation(&self) {
         self.simulated.set(None);
         let start = match self.condition.get() {
-            Condition::Whole => Start::Reset,
-            Condition::Never | Condition::Lost => Start::Refused,
+            Condition::Whole => StartCause::Reset,
+            Condition::Never | Condition::Lost => StartCause::Refused,
         };
         // Settings that were accepted once are accepted again.
         let _ = self.renew_controller(&self.settings.get(), self.target(), start);
@@ -228,7 +228,7 @@ impl Station {
         &self,
         settings: &Settings,
         target: Target,
-        start: Start,
+        start: StartCause,
     ) -> Result<(), NotTaken> {
         match Controller::build(settings, target, start) {
             Ok(controller) => {
@@ -365,9 +365,9 @@ impl Station {
     pub fn set_settings(&self, settings: &Settings) -> Result<(), NotTaken> {
         let report = self.report.get();
         let start = match (report.state, report.fault) {
-            (State::Off, _) => Start::Ordinary,
+            (State::Off, _) => StartCause::Ordinary,
             // One by one they come; the fault ends once all of them are saved.
-            (State::Fault, Some(Fault::SettingsInvalid)) => Start::Refused,
+            (State::Fault, Some(Fault::SettingsInvalid)) => StartCause::Refused,
             _ => return Err(NotTaken::Running),
         };
         settings.check().map_err(NotTaken::OutOfRange)?;
@@ -383,7 +383,7 @@ impl Station {
         if self.report.get().fault == Some(Fault::SettingsInvalid) && self.simulated.get().is_none()
         {
             // Settings that were accepted once are accepted again.
-            let _ = self.renew_controller(&self.settings.get(), self.target(), Start::Reset);
+            let _ = self.renew_controller(&self.settings.get(), self.target(), StartCause::Reset);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use kband::control::{Report, Start, Target};
+use kband::control::{Report, StartCause, Target};
 use kband::plant::{Change, Disturbance, Scene};
 
 /// A scene and how long it runs.
@@ -83,7 +83,7 @@ impl Trial {
 fn powered() -> Scene {
     let changes = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
     Scene {
-        start: Start::PowerOn,
+        start: StartCause::PowerOn,
         disturbances: changes
             .map(|(at, change)| Disturbance { at, change })
             .into_iter()

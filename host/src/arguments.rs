@@ -11,7 +11,7 @@ use kband::impact::{Tone, Wave};
 use crate::file::Destination;
 use crate::picture::{Picture, Theme};
 use crate::refusal::Refusal;
-use crate::report::{Format, Report};
+use crate::report::{Format, Printout};
 
 /// How the result is printed on standard output.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -76,7 +76,11 @@ enum Kind {
 impl Output {
     /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
     /// nothing without `--out`. The picture is drawn only when it is wanted.
-    pub fn write(&self, report: &Report, picture: impl FnOnce() -> Picture) -> Result<(), Refusal> {
+    pub fn write(
+        &self,
+        report: &Printout,
+        picture: impl FnOnce() -> Picture,
+    ) -> Result<(), Refusal> {
         let Some((target, kind)) = &self.kind else {
             return Ok(());
         };

@@ -13,7 +13,7 @@ use kband::regime::classify::Regime;
 
 use followed::Followed;
 
-use crate::picture::Tone;
+use crate::picture::Fill;
 use crate::refusal::Refusal;
 
 /// What a regime is called in tables and legends.
@@ -39,29 +39,29 @@ pub fn name(regime: Regime) -> String {
     }
 }
 
-/// The tone of a regime in pictures.
+/// The fill of a regime in pictures.
 #[must_use]
-pub fn tone(regime: Regime) -> Tone {
+pub fn fill(regime: Regime) -> Fill {
     match regime {
-        Regime::Locked { .. } => Tone::Locked,
-        Regime::Doubled { .. } => Tone::Doubled,
-        Regime::Periodic { .. } => Tone::Periodic,
-        Regime::HopAndRest { .. } => Tone::HopAndRest,
-        Regime::Rest => Tone::Rest,
-        Regime::Chaotic => Tone::Chaotic,
-        Regime::Undecided => Tone::Undecided,
+        Regime::Locked { .. } => Fill::Locked,
+        Regime::Doubled { .. } => Fill::Doubled,
+        Regime::Periodic { .. } => Fill::Periodic,
+        Regime::HopAndRest { .. } => Fill::HopAndRest,
+        Regime::Rest => Fill::Rest,
+        Regime::Chaotic => Fill::Chaotic,
+        Regime::Undecided => Fill::Undecided,
     }
 }
 
-/// The tones of regimes with their names, in the order of a legend.
-pub const TONES: [(Tone, &str); 7] = [
-    (Tone::Locked, "locked"),
-    (Tone::Doubled, "doubled"),
-    (Tone::Periodic, "periodic otherwise"),
-    (Tone::Chaotic, "chaotic"),
-    (Tone::HopAndRest, "hops and rests"),
-    (Tone::Rest, "rests for ever"),
-    (Tone::Undecided, "undecided"),
+/// The fills of regimes with their names, in the order of a legend.
+pub const FILLS: [(Fill, &str); 7] = [
+    (Fill::Locked, "locked"),
+    (Fill::Doubled, "doubled"),
+    (Fill::Periodic, "periodic otherwise"),
+    (Fill::Chaotic, "chaotic"),
+    (Fill::HopAndRest, "hops and rests"),
+    (Fill::Rest, "rests for ever"),
+    (Fill::Undecided, "undecided"),
 ];
 
 /// Follows orbits of one map to their ending.
@@ -220,7 +220,7 @@ mod tests {
 
     use super::*;
 
-    fn shares(k: f64, restitution: f64) -> HashMap<Tone, f64> {
+    fn shares(k: f64, restitution: f64) -> HashMap<Fill, f64> {
         let endings = Endings::new(k, restitution, 2000).unwrap();
         let mut shares = HashMap::new();
         for row in 0..40 {
@@ -229,7 +229,7 @@ mod tests {
                     phase: TAU * (f64::from(column) + 0.5) / 40.0,
                     velocity: 3.0 * (f64::from(row) + 0.5) / 40.0,
                 };
-                *shares.entry(tone(endings.of(start))).or_default() += 1.0 / 1600.0;
+                *shares.entry(fill(endings.of(start))).or_default() += 1.0 / 1600.0;
             }
         }
         shares
@@ -240,9 +240,9 @@ mod tests {
         // docs/theory-capture.md#t7.1: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another placing of the
         // 40 x 40 starts moves the shares by the cells on the basin's edge, about 2 %.
         let shares = shares(0.43, 0.2);
-        assert!((shares[&Tone::Locked] - 0.33).abs() < 0.02, "{shares:?}");
+        assert!((shares[&Fill::Locked] - 0.33).abs() < 0.02, "{shares:?}");
         assert!(
-            (shares[&Tone::HopAndRest] - 0.64).abs() < 0.02,
+            (shares[&Fill::HopAndRest] - 0.64).abs() < 0.02,
             "{shares:?}"
         );
     }
@@ -265,7 +265,7 @@ mod tests {
     #[test]
     fn below_0_4117_rest_leads_to_the_lock() {
         let shares = shares(0.405, 0.2);
-        assert!(shares[&Tone::Locked] > 0.95, "{shares:?}");
+        assert!(shares[&Fill::Locked] > 0.95, "{shares:?}");
     }
 
     #[test]
@@ -273,10 +273,10 @@ mod tests {
         // docs/theory-reference.md#t11.4: k = 1.2, R = 0.8 locks.
         let shares = shares(1.2, 0.8);
         assert!(
-            shares[&Tone::Rest] > 0.1 && shares[&Tone::Locked] > 0.05,
+            shares[&Fill::Rest] > 0.1 && shares[&Fill::Locked] > 0.05,
             "{shares:?}"
         );
-        assert!(!shares.contains_key(&Tone::HopAndRest));
+        assert!(!shares.contains_key(&Fill::HopAndRest));
     }
 
     #[test]

@@ -31,7 +31,7 @@ pub enum Format {
 
 /// A result: a table, words above and below it, its JSON form, and rows too many for a table.
 #[derive(Default)]
-pub struct Report {
+pub struct Printout {
     heading: String,
     table: Table,
     notes: Vec<String>,
@@ -41,8 +41,8 @@ pub struct Report {
 
 type WriteCsv = dyn Fn(&mut dyn Write) -> std::io::Result<()>;
 
-impl Report {
-    /// The report of a table; its JSON is the array of its rows.
+impl Printout {
+    /// The printout of a table; its JSON is the array of its rows.
     #[must_use]
     pub fn new(table: Table) -> Self {
         Self {
@@ -51,21 +51,21 @@ impl Report {
         }
     }
 
-    /// The report with a line above the table to read.
+    /// The printout with a line above the table to read.
     #[must_use]
     pub fn heading(mut self, heading: impl Into<String>) -> Self {
         self.heading = heading.into();
         self
     }
 
-    /// The report with one more line below the table to read.
+    /// The printout with one more line below the table to read.
     #[must_use]
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
     }
 
-    /// The report with a JSON form of its own.
+    /// The printout with a JSON form of its own.
     pub fn json(mut self, value: &impl Serialize) -> Result<Self, Refusal> {
         self.json = Some(serde_json::to_value(value).map_err(|error| {
             Refusal::new(
@@ -76,7 +76,7 @@ impl Report {
         Ok(self)
     }
 
-    /// The report with a CSV form of its own, for more rows than a table should hold.
+    /// The printout with a CSV form of its own, for more rows than a table should hold.
     #[must_use]
     pub fn csv(mut self, write: impl Fn(&mut dyn Write) -> std::io::Result<()> + 'static) -> Self {
         self.csv = Some(Box::new(write));

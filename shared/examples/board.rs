@@ -9,7 +9,7 @@
 use std::error::Error;
 
 use kband::control::{
-    Command, Controller, Cycle, PLAN_SLICES, Settings, Signal, Start, State, Target,
+    Command, Controller, Cycle, PLAN_SLICES, Settings, Signal, StartCause, State, Target,
 };
 use kband::plant::{Bench, Scene};
 
@@ -50,7 +50,7 @@ fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
     let mut mailbox = Mailbox::default();
     let mut signal = Signal::build(settings)?;
     let target = Target::Locked { order: 1 };
-    let mut controller = Controller::build(settings, target, Start::Ordinary)?;
+    let mut controller = Controller::build(settings, target, StartCause::Ordinary)?;
     let mut state = State::Off;
     for _ in 0..seconds * 20_000 {
         sample_interrupt(&mut signal, &mut hardware, &mut mailbox);

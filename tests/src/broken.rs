@@ -4,7 +4,7 @@
 //! from its public parts, with one falsehood between two of them.
 
 use kband::control::{
-    Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, Start, State, Target,
+    Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
 };
 use kband::plant::{Bench, Change, Moment, Scene};
 use kband_host::simulate::{Outcome, SceneFile};
@@ -25,7 +25,7 @@ pub enum Break {
     /// What the controller has the drive do is falsified.
     Done(fn(&mut Report)),
     /// After a brown-out the controller starts as after this.
-    Restarted(Start),
+    Restarted(StartCause),
 }
 
 /// The closed loop of a scene, broken.
@@ -80,7 +80,7 @@ impl Broken {
         if shown.sagged() {
             let start = match self.how {
                 Break::Restarted(start) => start,
-                _ => Start::Reset,
+                _ => StartCause::Reset,
             };
             let settings = *self.controller.settings();
             self.signal = Signal::build(&settings).expect("settings");

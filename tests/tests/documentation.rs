@@ -224,7 +224,7 @@ fn every_name_of_the_glossary_is_in_the_sources() {
 #[test]
 fn every_regime_and_state_that_is_shown_is_explained() {
     let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
-    for (_, name) in kband_host::ending::TONES {
+    for (_, name) in kband_host::ending::FILLS {
         assert!(
             glossary.contains(&format!("| {name}")),
             "no '{name}' in docs/glossary.md"

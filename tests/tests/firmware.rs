@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use kband::control::{Event, Fault, Settings, Start};
+use kband::control::{Event, Fault, Settings, StartCause};
 use kband::plant::{ClosedLoop, Moment, Scene};
 use kband::wire::{
     FRAME_MOST, Outgoing, Request, Response, SCHEMA, Target, VERSION, write_question,
@@ -140,9 +140,9 @@ fn after_a_sag_of_the_supply_the_drive_stays_off_until_it_is_enabled_anew() {
         };
         (0..trial.cycles).map(|_| cycle()).collect::<Vec<_>>()
     };
-    let before = run(Trial::BEFORE_SAG, Start::PowerOn);
+    let before = run(Trial::BEFORE_SAG, StartCause::PowerOn);
     assert!(before[59].report.command.amplitude > 0.1);
-    let after = run(Trial::AFTER_SAG, Start::Reset);
+    let after = run(Trial::AFTER_SAG, StartCause::Reset);
     for Moment { time, report, .. } in after {
         if time < 1.0 {
             assert_eq!(report.fault, Some(Fault::WatchdogReset), "{time}");
@@ -382,7 +382,7 @@ fn the_stack_bears_every_request() {
         Request::Defaults,
         Request::Simulate {
             target: Target::Locked(1),
-            start: kband::wire::Start::Ordinary,
+            start: kband::wire::StartCause::Ordinary,
         },
         Request::Samples {
             codes: &[0; 200],

@@ -2,7 +2,7 @@
 //! what it may not: fixed seeds, with overflow checked as every test is.
 
 use kband::control::{
-    AdcCode, Controller, PLAN_SLICES, Report, Settings, Signal, Start, State, Target,
+    AdcCode, Controller, PLAN_SLICES, Report, Settings, Signal, StartCause, State, Target,
 };
 use kband::plant::{Bench, Scene};
 use kband_tests::states::Random;
@@ -141,7 +141,8 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
         if !tame {
             scene.settings = settings(&mut random);
             scene.target = target(&mut random);
-            scene.start = [Start::Ordinary, Start::Reset, Start::Refused][below(&mut random, 3)];
+            scene.start = [StartCause::Ordinary, StartCause::Reset, StartCause::Refused]
+                [below(&mut random, 3)];
         }
         let (Ok(mut signal), Ok(mut controller), Ok(mut bench)) = (
             Signal::build(&scene.settings),

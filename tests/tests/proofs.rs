@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use kband::control::{Cycle, Fault, Limits, Report, Start, State, TRANSITIONS, Target};
+use kband::control::{Cycle, Fault, Limits, Report, StartCause, State, TRANSITIONS, Target};
 use kband::plant::{Change, Scene};
 use kband_host::simulate::{Outcome, SceneFile};
 use kband_tests::broken::{Break, run};
@@ -82,7 +82,7 @@ fn uncontrolled(report: &mut Report) {
 }
 
 fn forget_reset(scene: &mut Scene) {
-    scene.start = Start::Ordinary;
+    scene.start = StartCause::Ordinary;
 }
 fn narrow_lot(scene: &mut Scene) {
     scene.settings.restitution_low = 0.199;
@@ -117,12 +117,12 @@ const PROOFS: [(&str, Shows, Break); 63] = [
     (
         "brown_out",
         Shows::Fault(Fault::WatchdogReset),
-        Restarted(Start::Ordinary),
+        Restarted(StartCause::Ordinary),
     ),
     (
         "brown_out_stays_off",
         Shows::Fault(Fault::WatchdogReset),
-        Restarted(Start::Ordinary),
+        Restarted(StartCause::Ordinary),
     ),
     ("chaotic", Obeying, Told(another_target)),
     ("drawn_parts", Listening, Seen(deaf)),
@@ -309,7 +309,7 @@ fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
     let pairs = states.windows(2).map(|pair| (pair[0], pair[1]));
     // Before the first cycle an ordinary start is off.
     let first = states.first().map(|&first| (State::Off.number(), first));
-    let ordinary = outcome.file().scene.start == Start::Ordinary;
+    let ordinary = outcome.file().scene.start == StartCause::Ordinary;
     pairs
         .chain(first.filter(|_| ordinary))
         .filter(|(from, to)| from != to)

@@ -7,7 +7,7 @@ use std::boxed::Box;
 use std::vec::Vec;
 
 use embassy_futures::block_on;
-use kband::control::{Cycle, Inputs, Start, State, Target};
+use kband::control::{Cycle, Inputs, StartCause, State, Target};
 use kband::plant::Noise;
 use kband::wire::{KeptFault, Outgoing, read_answer, write_question, write_request};
 
@@ -82,8 +82,8 @@ impl Board {
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
-        let controller = Station::controller(&found, Start::Ordinary).unwrap();
-        let station = Station::new(&found, Start::Ordinary, &controller, exchange, words);
+        let controller = Station::controller(&found, StartCause::Ordinary).unwrap();
+        let station = Station::new(&found, StartCause::Ordinary, &controller, exchange, words);
         Self {
             service: Service::new(IMAGE, Memory::of(found)),
             station,
@@ -437,7 +437,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     board.refused(&samples(&[], None), Refusal::OutOfStep);
     board.done(&Request::Simulate {
         target: scene.target.into(),
-        start: kband::wire::Start::Ordinary,
+        start: kband::wire::StartCause::Ordinary,
     });
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let mut bench = Bench::build(&scene).unwrap();

@@ -40,13 +40,13 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
             "bracket",
             bracket::first_impact,
             few,
-            TURN / 16,
+            LAUNCHES / 16,
         )),
         Box::new(Baseline::new(
             "textbook",
             textbook::first_impact,
             launches.to_vec(),
-            TURN,
+            LAUNCHES,
         )),
         Box::new(Kernels::<Exact>::new(launches)),
         Box::new(Kernels::<Map>::new(launches)),
@@ -59,7 +59,7 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
 
 /// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
 /// after the others' turns does not count, so few that a turn is over before a busy machine interrupts it.
-pub const TURN: usize = 16 * LANES;
+pub const LAUNCHES: usize = 16 * LANES;
 
 /// How many times as many impacts the batch kernel makes in a turn, which then lasts as long as the others'.
 const BATCHES: usize = 4;
@@ -189,11 +189,11 @@ impl<K: Kernel> Contestant for Kernels<K> {
     }
 
     fn turns(&self) -> usize {
-        self.ready.len().div_ceil(TURN)
+        self.ready.len().div_ceil(LAUNCHES)
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        let ready = slice(&self.ready, n, TURN);
+        let ready = slice(&self.ready, n, LAUNCHES);
         let begun = Instant::now();
         for (kernel, state, _) in ready {
             black_box(&kernel.impact(*state));
@@ -229,7 +229,7 @@ impl Blocks {
         let ready =
             |launch: &Launch| Some((Map::build(launch.k, launch.restitution).ok()?, *launch));
         Self {
-            blocks: vec![Block::new(); TURN / LANES],
+            blocks: vec![Block::new(); LAUNCHES / LANES],
             launches: launches.iter().filter_map(ready).collect(),
         }
     }
@@ -254,13 +254,13 @@ impl Contestant for Blocks {
     }
 
     fn turns(&self) -> usize {
-        self.launches.len().div_ceil(BATCHES * TURN)
+        self.launches.len().div_ceil(BATCHES * LAUNCHES)
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        let launches = slice(&self.launches, n, BATCHES * TURN);
+        let launches = slice(&self.launches, n, BATCHES * LAUNCHES);
         let mut spent = Duration::ZERO;
-        for launches in launches.chunks(TURN) {
+        for launches in launches.chunks(LAUNCHES) {
             let filled = &mut self.blocks[..launches.len().div_ceil(LANES)];
             for (block, launches) in filled.iter_mut().zip(launches.chunks(LANES)) {
                 Self::fill(block, launches);
@@ -362,7 +362,7 @@ impl Contestant for Orbits {
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        const IMPACTS: u32 = (BATCHES * TURN / LANES) as u32;
+        const IMPACTS: u32 = (BATCHES * LAUNCHES / LANES) as u32;
         let turns = self.blocks.len();
         let (block, lanes) = &mut self.blocks[n % turns];
         let begun = Instant::now();

@@ -19,7 +19,7 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
         };
     }
     let v = velocity + c;
-    let (edge, edge_cosine) = if k < 1.0 {
+    let (lift_off, lift_off_cosine) = if k < 1.0 {
         (k.asin(), (1.0 - k * k).sqrt())
     } else {
         (0.5 * PI, 0.0)
@@ -36,12 +36,12 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
     let at_end = |d: f64| s - k.min(1.0) + d * (v - 0.5 * k * d);
     let mut convex = s > k && phase < PI;
     let mut low = 0.0;
-    let mut high = if phase < edge {
-        edge - phase
+    let mut high = if phase < lift_off {
+        lift_off - phase
     } else if convex {
-        PI - edge - phase
+        PI - lift_off - phase
     } else {
-        TAU + edge - phase
+        TAU + lift_off - phase
     };
     // Whole turns above the track's reach are skipped.
     let leaving = v * v - 2.0 * k * (1.0 - s);
@@ -61,7 +61,7 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
         if convex {
             if let Some(d) = (!first)
                 .then(|| {
-                    let (u, du) = (at_end(low), v - k * low - edge_cosine);
+                    let (u, du) = (at_end(low), v - k * low - lift_off_cosine);
                     newton_from_left(gap, u, du, low, high)
                 })
                 .flatten()
@@ -69,11 +69,11 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
                 break d;
             }
             low = high;
-            high += PI + 2.0 * edge;
+            high += PI + 2.0 * lift_off;
         } else {
             let u = at_end(high);
             if u <= 0.0 {
-                let mut d = high - u / (v - k * high - edge_cosine);
+                let mut d = high - u / (v - k * high - lift_off_cosine);
                 for _ in 0..200 {
                     let (u, du) = gap(d);
                     if u >= 0.0 || du >= 0.0 {
@@ -88,7 +88,7 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
                 break d;
             }
             low = high;
-            high += PI - 2.0 * edge;
+            high += PI - 2.0 * lift_off;
         }
         convex = !convex;
         first = false;

@@ -2,7 +2,7 @@
 
 use kband::control::{Report, SAMPLE_RATE, Settings, Signal};
 use kband::plant::{Bench, Moment, Plant, Scene};
-use kband::wire::{Request, Response, Start, fold_output, write_reading};
+use kband::wire::{Request, Response, StartCause, fold_output, write_reading};
 
 use super::link::Link;
 use super::settings::tell;
@@ -78,7 +78,7 @@ impl BoardLoop {
         self.before = 0;
         self.link.tell(&Request::Simulate {
             target: self.scene.target.into(),
-            start: Start::Reset,
+            start: StartCause::Reset,
         })
     }
 

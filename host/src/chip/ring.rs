@@ -27,7 +27,7 @@ const HEAD: usize = 48;
 /// Where the desk writes how far it has read.
 const READ: u32 = 40;
 /// No ring is longer.
-const LONGEST: u32 = 65_536;
+const LONGEST_RING: u32 = 65_536;
 /// Bytes of the vector table that tell one image from another.
 const VECTORS: usize = 392;
 
@@ -126,7 +126,7 @@ fn unread(head: &[u8; HEAD], memory: &Range<u32>) -> Option<([Range<u32>; 2], u3
     let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
     let (buffer, size, write, read) = (word(28), word(32), word(36), word(40));
     let fits = head.starts_with(MARK)
-        && size <= LONGEST
+        && size <= LONGEST_RING
         && write < size
         && read < size
         && memory.contains(&buffer)

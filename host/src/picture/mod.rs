@@ -1,7 +1,7 @@
 //! Pictures of one house style, drawn once as shapes and written as SVG or PNG.
 //!
 //! Every axis has a unit by its type; colours, dashes, markers and hatches come from the theme by the
-//! number of the series or the tone of the regime, so that all pictures of kband read alike, also in
+//! number of the series or the fill of the regime, so that all pictures of kband read alike, also in
 //! grey and for colour-blind readers. Big point clouds and maps become one embedded image.
 
 mod axis;
@@ -14,7 +14,7 @@ mod theme;
 
 pub use axis::{Axis, Unit};
 pub use panel::{Grid, Panel};
-pub use theme::{Theme, Tone};
+pub use theme::{Fill, Theme};
 
 use shape::{Anchor, Rect, Shape, Text};
 
@@ -152,16 +152,16 @@ mod tests {
             .level(3.0, "level")
             .note(0.45, 4.0, "a < b & c")
             .ribbon(
-                vec![(0.3, 0.4, Tone::Chaotic), (0.4, 0.5, Tone::Locked)],
-                &[(Tone::Locked, "locked")],
+                vec![(0.3, 0.4, Fill::Chaotic), (0.4, 0.5, Fill::Locked)],
+                &[(Fill::Locked, "locked")],
             );
         let map = sample().heat(
             Grid::new(2, vec![0.0, 1.0, 2.0, f64::NAN]),
             Axis::new("speed", Unit::MILLIMETRES_A_SECOND, 0.0, 2.0),
         );
         let classes = sample().classes(
-            Grid::new(2, vec![Tone::Rest, Tone::Locked]),
-            &[(Tone::Rest, "rest")],
+            Grid::new(2, vec![Fill::Rest, Fill::Locked]),
+            &[(Fill::Rest, "rest")],
         );
         Picture::new("Title")
             .caption("words ".repeat(60))

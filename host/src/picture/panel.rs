@@ -15,7 +15,7 @@ use style::{dashed, text};
 
 use super::axis::Axis;
 use super::shape::{Anchor, Rect, Shape, Text};
-use super::theme::{Theme, Tone};
+use super::theme::{Fill, Theme};
 
 /// Size of small words in pixels.
 pub(super) const SMALL: f64 = 12.0;
@@ -40,7 +40,7 @@ pub struct Panel {
     legend: Vec<(Key, String)>,
     marks: Vec<(f64, String, bool)>,
     levels: Vec<(f64, String)>,
-    ribbon: Vec<(f64, f64, Tone)>,
+    ribbon: Vec<(f64, f64, Fill)>,
 }
 
 impl Panel {
@@ -134,21 +134,21 @@ impl Panel {
         self
     }
 
-    /// A map of tones over the whole panel; `names` go to the legend.
+    /// A map of fills over the whole panel; `names` go to the legend.
     #[must_use]
-    pub fn classes(mut self, grid: Grid<Tone>, names: &[(Tone, &str)]) -> Self {
-        for (tone, name) in names {
-            self.key(Key::Plain(*tone), name);
+    pub fn classes(mut self, grid: Grid<Fill>, names: &[(Fill, &str)]) -> Self {
+        for (fill, name) in names {
+            self.key(Key::Plain(*fill), name);
         }
         self.items.push(Item::Classes(grid));
         self
     }
 
-    /// A ribbon of tones above the plot, as (from, to, tone) along the horizontal axis.
+    /// A ribbon of fills above the plot, as (from, to, fill) along the horizontal axis.
     #[must_use]
-    pub fn ribbon(mut self, stretches: Vec<(f64, f64, Tone)>, names: &[(Tone, &str)]) -> Self {
-        for (tone, name) in names {
-            self.key(Key::Tone(*tone), name);
+    pub fn ribbon(mut self, stretches: Vec<(f64, f64, Fill)>, names: &[(Fill, &str)]) -> Self {
+        for (fill, name) in names {
+            self.key(Key::Fill(*fill), name);
         }
         self.ribbon = stretches;
         self

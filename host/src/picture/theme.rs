@@ -63,7 +63,7 @@ impl Colour {
 
 /// What a stretch of time or of k, or a point of a map, is: a colour with a hatch of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Tone {
+pub enum Fill {
     /// Resting on the track, or the drive is off.
     Rest,
     /// Hops that end in rest and relaunch, or a transition of the drive.
@@ -92,7 +92,7 @@ pub(super) enum Hatch {
     Upright,
 }
 
-impl Tone {
+impl Fill {
     pub(super) fn colour(self, theme: Theme) -> Colour {
         Colour::hex(match (self, theme) {
             (Self::Rest, Theme::Light) => 0xF2F2F2,
@@ -266,7 +266,7 @@ mod tests {
         }
     }
 
-    fn contrast(a: Tone, b: Tone, theme: Theme) -> f64 {
+    fn contrast(a: Fill, b: Fill, theme: Theme) -> f64 {
         let (a, b) = (a.colour(theme).luminance(), b.colour(theme).luminance());
         (a.max(b) + 0.05) / (a.min(b) + 0.05)
     }
@@ -275,12 +275,12 @@ mod tests {
     fn regimes_differ_in_lightness_alone() {
         // Maps have no room for a hatch, and are printed in grey.
         let regimes = [
-            Tone::Rest,
-            Tone::HopAndRest,
-            Tone::Locked,
-            Tone::Doubled,
-            Tone::Periodic,
-            Tone::Chaotic,
+            Fill::Rest,
+            Fill::HopAndRest,
+            Fill::Locked,
+            Fill::Doubled,
+            Fill::Periodic,
+            Fill::Chaotic,
         ];
         for theme in [Theme::Light, Theme::Dark] {
             for (n, a) in regimes.iter().enumerate() {
@@ -294,9 +294,9 @@ mod tests {
 
     #[test]
     fn what_went_wrong_differs_by_hatch() {
-        for tone in [Tone::Undecided, Tone::Fault] {
-            assert_ne!(tone.hatch(), Hatch::None);
+        for fill in [Fill::Undecided, Fill::Fault] {
+            assert_ne!(fill.hatch(), Hatch::None);
         }
-        assert_ne!(Tone::Undecided.hatch(), Tone::Fault.hatch());
+        assert_ne!(Fill::Undecided.hatch(), Fill::Fault.hatch());
     }
 }

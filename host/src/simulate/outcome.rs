@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use kband::arithmetic::Phase;
 use kband::control::{
-    Controller, Event, Identification, Identified, Limits, NoSetpoint, Report, Start, State, Target,
+    Controller, Event, Identification, Identified, Limits, NoSetpoint, Report, StartCause, State,
+    Target,
 };
 use kband::feeder::Restitution;
 use kband::plant::{Change, Moment, Strike};
@@ -158,7 +159,7 @@ impl Outcome {
         let took = began.elapsed().as_secs_f64();
         engine.keep_plan();
         let settings = &file.scene.settings;
-        let mut controller = Controller::build(settings, last_target(file), Start::Ordinary)?;
+        let mut controller = Controller::build(settings, last_target(file), StartCause::Ordinary)?;
         while !controller.chosen() && controller.plan_step() {}
         Ok(Self {
             controller,

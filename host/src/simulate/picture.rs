@@ -4,28 +4,28 @@ use kband::control::{Event, State};
 
 use super::outcome::Outcome;
 use super::timeline::describe;
-use crate::picture::{Axis, Panel, Picture, Tone, Unit};
+use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 
 /// Most impacts that are drawn.
 const MARKERS: usize = 600;
 
-const TONES: [(Tone, &str); 6] = [
-    (Tone::Rest, "off"),
-    (Tone::HopAndRest, "starting, stopping, holding"),
-    (Tone::Undecided, "capturing, lost"),
-    (Tone::Locked, "locked"),
-    (Tone::Chaotic, "limiting"),
-    (Tone::Fault, "fault"),
+const FILLS: [(Fill, &str); 6] = [
+    (Fill::Rest, "off"),
+    (Fill::HopAndRest, "starting, stopping, holding"),
+    (Fill::Undecided, "capturing, lost"),
+    (Fill::Locked, "locked"),
+    (Fill::Chaotic, "limiting"),
+    (Fill::Fault, "fault"),
 ];
 
-fn tone(state: State) -> Tone {
+fn fill(state: State) -> Fill {
     match state {
-        State::Off => Tone::Rest,
-        State::Starting | State::Stopping | State::Holding => Tone::HopAndRest,
-        State::Capturing | State::Lost => Tone::Undecided,
-        State::Locked => Tone::Locked,
-        State::Limiting => Tone::Chaotic,
-        State::Fault => Tone::Fault,
+        State::Off => Fill::Rest,
+        State::Starting | State::Stopping | State::Holding => Fill::HopAndRest,
+        State::Capturing | State::Lost => Fill::Undecided,
+        State::Locked => Fill::Locked,
+        State::Limiting => Fill::Chaotic,
+        State::Fault => Fill::Fault,
     }
 }
 
@@ -53,18 +53,18 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .chain(&reference)
         .map(|point| point.1)
         .fold(0.0, f64::max);
-    let mut ribbon: Vec<(f64, f64, Tone)> = Vec::new();
+    let mut ribbon: Vec<(f64, f64, Fill)> = Vec::new();
     let states = sketch.states();
     for (n, (from, state)) in states.iter().enumerate() {
         let until = states.get(n + 1).map_or(end, |next| next.0);
         match ribbon.last_mut() {
-            Some(last) if last.2 == tone(*state) => last.1 = until,
-            _ => ribbon.push((*from, until, tone(*state))),
+            Some(last) if last.2 == fill(*state) => last.1 = until,
+            _ => ribbon.push((*from, until, fill(*state))),
         }
     }
-    let used: Vec<(Tone, &str)> = TONES
+    let used: Vec<(Fill, &str)> = FILLS
         .into_iter()
-        .filter(|(tone, _)| ribbon.iter().any(|stretch| stretch.2 == *tone))
+        .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
         .collect();
     let mut amplitude = Panel::new(
         time(),

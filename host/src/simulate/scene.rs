@@ -1,6 +1,6 @@
 //! Scene files: strict TOML to a checked scene.
 
-use kband::control::{Controller, Settings, Start};
+use kband::control::{Controller, Settings, StartCause};
 use kband::feeder::OutOfRange;
 use kband::plant::{Change, DriveModel, Scene};
 use toml::{Table, Value};
@@ -110,10 +110,10 @@ impl SceneFile {
         }
         if let Some(start) = root.take("start") {
             scene.start = match start.as_str() {
-                Some("ordinary") => Start::Ordinary,
-                Some("power-on") => Start::PowerOn,
-                Some("reset") => Start::Reset,
-                Some("refused") => Start::Refused,
+                Some("ordinary") => StartCause::Ordinary,
+                Some("power-on") => StartCause::PowerOn,
+                Some("reset") => StartCause::Reset,
+                Some("refused") => StartCause::Refused,
                 _ => {
                     return Err(root.refuse("start", &start, "ordinary, power-on, reset, refused"));
                 }

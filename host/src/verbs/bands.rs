@@ -11,7 +11,7 @@ use kband::regime::reach::Reach;
 use crate::arguments::{self, DriveArguments, Printed};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, Value};
+use crate::report::{Column, Printout, Table, Value};
 
 /// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
@@ -133,7 +133,7 @@ fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
     })
 }
 
-fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, Refusal> {
+fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout, Refusal> {
     let mut read = Table::new(&[
         Column::new("order", ""),
         Column::new("k2", ""),
@@ -236,7 +236,7 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Report, 
     } else {
         format!("R = {}..{}", lot.low(), lot.high())
     };
-    let mut report = Report::new(read).heading(format!(
+    let mut report = Printout::new(read).heading(format!(
         "{who}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
         arguments.drive.frequency, arguments.drive.incline
     ));

@@ -10,10 +10,10 @@ use serde_json::json;
 
 use crate::arguments::{self, Drawn, Printed};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, TONES};
-use crate::picture::{Axis, Grid, Panel, Picture, Tone, Unit};
+use crate::ending::{self, Endings, FILLS};
+use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 /// Which regime a part ends in, by the phase and velocity it starts with.
 #[derive(Clone, Debug, clap::Args)]
@@ -77,9 +77,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }
     }
     let rank = |regime| {
-        TONES
+        FILLS
             .iter()
-            .position(|(tone, _)| *tone == ending::tone(regime))
+            .position(|(fill, _)| *fill == ending::fill(regime))
     };
     counts.sort_by_key(|(regime, count)| (rank(*regime), std::cmp::Reverse(*count)));
     let share = |count: usize| count as f64 / ends.len() as f64;
@@ -100,7 +100,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .map(|(end, count)| json!({"regime": ending::name(*end), "share": share(*count), "starts": count}))
         .collect();
     let listed = Arc::clone(&ends);
-    let report = Report::new(table)
+    let report = Printout::new(table)
         .heading(format!(
             "Where parts end at k = {}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
             number(arguments.k, 6),
@@ -139,31 +139,31 @@ fn picture(
     ends: &[Regime],
     counts: &[(Regime, usize)],
 ) -> Picture {
-    // Regimes that share a tone share a line of the legend.
-    let mut legend: Vec<(Tone, String, usize)> = Vec::new();
+    // Regimes that share a fill share a line of the legend.
+    let mut legend: Vec<(Fill, String, usize)> = Vec::new();
     for (regime, count) in counts {
-        let tone = ending::tone(*regime);
-        match legend.iter_mut().find(|(known, ..)| *known == tone) {
+        let fill = ending::fill(*regime);
+        match legend.iter_mut().find(|(known, ..)| *known == fill) {
             Some((_, name, sum)) => {
                 *sum += count;
-                let general = TONES.iter().find(|(known, _)| *known == tone);
+                let general = FILLS.iter().find(|(known, _)| *known == fill);
                 *name = general.map_or("", |(_, name)| name).into();
             }
-            None => legend.push((tone, ending::name(*regime), *count)),
+            None => legend.push((fill, ending::name(*regime), *count)),
         }
     }
-    let words: Vec<(Tone, String)> = legend
+    let words: Vec<(Fill, String)> = legend
         .into_iter()
-        .map(|(tone, name, count)| {
+        .map(|(fill, name, count)| {
             let share = 100.0 * count as f64 / ends.len() as f64;
-            (tone, format!("{name}: {share:.1} %"))
+            (fill, format!("{name}: {share:.1} %"))
         })
         .collect();
-    let names: Vec<(Tone, &str)> = words
+    let names: Vec<(Fill, &str)> = words
         .iter()
-        .map(|(tone, name)| (*tone, name.as_str()))
+        .map(|(fill, name)| (*fill, name.as_str()))
         .collect();
-    let tones = ends.iter().map(|end| ending::tone(*end)).collect();
+    let fills = ends.iter().map(|end| ending::fill(*end)).collect();
     let locks = endings
         .locks()
         .map(Lock::state)
@@ -180,7 +180,7 @@ fn picture(
         ),
     )
     .height(560.0)
-    .classes(Grid::new(arguments.grid, tones), &names)
+    .classes(Grid::new(arguments.grid, fills), &names)
     .markers("the locked orbit", 1, locks);
     Picture::new("Where a part ends, by how it starts")
         .width(780.0)

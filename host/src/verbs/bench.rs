@@ -1,14 +1,14 @@
 //! `kband bench`: run time against error of every arithmetic.
 
 use crate::arguments::{self, Drawn, Printed};
-use crate::bench::contest::{Contestant, TURN, contestants};
+use crate::bench::contest::{Contestant, LAUNCHES, contestants};
 use crate::bench::instructions::{self, Count};
 use crate::bench::workload::Workload;
 use crate::bench::{Measurement, median, scene, skips};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 /// Run time against error of every arithmetic of the impact map, and what each skip saves.
 #[derive(Clone, Debug, clap::Args)]
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             count("m0").into(),
         ]);
     }
-    let mut report = Report::new(table).heading("Run time against error, one core, one run");
+    let mut report = Printout::new(table).heading("Run time against error, one core, one run");
     for workload in Workload::ALL {
         if let (Some(textbook), Some(f64), Some(batch)) = (
             time(&lines, "textbook", workload),
@@ -120,7 +120,7 @@ fn measure(
         .iter()
         .map(|contestant| vec![Vec::new(); contestant.turns().max(1)])
         .collect();
-    for turn in 0..arguments.rounds * launches.len().div_ceil(TURN) {
+    for turn in 0..arguments.rounds * launches.len().div_ceil(LAUNCHES) {
         for (contestant, times) in contestants.iter_mut().zip(&mut times) {
             desk.go_on()?;
             let turns = times.len();

@@ -9,13 +9,13 @@ use draws::Rates;
 use kicks::Kicks;
 use page::report;
 
+use std::task::Poll;
+
 use kband::feeder::Restitution;
 use kband::impact::Hybrid;
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
-use kband::regime::capture::{
-    DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner, Progress,
-};
+use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
@@ -183,7 +183,7 @@ impl<'a> Task<'a> {
         })?;
         loop {
             desk.go_on()?;
-            if let Progress::Done(plan) = planner.advance(10_000) {
+            if let Poll::Ready(plan) = planner.advance(10_000) {
                 return Ok(plan);
             }
         }

@@ -1,12 +1,12 @@
 //! `kband cascade`: the period doublings below a band.
 
-use kband::regime::cascade::{Cascade, End, FEIGENBAUM, HIGHEST_DOUBLINGS};
+use kband::regime::cascade::{Cascade, CascadeEnd, FEIGENBAUM, HIGHEST_DOUBLINGS};
 
 use crate::arguments::{self, Drawn, Printed};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 /// Where the locked orbit doubles its period, and doubles again, down to chaos.
 #[derive(Clone, Debug, clap::Args)]
@@ -103,7 +103,7 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     picture
 }
 
-fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Report, Refusal> {
+fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("flip", ""),
         Column::new("k", "").digits(15),
@@ -123,7 +123,7 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Report, Refusal> {
         above = Some(*flip);
     }
     let limit = cascade.k_infinity();
-    let mut report = Report::new(table).heading(format!(
+    let mut report = Printout::new(table).heading(format!(
         "R = {}, order {}: born at k1 = {:.15}",
         arguments.restitution,
         arguments.order,
@@ -135,7 +135,7 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Report, Refusal> {
             limit.value, limit.error
         ));
     }
-    let complete = cascade.end() == End::Complete;
+    let complete = cascade.end() == CascadeEnd::Complete;
     if !complete {
         report = report.note(format!(
             "the flip after the last could not be followed: at R = {} the doubled orbit loses a flight or \

@@ -2,13 +2,13 @@
 
 use kband::impact::{Kernel, Map, State};
 use kband::regime::chaos::ChaoticBand;
-use kband::regime::exponent::{Exponent, ExponentSettings, Motion, measure, start};
+use kband::regime::exponent::{Dynamics, Exponent, ExponentSettings, measure, start};
 
 use crate::arguments::{self, Drawn, Printed, Range};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 /// How fast neighbouring orbits part: Lyapunov exponents, with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
@@ -86,12 +86,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-fn words(motion: Motion) -> &'static str {
-    match motion {
-        Motion::Regular => "regular",
-        Motion::Chaotic => "chaotic",
-        Motion::Undecided => "undecided",
-        Motion::Rest { .. } => "rest",
+fn words(dynamics: Dynamics) -> &'static str {
+    match dynamics {
+        Dynamics::Regular => "regular",
+        Dynamics::Chaotic => "chaotic",
+        Dynamics::Undecided => "undecided",
+        Dynamics::Rest { .. } => "rest",
     }
 }
 
@@ -100,7 +100,7 @@ fn report(
     values: &[f64],
     found: &[Exponent],
     band: Option<ChaoticBand>,
-) -> Result<Report, Refusal> {
+) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("k", ""),
         Column::new("exponent", "1/impact"),
@@ -113,8 +113,8 @@ fn report(
     ]);
     let finite = |value: f64| value.is_finite().then_some(value);
     for (k, exponent) in values.iter().zip(found) {
-        let after = match exponent.motion {
-            Motion::Rest { after } => Some(after),
+        let after = match exponent.dynamics {
+            Dynamics::Rest { after } => Some(after),
             _ => None,
         };
         table.push([
@@ -124,11 +124,11 @@ fn report(
             finite(exponent.per_cycle.value).into(),
             finite(exponent.per_cycle.error).into(),
             finite(exponent.flight).into(),
-            words(exponent.motion).into(),
+            words(exponent.dynamics).into(),
             after.into(),
         ]);
     }
-    let mut report = Report::new(table).heading(format!(
+    let mut report = Printout::new(table).heading(format!(
         "R = {}, {} impacts after {} to settle",
         arguments.restitution, arguments.impacts, arguments.settle
     ));
@@ -154,12 +154,12 @@ fn picture(
     found: &[Exponent],
     band: Option<ChaoticBand>,
 ) -> Picture {
-    let point = |wanted: &dyn Fn(Motion) -> bool| -> Vec<(f64, f64)> {
+    let point = |wanted: &dyn Fn(Dynamics) -> bool| -> Vec<(f64, f64)> {
         values
             .iter()
             .zip(found)
             .filter(|(_, exponent)| {
-                wanted(exponent.motion) && exponent.per_impact.value.is_finite()
+                wanted(exponent.dynamics) && exponent.per_impact.value.is_finite()
             })
             .map(|(k, exponent)| (*k, exponent.per_impact.value))
             .collect()
@@ -194,11 +194,11 @@ fn picture(
         ("transient: until it came to rest", 2),
     ];
     for (name, series) in names {
-        let points = point(&|motion| {
-            let drawn = match motion {
-                Motion::Chaotic => 1,
-                Motion::Regular | Motion::Undecided => 0,
-                Motion::Rest { .. } => 2,
+        let points = point(&|dynamics| {
+            let drawn = match dynamics {
+                Dynamics::Chaotic => 1,
+                Dynamics::Regular | Dynamics::Undecided => 0,
+                Dynamics::Rest { .. } => 2,
             };
             drawn == series
         });

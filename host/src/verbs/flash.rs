@@ -10,7 +10,7 @@ use crate::desk::Desk;
 #[cfg(feature = "flash")]
 use crate::desk::Progress;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, Value};
+use crate::report::{Column, Printout, Table, Value};
 
 /// Where `cargo feeder` leaves the board's image.
 const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         })
         .collect();
     let memory = chip.memory.end - chip.memory.start;
-    let mut report = Report::new(table)
+    let mut report = Printout::new(table)
         .heading(format!("{} for the {}", path.display(), chip.name))
         .note(format!(
             "flash            {} bytes of {}",

@@ -9,7 +9,7 @@ use crate::arguments::Printed;
 use crate::board::{Address, Emulated, Link};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table};
+use crate::report::{Column, Printout, Table};
 
 /// Ask a board who it is: image, link version, self-test, last words before its reset, counters.
 ///
@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         "fits_this_desk": fits,
     });
     if !fits {
-        let report = Report::new(table).note(format!(
+        let report = Printout::new(table).note(format!(
             "this desk speaks version {VERSION}, schema {SCHEMA:08x}: flash the firmware that belongs to it (kband flash)"
         ));
         report.json(&json)?.print(arguments.printed.format)?;
@@ -149,7 +149,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         "requests": requests, "oversized": oversized, "corrupt": corrupt,
         "foreign": foreign, "unknown": unknown, "flooded": flooded,
     });
-    Report::new(table)
+    Printout::new(table)
         .json(&json)?
         .print(arguments.printed.format)?;
     Ok(Exit::Done)

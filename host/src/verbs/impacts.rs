@@ -12,7 +12,7 @@ use crate::arguments::{self, Drawn};
 use crate::desk::Desk;
 use crate::file;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Report, Table};
+use crate::report::{Column, Format, Printout, Table};
 use portrait::{States, portrait};
 use rows::{Row, Rows, not_held, read_rows};
 
@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             table::<Map>(arguments, desk, |rows| in_blocks(&mut block, rows))?
         }
     };
-    let report = Report::new(table.plain_header());
+    let report = Printout::new(table.plain_header());
     report.print(arguments.format)?;
     output.write(&report, || portrait(arguments, states))?;
     Ok(Exit::Done)

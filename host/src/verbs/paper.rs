@@ -18,7 +18,7 @@ use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::Theme;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table};
+use crate::report::{Column, Printout, Table};
 
 use row::{Row, Verdict};
 
@@ -110,7 +110,7 @@ fn recomputed(desk: &Desk) -> Result<Vec<Row>, Refusal> {
     Ok(rows)
 }
 
-fn report(rows: &[Row]) -> Result<Report, Refusal> {
+fn report(rows: &[Row]) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("equation", ""),
         Column::new("subject", ""),
@@ -150,7 +150,7 @@ fn report(rows: &[Row]) -> Result<Report, Refusal> {
         .collect();
     let count = |verdict: Verdict| rows.iter().filter(|row| row.verdict == verdict).count();
     let failed = rows.iter().filter(|row| !row.holds()).count();
-    Report::new(table)
+    Printout::new(table)
         .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
         .note(format!(
             "{} rows: {} agree, {} corrected, {} refuted, {} not transcribed; {} cases; {}",

@@ -14,7 +14,7 @@ use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Report, Table, Value, shortest};
+use crate::report::{Column, Format, Printout, Table, Value, shortest};
 
 /// List, change, keep, export and import the settings of a board.
 ///
@@ -211,7 +211,7 @@ fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusa
 fn list<'a>(
     settings: impl IntoIterator<Item = &'a BoardSetting>,
     notes: &[String],
-) -> Result<Report, Refusal> {
+) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("key", ""),
         Column::new("value", ""),
@@ -244,7 +244,7 @@ fn list<'a>(
     let report = notes
         .iter()
         .filter(|note| !note.is_empty())
-        .fold(Report::new(table), |report, note| {
+        .fold(Printout::new(table), |report, note| {
             report.note(note.as_str())
         });
     report.json(&rows)

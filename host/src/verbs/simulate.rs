@@ -14,7 +14,7 @@ use crate::file::{self, Destination};
 use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
-use crate::report::{self, Format, Report, Table};
+use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
@@ -232,7 +232,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Some(count) = arguments.runs {
         let all = many_runs(&file, count, fidelity, desk)?;
         write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
-        let report = Report::new(runs::summary(&all));
+        let report = Printout::new(runs::summary(&all));
         return tell_many(
             report,
             &runs::table(&all),
@@ -305,13 +305,13 @@ fn sweep(
         desk,
     )?;
     write_picture(picture, &swept.draw(file), arguments.theme)?;
-    let report = Report::new(swept.summary());
+    let report = Printout::new(swept.summary());
     tell_many(report, &swept.table(), picture, trace, arguments.format)
 }
 
 /// Writes the rows of many runs and prints what they come to.
 fn tell_many(
-    report: Report,
+    report: Printout,
     table: &Table,
     picture: &Destination,
     trace: Option<&Destination>,

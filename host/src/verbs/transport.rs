@@ -13,7 +13,7 @@ use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Report, number};
+use crate::report::{Printout, number};
 
 /// The conveying speed in every regime, over k or the amplitude.
 #[derive(Clone, Debug, clap::Args)]
@@ -119,7 +119,7 @@ pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
 }
 
 /// A report, and its picture once it is wanted.
-type Computed = (Report, Box<dyn FnOnce() -> Picture>);
+type Computed = (Printout, Box<dyn FnOnce() -> Picture>);
 
 fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
     let feeder = Feeder::build(arguments)?;

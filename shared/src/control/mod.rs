@@ -44,6 +44,6 @@ pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, Standard,
 };
 pub use identify::{Identification, Identified, Unidentified};
-pub use report::{Inputs, Report, Start};
+pub use report::{Inputs, Report, StartCause};
 pub use settings::{Key, Settings};
 pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};

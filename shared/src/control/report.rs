@@ -7,7 +7,7 @@ use crate::regime::classify::Verdict;
 
 /// Why the controller starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Start {
+pub enum StartCause {
     /// A user asked for it: a given enable input counts.
     #[default]
     Ordinary,

@@ -166,15 +166,17 @@ fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64,
             _ => 0.005 * libm::pow(800.0, random.uniform()),
         };
         let restitution = corner(&mut random, &[0.0, 0.2, 0.9, 1.0]);
-        let entry = if k < 1.0 {
+        let lift_off = if k < 1.0 {
             libm::asin(k)
         } else {
             0.5 * core::f64::consts::PI
         };
         let step = Phase::RADIANS_PER_STEP;
         let phase = match i % 5 {
-            0 => entry + step * libm::round(6.0 * random.uniform() - 3.0),
-            1 => core::f64::consts::PI - entry + step * libm::round(6.0 * random.uniform() - 3.0),
+            0 => lift_off + step * libm::round(6.0 * random.uniform() - 3.0),
+            1 => {
+                core::f64::consts::PI - lift_off + step * libm::round(6.0 * random.uniform() - 3.0)
+            }
             2 => step * libm::round(6.0 * random.uniform() - 3.0),
             _ => TAU * random.uniform(),
         };
@@ -224,8 +226,8 @@ fn kernels_survive_their_whole_range() {
 /// `None` where the backward flight starts outside 0..20.
 fn touch(random: &mut Random) -> Option<(Case, f64)> {
     let k = 0.02 + 0.96 * random.uniform();
-    let entry = libm::asin(k);
-    let phase = entry + (core::f64::consts::PI - 2.0 * entry) * random.uniform();
+    let lift_off = libm::asin(k);
+    let phase = lift_off + (core::f64::consts::PI - 2.0 * lift_off) * random.uniform();
     // Backwards along the parabola that touches the track at `phase`, down to the launch.
     let (s, c) = (libm::sin(phase), libm::cos(phase));
     let height = |back: f64| s - c * back - 0.5 * k * back * back - libm::sin(phase - back);

@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::feeder::Plant;
 use super::scene::{Change, Scene};
-use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal, Start, Target};
+use crate::control::{Controller, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, Target};
 use crate::feeder::OutOfRange;
 
 /// One cycle of the closed loop.
@@ -115,7 +115,7 @@ impl ClosedLoop {
         // What was accepted once is accepted again.
         if let (Ok(signal), Ok(controller)) = (
             Signal::build(&settings),
-            Controller::build(&settings, self.target, Start::Reset),
+            Controller::build(&settings, self.target, StartCause::Reset),
         ) {
             self.signal = signal;
             self.controller = controller;

@@ -4,7 +4,7 @@ use super::closed_loop::Moment;
 use super::envelope::EnvelopePlant;
 use super::scene::{Change, Scene};
 use super::timeline::Timeline;
-use crate::control::{Command, Controller, Cycle, PLAN_SLICES, Start, Target, phase_step};
+use crate::control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
 use crate::feeder::OutOfRange;
 
 /// Controller and [`EnvelopePlant`], joined as [`ClosedLoop`](super::ClosedLoop) joins controller,
@@ -111,7 +111,7 @@ impl EnvelopeLoop {
     fn restart(&mut self) {
         let settings = *self.controller.settings();
         // What was accepted once is accepted again.
-        if let Ok(controller) = Controller::build(&settings, self.target, Start::Reset) {
+        if let Ok(controller) = Controller::build(&settings, self.target, StartCause::Reset) {
             self.controller = controller;
             self.controller.watch_regime(self.watched);
         }

@@ -230,7 +230,7 @@ impl Part {
             .and_then(|settings| Tangential::build(map.k(), settings).ok());
         let (displacement, along) = along.map_or((0.0, 0.0), |tangential| {
             (
-                tangential.way(launch, impact, self.along / unit),
+                tangential.distance(launch, impact, self.along / unit),
                 tangential.after(launch, impact, self.along / unit),
             )
         });

@@ -3,7 +3,7 @@
 
 use heapless::Vec;
 
-use crate::control::{Settings, Start, Target};
+use crate::control::{Settings, StartCause, Target};
 use crate::feeder::{OutOfRange, accept};
 
 /// Most parts that a plant carries.
@@ -147,7 +147,7 @@ pub struct Scene {
     /// What the user wants.
     pub target: Target,
     /// Why the controller starts.
-    pub start: Start,
+    pub start: StartCause,
     /// The drive as it is.
     pub drive: DriveModel,
     /// The accelerometer as it is.
@@ -169,7 +169,7 @@ impl Default for Scene {
         Self {
             settings: Settings::default(),
             target: Target::Locked { order: 1 },
-            start: Start::Ordinary,
+            start: StartCause::Ordinary,
             drive: DriveModel::default(),
             sensor: SensorModel::default(),
             parts: core::iter::once(0.2).collect(),

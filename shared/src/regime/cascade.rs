@@ -17,7 +17,7 @@ pub const HIGHEST_DOUBLINGS: usize = 10;
 
 /// Why a cascade has no more flips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum CascadeEnd {
     /// As many were located as were asked for.
     Complete,
     /// The doubled orbit could not be followed to its flip: it loses a flight (nearly dead parts come to
@@ -47,7 +47,7 @@ pub struct Estimate {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
     flips: Vec<f64, HIGHEST_DOUBLINGS>,
-    end: End,
+    end: CascadeEnd,
     birth: f64,
 }
 
@@ -70,7 +70,7 @@ impl Cascade {
         let mut flip = band::flip(restitution, order)?;
         let mut cascade = Self {
             flips: Vec::from_array([flip]),
-            end: End::Complete,
+            end: CascadeEnd::Complete,
             birth: band::birth(restitution, order)?,
         };
         let Some(lock) = Lock::at(flip, restitution, order)? else {
@@ -89,7 +89,7 @@ impl Cascade {
                 turns: f64::from(order) * f64::from(1_u32 << cascade.flips.len()),
             };
             let Some((next, orbit)) = walker.next_flip(flip, inside, state) else {
-                cascade.end = End::Lost;
+                cascade.end = CascadeEnd::Lost;
                 break;
             };
             // There is room for as many as may be asked for.
@@ -107,7 +107,7 @@ impl Cascade {
 
     /// Why there are no more.
     #[must_use]
-    pub fn end(&self) -> End {
+    pub fn end(&self) -> CascadeEnd {
         self.end
     }
 
@@ -379,7 +379,7 @@ mod tests {
     fn flips_are_the_references() {
         for (restitution, order, flips) in FLIPS {
             let cascade = Cascade::locate(restitution, order, flips.len()).unwrap();
-            assert_eq!(cascade.end(), End::Complete);
+            assert_eq!(cascade.end(), CascadeEnd::Complete);
             for (found, reference) in cascade.flips().iter().zip(flips) {
                 assert!(
                     (found - reference).abs() < 1e-12,
@@ -403,7 +403,11 @@ mod tests {
         // The limit from fewer flips is as far off as it says.
         for (restitution, order) in [(0.2, 1), (0.5, 1), (0.5, 2), (0.1, 1), (0.7, 1), (0.3, 3)] {
             let best = Cascade::locate(restitution, order, 8).unwrap();
-            assert_eq!(best.end(), End::Complete, "R {restitution} r {order}");
+            assert_eq!(
+                best.end(),
+                CascadeEnd::Complete,
+                "R {restitution} r {order}"
+            );
             let limit = best.k_infinity().unwrap();
             for doublings in 2..8 {
                 let estimate = Cascade::locate(restitution, order, doublings)
@@ -426,7 +430,10 @@ mod tests {
             for pair in cascade.flips().windows(2) {
                 assert!(pair[1] < pair[0]);
             }
-            assert_eq!(cascade.end() == End::Complete, cascade.flips().len() == 6);
+            assert_eq!(
+                cascade.end() == CascadeEnd::Complete,
+                cascade.flips().len() == 6
+            );
         }
     }
 

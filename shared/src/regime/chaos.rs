@@ -1,7 +1,7 @@
 //! The chaotic band below a cascade, measured.
 
 use super::cascade::Cascade;
-use super::exponent::{self, ExponentSettings, Motion};
+use super::exponent::{self, Dynamics, ExponentSettings};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Kernel, Map};
 
@@ -59,12 +59,12 @@ impl ChaoticBand {
                 impacts,
             };
             let found = exponent::measure(&map, exponent::start(&map, order), settings)?;
-            match found.motion {
-                Motion::Rest { .. } => gone += 1,
-                motion => {
+            match found.dynamics {
+                Dynamics::Rest { .. } => gone += 1,
+                dynamics => {
                     gone = 0;
                     alive += 1;
-                    chaotic += u32::from(motion == Motion::Chaotic);
+                    chaotic += u32::from(dynamics == Dynamics::Chaotic);
                     band.low = k;
                 }
             }

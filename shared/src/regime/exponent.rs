@@ -21,7 +21,7 @@ pub struct ExponentSettings {
 
 /// What the orbit turned out to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Motion {
+pub enum Dynamics {
     /// The exponent is negative by more than three standard errors: periodic.
     Regular,
     /// It is positive by more than three standard errors, and the part never came to rest.
@@ -48,7 +48,7 @@ pub struct Exponent {
     /// Mean flight in drive cycles.
     pub flight: f64,
     /// What the orbit is.
-    pub motion: Motion,
+    pub dynamics: Dynamics,
 }
 
 /// Measures the largest Lyapunov exponent of the orbit of `map` from `start` with the tangent map.
@@ -57,11 +57,11 @@ pub struct Exponent {
 ///
 /// ```
 /// use kband::impact::{Kernel, Map};
-/// use kband::regime::exponent::{ExponentSettings, Motion, measure, start};
+/// use kband::regime::exponent::{ExponentSettings, Dynamics, measure, start};
 /// let map = Map::build(0.34, 0.2)?;
 /// let settings = ExponentSettings { settle: 1000, impacts: 20_000 };
 /// let found = measure(&map, start(&map, 1), settings)?;
-/// assert_eq!(found.motion, Motion::Chaotic);
+/// assert_eq!(found.dynamics, Dynamics::Chaotic);
 /// assert!((found.per_impact.value - 0.50).abs() < 0.03);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
@@ -190,11 +190,11 @@ impl Sums {
             value: self.growth / self.impacts,
             error: error(self.rate, self.rate_square),
         };
-        let motion = match rest {
-            Some(after) => Motion::Rest { after },
-            None if per_impact.value > 3.0 * per_impact.error => Motion::Chaotic,
-            None if per_impact.value < -3.0 * per_impact.error => Motion::Regular,
-            None => Motion::Undecided,
+        let dynamics = match rest {
+            Some(after) => Dynamics::Rest { after },
+            None if per_impact.value > 3.0 * per_impact.error => Dynamics::Chaotic,
+            None if per_impact.value < -3.0 * per_impact.error => Dynamics::Regular,
+            None => Dynamics::Undecided,
         };
         Exponent {
             per_impact,
@@ -203,7 +203,7 @@ impl Sums {
                 error: error(self.speed, self.speed_square),
             },
             flight: self.cycles / self.impacts,
-            motion,
+            dynamics,
         }
     }
 }
@@ -243,7 +243,7 @@ mod tests {
                 (value - reference).abs() < 0.003 + 4.0 * error,
                 "{k}: {found:?}"
             );
-            assert_eq!(found.motion, Motion::Chaotic, "{k}: {found:?}");
+            assert_eq!(found.dynamics, Dynamics::Chaotic, "{k}: {found:?}");
             assert!((found.per_cycle.value * found.flight / value - 1.0).abs() < 1e-12);
         }
     }
@@ -261,7 +261,7 @@ mod tests {
                 (found.per_impact.value - expected).abs() < 2e-3,
                 "{k} {found:?} {expected}"
             );
-            assert_eq!(found.motion, Motion::Regular);
+            assert_eq!(found.dynamics, Dynamics::Regular);
             assert!((found.flight - 1.0).abs() < 1e-12);
         }
     }
@@ -280,7 +280,7 @@ mod tests {
         )
         .unwrap();
         assert!(
-            matches!(found.motion, Motion::Rest { after } if after > 0),
+            matches!(found.dynamics, Dynamics::Rest { after } if after > 0),
             "{found:?}"
         );
     }

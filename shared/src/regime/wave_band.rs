@@ -132,35 +132,35 @@ impl WaveLock {
     }
 }
 
-/// What ends a band.
+/// The bifurcation that ends a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum Bifurcation {
     /// The orbit is born there, together with one that repels.
-    Birth,
+    SaddleNode,
     /// It flips to twice its period.
     Flip,
     /// It touches the track before it returns.
-    Touch,
+    Grazing,
 }
 
 /// An end of a band.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Edge {
+pub struct BandEdge {
     /// k there.
     pub k: f64,
     /// Phase at which the orbit strikes there, in rad.
     pub phase: f64,
     /// What ends the band.
-    pub end: End,
+    pub bifurcation: Bifurcation,
 }
 
 /// A band of k in which a period-1 orbit attracts and is flown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaveBand {
     /// Its low end in k, the largest amplitude.
-    pub low: Edge,
+    pub low: BandEdge,
     /// Its high end in k.
-    pub high: Edge,
+    pub high: BandEdge,
 }
 
 impl WaveBand {
@@ -244,15 +244,15 @@ impl WaveBands {
                 }
             }
             let [_, speed, push, _] = wave.motion(outside);
-            lock(inside).map(|lock| Edge {
+            lock(inside).map(|lock| BandEdge {
                 k: lock.k,
                 phase: lock.state.phase,
-                end: if attracts(outside) {
-                    End::Touch
+                bifurcation: if attracts(outside) {
+                    Bifurcation::Grazing
                 } else if push < 0.5 * steepest * speed {
-                    End::Birth
+                    Bifurcation::SaddleNode
                 } else {
-                    End::Flip
+                    Bifurcation::Flip
                 },
             })
         };
@@ -347,7 +347,10 @@ mod tests {
                 );
                 assert!((found.low.k / k2 - 1.0).abs() < 1e-12, "{found:?} {k2}");
                 assert!((found.high.k / k1 - 1.0).abs() < 1e-12, "{found:?} {k1}");
-                assert_eq!((found.low.end, found.high.end), (End::Flip, End::Birth));
+                assert_eq!(
+                    (found.low.bifurcation, found.high.bifurcation),
+                    (Bifurcation::Flip, Bifurcation::SaddleNode)
+                );
             }
         }
     }

@@ -10,7 +10,7 @@ pub struct Conveyed {
     /// Rests seen.
     pub rests: u64,
     /// Way along the track in units of b.
-    pub way: f64,
+    pub distance: f64,
     /// Time in flight, chatter included, in rad of drive phase.
     pub flying: f64,
     /// Time at rest in rad of drive phase.
@@ -20,12 +20,12 @@ pub struct Conveyed {
 }
 
 impl Conveyed {
-    /// Time mean of the velocity along the track in units of `b w`: way over time, rests included.
+    /// Time mean of the velocity along the track in units of `b w`: distance over time, rests included.
     /// `None` before any time has passed.
     #[must_use]
     pub fn time_mean(&self) -> Option<f64> {
         let time = self.flying + self.resting;
-        (time > 0.0).then(|| self.way / time)
+        (time > 0.0).then(|| self.distance / time)
     }
 
     /// Impact mean of the velocity in units of `b w`: the mean of W over flights, the paper's `<W>`.
@@ -48,7 +48,7 @@ impl Conveyed {
         Self {
             impacts: self.impacts + other.impacts,
             rests: self.rests + other.rests,
-            way: self.way + other.way,
+            distance: self.distance + other.distance,
             flying: self.flying + other.flying,
             resting: self.resting + other.resting,
             velocities: self.velocities + other.velocities,
@@ -63,7 +63,7 @@ impl Conveyed {
     }
 }
 
-/// The observer that sums way and time of an orbit.
+/// The observer that sums distance and time of an orbit.
 ///
 /// The velocity along the track (symbol phi) goes with the orbit. At rest it is 0 (the paper's model:
 /// infinitely many impacts have taken it), and the whole orbit begins anew at lift-off; so what comes
@@ -148,10 +148,10 @@ impl Conveying {
 impl Observer for Conveying {
     #[inline]
     fn impact(&mut self, launch: State, impact: &Impact<State>) {
-        let way = self.tangential.way(launch, impact, self.velocity);
-        self.conveyed.way += way;
+        let distance = self.tangential.distance(launch, impact, self.velocity);
+        self.conveyed.distance += distance;
         self.conveyed.flying += impact.flight;
-        self.conveyed.velocities += way / impact.flight;
+        self.conveyed.velocities += distance / impact.flight;
         self.conveyed.impacts += 1;
         self.velocity = self.tangential.after(launch, impact, self.velocity);
     }
@@ -162,7 +162,7 @@ impl Observer for Conveying {
         let reach = self
             .contact
             .chatter_reach(last, self.tangential.settings().restitution);
-        self.conveyed.way += self.velocity * reach;
+        self.conveyed.distance += self.velocity * reach;
         self.conveyed.flying += chatter;
         self.conveyed.rests += 1;
         self.velocity = 0.0;
@@ -222,7 +222,7 @@ mod tests {
         }
     }
 
-    /// The way of a chatter against the hops that the closure stands for.
+    /// The distance of a chatter against the hops that the closure stands for.
     #[test]
     fn a_closed_chatter_carries_the_part_as_far_as_its_hops() {
         let map = Map::build(0.9, 0.6).unwrap();
@@ -241,8 +241,8 @@ mod tests {
         }
         let (closed, hops) = (closed.conveyed(), hops.conveyed());
         // Second order: the shaking (1.5) over the chatter squared (1e-11).
-        assert!((closed.way - hops.way).abs() < 2.0 * chatter * chatter);
-        assert!(closed.way > 1e3 * chatter * chatter);
+        assert!((closed.distance - hops.distance).abs() < 2.0 * chatter * chatter);
+        assert!(closed.distance > 1e3 * chatter * chatter);
         assert!((closed.flying / hops.flying - 1.0).abs() < 1e-9);
     }
 

@@ -167,11 +167,11 @@ mod tests {
                     next: Map::state(flight.landing, 0.0).unwrap(),
                     grazes: false,
                 };
-                let way = tangential.way(launch, &impact, 0.0);
+                let distance = tangential.distance(launch, &impact, 0.0);
                 let expected = dead.velocity(flight.flight, 1.7, 0.08);
                 // It follows from u(d) = 0, which the flight solves to rounding.
                 assert!(
-                    (way / flight.flight - expected).abs() < 1e-13,
+                    (distance / flight.flight - expected).abs() < 1e-13,
                     "{k} {phase}"
                 );
             }

@@ -1,13 +1,13 @@
 //! Conveying speed: how fast parts travel along the track, in every regime.
 //!
-//! The speed that a user sees is the TIME mean, way over time, rests included. The paper's mean is per
+//! The speed that a user sees is the TIME mean, distance over time, rests included. The paper's mean is per
 //! impact, which weighs a short hop like a long one; it is named impact mean here and is not a speed of
 //! anything. Velocities are relative to the track in units of `b w`, ways in units of b; a velocity
 //! times [`crate::feeder::Track::velocity_unit`] is in m/s.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`conveyed`] | the observer that sums way and time of an orbit (equations 10 and 11) |
+//! | [`conveyed`] | the observer that sums distance and time of an orbit (equations 10 and 11) |
 //! | [`locked`] | closed forms of the locked regime, critical slope, bound (20 to 23, 37) |
 //! | [`stationary`] | the exact impact mean of any hopping regime (34, corrected) |
 //! | [`survey`] | measuring one orbit after it has settled |

@@ -46,7 +46,7 @@ pub enum Request<'a> {
         /// What is wanted of the parts.
         target: Target,
         /// Why the controller starts.
-        start: Start,
+        start: StartCause,
     },
     /// Readings of the simulated converter, for a signal path and a controller as they run the drive.
     Samples {
@@ -277,9 +277,9 @@ impl From<Target> for control::Target {
     }
 }
 
-/// Why a controller starts; [`control::Start`] on the line.
+/// Why a controller starts; [`control::StartCause`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Start {
+pub enum StartCause {
     /// A user asked for it: a given enable input counts.
     Ordinary,
     /// The watchdog or a brown-out reset the board.
@@ -290,24 +290,24 @@ pub enum Start {
     PowerOn,
 }
 
-impl From<control::Start> for Start {
-    fn from(start: control::Start) -> Self {
+impl From<control::StartCause> for StartCause {
+    fn from(start: control::StartCause) -> Self {
         match start {
-            control::Start::Ordinary => Self::Ordinary,
-            control::Start::Reset => Self::Reset,
-            control::Start::Refused => Self::Refused,
-            control::Start::PowerOn => Self::PowerOn,
+            control::StartCause::Ordinary => Self::Ordinary,
+            control::StartCause::Reset => Self::Reset,
+            control::StartCause::Refused => Self::Refused,
+            control::StartCause::PowerOn => Self::PowerOn,
         }
     }
 }
 
-impl From<Start> for control::Start {
-    fn from(start: Start) -> Self {
+impl From<StartCause> for control::StartCause {
+    fn from(start: StartCause) -> Self {
         match start {
-            Start::Ordinary => Self::Ordinary,
-            Start::Reset => Self::Reset,
-            Start::Refused => Self::Refused,
-            Start::PowerOn => Self::PowerOn,
+            StartCause::Ordinary => Self::Ordinary,
+            StartCause::Reset => Self::Reset,
+            StartCause::Refused => Self::Refused,
+            StartCause::PowerOn => Self::PowerOn,
         }
     }
 }

@@ -30,7 +30,7 @@ pub use frame::{
 };
 pub use message::{
     Counters, Kept, KeptFault, Record, Refusal, Request, Response, SelfTest, SetUp, Setting,
-    SimulatedInputs, Start, Target, Telemetry, fold_output, read_reading, write_reading,
+    SimulatedInputs, StartCause, Target, Telemetry, fold_output, read_reading, write_reading,
 };
 pub use receiver::{FRAME_MOST, Receiver, Unreadable};
 pub use report::{Identification, Identified, Margin, Report, Unidentified};

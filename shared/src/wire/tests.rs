@@ -34,7 +34,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Alive,
         Request::Simulate {
             target: Target::Locked(1),
-            start: Start::Ordinary,
+            start: StartCause::Ordinary,
         },
         Request::Samples {
             codes: &[1, 2, 3],

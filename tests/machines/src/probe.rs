@@ -20,7 +20,7 @@ const POWER: u32 = 0x5000_0000;
 /// Between two looks whether the test is over.
 const LOOK: Duration = Duration::from_millis(20);
 /// The longest message of the protocol.
-const LONGEST: usize = 1024;
+const LONGEST_MESSAGE: usize = 1024;
 
 /// The probe and its chip; it goes with this.
 pub struct Probe {
@@ -86,7 +86,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(LOOK))?;
     let (mut wire, mut port) = (Wire::default(), Port::default());
-    let (mut message, mut bytes) = (Vec::new(), [0; LONGEST]);
+    let (mut message, mut bytes) = (Vec::new(), [0; LONGEST_MESSAGE]);
     let mut last = Instant::now();
     while !over.load(Ordering::Relaxed) {
         let passed = std::mem::replace(&mut last, Instant::now()).elapsed();
@@ -115,7 +115,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
                     let answer = answer.map_or("E1".into(), |answer| format!("K{answer}"));
                     stream.write_all(format!("&{answer}#").as_bytes())?;
                 }
-                byte if message.len() < 2 * LONGEST => message.push(byte),
+                byte if message.len() < 2 * LONGEST_MESSAGE => message.push(byte),
                 _ => message.clear(),
             }
         }
@@ -168,7 +168,7 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
         "Am" => {
             words.skip(12)?;
             let (address, length) = (words.take(8)?, words.take(8)? as usize);
-            let mut bytes = vec![0; length.min(LONGEST)];
+            let mut bytes = vec![0; length.min(LONGEST_MESSAGE)];
             chip.read(address, &mut bytes)?;
             Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
         }
@@ -176,7 +176,7 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
             words.skip(12)?;
             let size = 1 << words.take(2)?.min(2);
             let (address, length) = (words.take(8)?, words.take(8)?);
-            let bytes: Option<Vec<u8>> = (0..length.min(LONGEST as u32))
+            let bytes: Option<Vec<u8>> = (0..length.min(LONGEST_MESSAGE as u32))
                 .map(|_| words.take(2).map(|byte| byte as u8))
                 .collect();
             chip.write(address, size, &bytes?)?;

@@ -11,7 +11,7 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::{Settings, Signal, Start};
+use kband::control::{Settings, Signal, StartCause};
 use kband::wire::SetUp;
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
@@ -21,7 +21,7 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
-use kband_firmware::start::Cause;
+use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
     Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, Window, drive_off,
@@ -52,7 +52,7 @@ bind_interrupts!(struct Interrupts {
 static EXCHANGE: Exchange = Exchange::new();
 static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
 /// Most cycles of the core that a sample took.
-static LONGEST: AtomicU32 = AtomicU32::new(0);
+static LONGEST_SAMPLE: AtomicU32 = AtomicU32::new(0);
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_drive_off() {
@@ -78,8 +78,8 @@ pub unsafe fn sample() {
         sampler.interrupt();
         Window::sampled();
         let took = DWT::cycle_count().wrapping_sub(began);
-        if took > LONGEST.load(Ordering::Relaxed) {
-            LONGEST.store(took, Ordering::Relaxed);
+        if took > LONGEST_SAMPLE.load(Ordering::Relaxed) {
+            LONGEST_SAMPLE.store(took, Ordering::Relaxed);
         }
     }
 }
@@ -117,7 +117,7 @@ async fn supervise(mut guard: Guard) {
 /// The station in its place. Controller, station and signal path are large: each is made in a call of its own, on a
 /// stack that is empty again before the next, and takes no room in the future of `main`.
 #[inline(never)]
-fn place(found: &Found, start: Start, last_words: LastWords) -> Option<&'static Station> {
+fn place(found: &Found, start: StartCause, last_words: LastWords) -> Option<&'static Station> {
     let made = Station::controller(found, start);
     let Ok(controller) = &made else {
         return None;
@@ -139,7 +139,7 @@ fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) 
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let cause = Cause::of(Board::signs());
+    let cause = ResetCause::of(Board::signs());
     // Before anything that is waited for.
     let mut guard = Guard::start();
     let Some(mut core) = cortex_m::Peripherals::take() else {
@@ -202,7 +202,7 @@ async fn main(spawner: Spawner) {
         identity: IDENTITY,
         stack_free,
         set_up: || SetUp {
-            sample: LONGEST.load(Ordering::Relaxed),
+            sample: LONGEST_SAMPLE.load(Ordering::Relaxed),
             ..Board::set_up()
         },
     };

@@ -9,7 +9,7 @@ use embassy_futures::block_on;
 use kband::control::{Cycle, Inputs, Report, Settings, Signal, State};
 use kband::plant::Bench;
 use kband::wire::{
-    FRAME_MOST, Request, SimulatedInputs, Start, Target, write_question, write_request,
+    FRAME_MOST, Request, SimulatedInputs, StartCause, Target, write_question, write_request,
 };
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
@@ -66,7 +66,7 @@ fn requests() -> [(&'static str, Request<'static>); 24] {
             "simulate",
             Request::Simulate {
                 target: Target::Chaotic,
-                start: Start::Ordinary,
+                start: StartCause::Ordinary,
             },
         ),
         (

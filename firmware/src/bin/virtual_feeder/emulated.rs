@@ -28,7 +28,7 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
-use kband_firmware::start::{Cause, Signs};
+use kband_firmware::start::{ResetCause, Signs};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{TraceRow, Trial};
@@ -317,9 +317,9 @@ fn arguments(buffer: &mut [u8; 256]) -> &str {
     line.split_once(' ').map_or("", |(_, rest)| rest.trim())
 }
 
-fn reset_cause() -> Cause {
+fn reset_cause() -> ResetCause {
     let flags = CAUSE.swap(0, Ordering::Relaxed);
-    Cause::of(Signs {
+    ResetCause::of(Signs {
         watchdog: flags == CAUSE_WATCHDOG,
         software: flags == CAUSE_SOFTWARE,
         sag: false,
@@ -336,7 +336,7 @@ async fn main(spawner: Spawner) {
 /// The station in its place, and the signal path that goes with it. These parts are large: each is made on a
 /// stack that is empty again before the next.
 #[inline(never)]
-fn place(found: &Found, cause: Cause) -> Result<(&'static Station, Signal), OutOfRange> {
+fn place(found: &Found, cause: ResetCause) -> Result<(&'static Station, Signal), OutOfRange> {
     let start = cause.start();
     let controller = Station::controller(found, start)?;
     let station =
@@ -393,7 +393,7 @@ fn begin(spawner: Spawner) {
     let last_words = take_last_words();
     logger::start();
     log::start(cause, &last_words);
-    if cause != Cause::Power && word != "sag" {
+    if cause != ResetCause::Power && word != "sag" {
         match last_words.read() {
             Some(words) => heprintln!("last words: {}", words),
             None => heprintln!("no last words"),
@@ -422,7 +422,7 @@ fn begin(spawner: Spawner) {
         "count-lively" => Some(Trial::LIVELY),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
-        "sag" if cause == Cause::Power => Some(Trial::BEFORE_SAG),
+        "sag" if cause == ResetCause::Power => Some(Trial::BEFORE_SAG),
         "sag" => Some(Trial::AFTER_SAG),
         name => Trial::named(name),
     };
@@ -482,7 +482,7 @@ fn begin(spawner: Spawner) {
         let trace = Trace {
             left: (!linked).then_some(trial.cycles),
             end: match (word, cause) {
-                ("sag", Cause::Power) => sag,
+                ("sag", ResetCause::Power) => sag,
                 _ => passed,
             },
         };

@@ -5,7 +5,7 @@ use super::map::{Grid, raster};
 use super::style::marks;
 use crate::picture::axis::Axis;
 use crate::picture::shape::{Rect, Shape, Stroke};
-use crate::picture::theme::{Theme, Tone};
+use crate::picture::theme::{Fill, Theme};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Item {
@@ -34,7 +34,7 @@ pub(super) enum Item {
         grid: Grid<f64>,
         scale: Axis,
     },
-    Classes(Grid<Tone>),
+    Classes(Grid<Fill>),
     Strip {
         low: f64,
         high: f64,
@@ -147,19 +147,19 @@ impl Pixels<'_> {
             }),
             Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {
-                let tones = [
-                    Tone::Rest,
-                    Tone::HopAndRest,
-                    Tone::Locked,
-                    Tone::Doubled,
-                    Tone::Periodic,
-                    Tone::Chaotic,
-                    Tone::Undecided,
-                    Tone::Fault,
+                let fills = [
+                    Fill::Rest,
+                    Fill::HopAndRest,
+                    Fill::Locked,
+                    Fill::Doubled,
+                    Fill::Periodic,
+                    Fill::Chaotic,
+                    Fill::Undecided,
+                    Fill::Fault,
                 ];
-                let palette = tones.iter().map(|tone| tone.colour(theme)).collect();
+                let palette = fills.iter().map(|fill| fill.colour(theme)).collect();
                 let number =
-                    |tone: &Tone| tones.iter().position(|other| other == tone).unwrap_or(0) as u8;
+                    |fill: &Fill| fills.iter().position(|other| other == fill).unwrap_or(0) as u8;
                 shapes.push(Shape::Image {
                     place: plot,
                     raster: raster(grid, palette, number),

@@ -4,7 +4,7 @@ use super::style::{framed, marks, swatch, text};
 use super::{LINE, Panel, SMALL};
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke};
-use crate::picture::theme::{Theme, Tone};
+use crate::picture::theme::{Fill, Theme};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Key {
@@ -12,9 +12,9 @@ pub(super) enum Key {
     Marker(usize),
     Area(usize),
     Strip,
-    Tone(Tone),
-    /// A tone of a map, where hatches do not show.
-    Plain(Tone),
+    Fill(Fill),
+    /// A fill of a map, where hatches do not show.
+    Plain(Fill),
     Ink,
 }
 
@@ -48,9 +48,9 @@ impl Panel {
                     shapes.push(framed(box_, colour.faint(0.45), colour));
                 }
                 Key::Strip => shapes.push(framed(box_, theme.strip(), theme.muted())),
-                Key::Tone(tone) => swatch(theme, *tone, box_, true, shapes),
-                Key::Plain(tone) => {
-                    shapes.push(framed(box_, tone.colour(theme), theme.muted()));
+                Key::Fill(fill) => swatch(theme, *fill, box_, true, shapes),
+                Key::Plain(fill) => {
+                    shapes.push(framed(box_, fill.colour(theme), theme.muted()));
                 }
                 Key::Ink => {
                     for n in 0..13 {

@@ -1,7 +1,7 @@
 //! Words, frames, swatches and markers as every panel draws them.
 
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
-use crate::picture::theme::{Colour, Hatch, Marker, Theme, Tone};
+use crate::picture::theme::{Colour, Fill, Hatch, Marker, Theme};
 
 pub(super) fn text(x: f64, y: f64, words: &str, anchor: Anchor, colour: Colour, size: f64) -> Text {
     Text {
@@ -51,12 +51,12 @@ pub(super) fn framed(rect: Rect, fill: Colour, line: Colour) -> Shape {
     }
 }
 
-/// A rectangle in a tone, with its hatch.
-pub(super) fn swatch(theme: Theme, tone: Tone, rect: Rect, frame: bool, shapes: &mut Vec<Shape>) {
-    shapes.push(Shape::area(rect, tone.colour(theme)));
+/// A rectangle in a fill, with its hatch.
+pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: &mut Vec<Shape>) {
+    shapes.push(Shape::area(rect, fill.colour(theme)));
     let step = 6.0;
     let mut pieces = Vec::new();
-    let hatch = tone.hatch();
+    let hatch = fill.hatch();
     let rises: &[f64] = match hatch {
         Hatch::None => &[],
         Hatch::Up => &[1.0],
@@ -80,10 +80,10 @@ pub(super) fn swatch(theme: Theme, tone: Tone, rect: Rect, frame: bool, shapes: 
         }
     }
     if !pieces.is_empty() {
-        // What stands out from the tone more: the words' colour or the sheet's.
-        let tone = tone.colour(theme).luminance();
+        // What stands out from the fill more: the words' colour or the sheet's.
+        let fill = fill.colour(theme).luminance();
         let [ink, sheet] = [theme.text(), theme.background()];
-        let from = |colour: Colour| (colour.luminance() - tone).abs();
+        let from = |colour: Colour| (colour.luminance() - fill).abs();
         let colour = if from(ink) < from(sheet) { sheet } else { ink };
         shapes.push(Shape::Path {
             pieces,

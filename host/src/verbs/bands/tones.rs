@@ -2,12 +2,12 @@
 
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::Wave;
-use kband::regime::wave_band::{End, WaveBand, WaveBands, WaveLock};
+use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
 
 use super::{Arguments, PARTS};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Report, Table, Value, number};
+use crate::report::{Column, Printout, Table, Value, number};
 
 /// Values of k that are tried from rest in each band.
 const SAMPLES: u32 = 60;
@@ -86,11 +86,11 @@ fn from_rest(
     Ok(ends.map(|(low, high)| ([*low, *high], reached.len() as f64 / f64::from(SAMPLES))))
 }
 
-fn name(end: End) -> &'static str {
-    match end {
-        End::Birth => "birth",
-        End::Flip => "flip",
-        End::Touch => "touch",
+fn name(bifurcation: Bifurcation) -> &'static str {
+    match bifurcation {
+        Bifurcation::SaddleNode => "birth",
+        Bifurcation::Flip => "flip",
+        Bifurcation::Grazing => "touch",
     }
 }
 
@@ -99,7 +99,7 @@ fn report(
     wave: &Wave,
     track: &Track,
     rows: &[Row],
-) -> Result<Report, Refusal> {
+) -> Result<Printout, Refusal> {
     let mut read = Table::new(&[
         Column::new("order", ""),
         Column::new("k2", ""),
@@ -176,7 +176,12 @@ fn report(
             .into(),
             throw_number(setpoint).into(),
             peak.into(),
-            format!("{}, {}", name(band.low.end), name(band.high.end)).into(),
+            format!(
+                "{}, {}",
+                name(band.low.bifurcation),
+                name(band.high.bifurcation)
+            )
+            .into(),
             reached.into(),
         ]);
         full.push([
@@ -184,8 +189,8 @@ fn report(
             band.low.k.into(),
             band.high.k.into(),
             false.into(),
-            name(band.low.end).into(),
-            name(band.high.end).into(),
+            name(band.low.bifurcation).into(),
+            name(band.high.bifurcation).into(),
             setpoint.into(),
             margin.into(),
             row.from_rest.map(|([low, _], _)| low).into(),
@@ -211,7 +216,7 @@ fn report(
         String::new()
     };
     let json = full.to_json();
-    Report::new(read)
+    Printout::new(read)
         .heading(format!(
             "{who}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
              amplitude",

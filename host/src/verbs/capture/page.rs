@@ -6,7 +6,7 @@ use super::Task;
 use super::draws::Rates;
 use super::kicks::Kicks;
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 fn spelled(kick: KickSettings) -> String {
     let mut words = format!(
@@ -29,7 +29,7 @@ pub(super) fn report(
     plan: &Plan,
     map: &Kicks,
     rates: &Rates,
-) -> Result<Report, Refusal> {
+) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("attempt", ""),
         Column::new("factor", "").digits(4),
@@ -60,7 +60,7 @@ pub(super) fn report(
             (100.0 * rate).into(),
         ]);
     }
-    let mut report = Report::new(table).heading(format!(
+    let mut report = Printout::new(table).heading(format!(
         "R = {}, order {}, k = {:.4} in the band {:.4}..{:.4}; {} runs, seed {}",
         task.restitution(),
         task.lot.order,

@@ -6,7 +6,7 @@ use kband::regime::capture::{DriveLag, Follow, Kick, Outcome, Trial};
 use crate::refusal::Refusal;
 
 /// Impacts after which a part counts as missed.
-const LONGEST: u32 = 20_000;
+const MOST_IMPACTS: u32 = 20_000;
 
 /// Whether `kick` captures a part.
 pub(super) fn captures<K: Kernel>(
@@ -15,7 +15,7 @@ pub(super) fn captures<K: Kernel>(
     kick: Kick,
 ) -> Result<bool, Refusal> {
     let mut follow = Follow::<K>::new(part, drive, kick)?;
-    while follow.steps() < LONGEST {
+    while follow.steps() < MOST_IMPACTS {
         if let Some(outcome) = follow.step() {
             return Ok(outcome == Outcome::Locked);
         }

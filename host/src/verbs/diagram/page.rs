@@ -11,10 +11,10 @@ use super::branch::{Branch, Stretch};
 use super::over::Over;
 use super::{Arguments, Show};
 use crate::arguments::Range;
-use crate::ending::{self, TONES};
-use crate::picture::{Axis, Panel, Picture, Tone, Unit};
+use crate::ending::{self, FILLS};
+use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 pub(super) struct Diagram {
     pub(super) over: Over,
@@ -26,7 +26,7 @@ pub(super) struct Diagram {
 }
 
 impl Diagram {
-    pub(super) fn report(self: &Arc<Self>) -> Result<Report, Refusal> {
+    pub(super) fn report(self: &Arc<Self>) -> Result<Printout, Refusal> {
         let mut table = Table::new(&[
             Column::new("start", ""),
             Column::new("from", self.over.unit()),
@@ -64,7 +64,7 @@ impl Diagram {
             .flat_map(|branch| &branch.columns)
             .map(|column| column.impacts.len())
             .sum();
-        let mut report = Report::new(table).heading(format!(
+        let mut report = Printout::new(table).heading(format!(
             "Regimes over {} = {}..{} ({} columns), {}",
             self.over.name(),
             number(self.range.low, 6),
@@ -179,10 +179,10 @@ impl Diagram {
             arguments.settle
         ));
         let mut names = Vec::new();
-        for (tone, name) in TONES {
+        for (fill, name) in FILLS {
             let mut columns = self.branches.iter().flat_map(|branch| &branch.columns);
-            if columns.any(|column| ending::tone(column.ending) == tone) {
-                names.push((tone, name));
+            if columns.any(|column| ending::fill(column.ending) == fill) {
+                names.push((fill, name));
             }
         }
         for (place, branch) in self.branches.iter().enumerate() {
@@ -231,14 +231,14 @@ impl Diagram {
     }
 
     /// The regimes of a branch as a ribbon, each column as wide as the next.
-    pub(super) fn ribbon(&self, branch: &Branch) -> Vec<(f64, f64, Tone)> {
+    pub(super) fn ribbon(&self, branch: &Branch) -> Vec<(f64, f64, Fill)> {
         let half = 0.5 * (self.range.high - self.range.low) / (self.values.len() - 1) as f64;
-        let mut ribbon: Vec<(f64, f64, Tone)> = Vec::new();
+        let mut ribbon: Vec<(f64, f64, Fill)> = Vec::new();
         for (first, last, ending) in branch.regimes() {
             let (low, high) = (self.values[first] - half, self.values[last] + half);
             match ribbon.last_mut() {
-                Some((_, end, tone)) if *tone == ending::tone(ending) => *end = high,
-                _ => ribbon.push((low, high, ending::tone(ending))),
+                Some((_, end, fill)) if *fill == ending::fill(ending) => *end = high,
+                _ => ribbon.push((low, high, ending::fill(ending))),
             }
         }
         ribbon

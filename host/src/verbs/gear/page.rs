@@ -7,7 +7,7 @@ use super::Arguments;
 use super::survey::{Point, Survey};
 use crate::picture::{Axis, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, Value, number};
+use crate::report::{Column, Printout, Table, Value, number};
 
 /// What a point takes of the drive.
 struct Price {
@@ -88,7 +88,7 @@ fn until_lost(point: &Point) -> Value {
     }
 }
 
-pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Report, Refusal> {
+pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("point", ""),
         Column::new("k", "").digits(4),
@@ -121,7 +121,7 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Report, R
     }
     let lot = arguments.restitution;
     let who = who(survey);
-    let mut report = Report::new(table)
+    let mut report = Printout::new(table)
         .heading(format!(
             "Share of time in gear of order {}, {who}, scatter {}, from rest, {} Hz",
             arguments.order,

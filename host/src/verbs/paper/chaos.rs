@@ -203,7 +203,7 @@ fn dead() -> Result<Vec<Row>, Refusal> {
             next: Map::state(flight.landing, 0.0)?,
             grazes: false,
         };
-        let way = Tangential::build(k, settings)?.way(launch, &impact, 0.0) / flight.flight;
+        let way = Tangential::build(k, settings)?.distance(launch, &impact, 0.0) / flight.flight;
         worst.see(
             way - dead.velocity(
                 flight.flight,

@@ -294,7 +294,8 @@ fn mean_velocity() -> Result<Vec<Row>, Refusal> {
             - 0.5 * pull * d
             - eta / d * ((t + d + gamma).sin() - (t + gamma).sin());
         worst.see(printed - way / d);
-        let kept = Tangential::build(flight.k, settings)?.way(flight.launch, &flight.impact, phi);
+        let kept =
+            Tangential::build(flight.k, settings)?.distance(flight.launch, &flight.impact, phi);
         worst.see((kept - way) / d);
     }
     Ok(vec![

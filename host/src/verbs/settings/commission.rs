@@ -11,7 +11,7 @@ use super::kept;
 use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Report, Table, shortest};
+use crate::report::{Column, Format, Printout, Table, shortest};
 
 /// Time between two questions how far it has come; the board takes them for a sign of life too.
 const LOOK: Duration = Duration::from_millis(300);
@@ -71,7 +71,7 @@ pub(super) fn run(
     ]);
     notes
         .iter()
-        .fold(Report::new(table), |report, note| {
+        .fold(Printout::new(table), |report, note| {
             report.note(note.as_str())
         })
         .json(&json!({

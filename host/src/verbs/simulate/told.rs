@@ -7,7 +7,7 @@ use kband::regime::classify::Regime;
 use serde_json::json;
 
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, Value, number};
+use crate::report::{Column, Printout, Table, Value, number};
 use crate::simulate::{Outcome, SETTLED, describe, words};
 
 /// Files of a single run.
@@ -23,7 +23,7 @@ pub(super) fn told(
     fidelity: &str,
     unmet: Option<&[String]>,
     written: &Written<'_>,
-) -> Result<Report, Refusal> {
+) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("time", "s").digits(4),
         Column::new("event", ""),
@@ -55,7 +55,7 @@ pub(super) fn told(
     }
     let settings = &outcome.file().scene.settings;
     let last = outcome.last();
-    let mut report = Report::new(table).heading(format!(
+    let mut report = Printout::new(table).heading(format!(
         "target {}; {} Hz, incline {} degrees, restitution {}..{}, Q {}",
         describe(outcome.target()),
         settings.frequency,

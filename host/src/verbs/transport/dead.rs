@@ -9,7 +9,7 @@ use super::{Arguments, Computed, Feeder};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 const POINTS: usize = 2001;
 
@@ -70,7 +70,7 @@ pub(super) fn computed(
     }
     let share =
         rested.iter().filter(|point| point.1.is_finite()).count() as f64 / rows.len().max(1) as f64;
-    let report = Report::new(table)
+    let report = Printout::new(table)
         .heading(format!(
             "First-return map of dead parts at k = {}",
             number(k, 6)

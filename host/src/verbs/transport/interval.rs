@@ -8,7 +8,7 @@ use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, number};
+use crate::report::{Column, Printout, Table, number};
 
 const BINS: usize = 120;
 const LAGS: usize = 24;
@@ -138,7 +138,7 @@ impl Found {
     }
 }
 
-fn report(feeder: &Feeder, found: &Found) -> Result<Report, Refusal> {
+fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         Column::new("lag", "impacts"),
         Column::new("autocorrelation", "").digits(4),
@@ -164,7 +164,7 @@ fn report(feeder: &Feeder, found: &Found) -> Result<Report, Refusal> {
             json!({ "lag": n + 1, "autocorrelation": spread.mean(), "error": spread.error() })
         })
         .collect();
-    Report::new(table)
+    Printout::new(table)
         .heading(format!(
             "Times between impacts at k = {}, R = {}: {} impacts from {} starts",
             number(found.k, 6),

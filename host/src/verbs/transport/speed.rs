@@ -39,7 +39,7 @@ fn alike(one: Regime, other: Regime) -> bool {
 fn kin(one: Regime, other: Regime) -> bool {
     match (one, other) {
         (Regime::Locked { .. }, _) | (_, Regime::Locked { .. }) => one == other,
-        _ => ending::tone(one) == ending::tone(other),
+        _ => ending::fill(one) == ending::fill(other),
     }
 }
 

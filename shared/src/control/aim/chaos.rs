@@ -194,7 +194,7 @@ impl ChaosSearch {
 mod tests {
     use super::*;
     use crate::impact::Map;
-    use crate::regime::exponent::{self, ExponentSettings, Motion};
+    use crate::regime::exponent::{self, Dynamics, ExponentSettings};
 
     fn search(low: f32, high: f32) -> (Option<f64>, u32) {
         let mut search = ChaosSearch::begin(&Settings {
@@ -223,7 +223,7 @@ mod tests {
                 impacts: 4000,
             };
             let found = exponent::measure(&map, exponent::start(&map, 1), settings).unwrap();
-            assert_eq!(found.motion, Motion::Chaotic, "R {middle} k {k}");
+            assert_eq!(found.dynamics, Dynamics::Chaotic, "R {middle} k {k}");
         }
     }
 

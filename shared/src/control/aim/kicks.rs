@@ -1,12 +1,12 @@
 //! The search for the kicks that throw parts onto the wanted orbit.
 
+use core::task::Poll;
+
 use crate::control::hear::LockWindow;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::impact::Hybrid;
-use crate::regime::capture::{
-    DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner, Progress as Planning,
-};
+use crate::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
 /// Impacts that one slice of planning computes: at most 0.2 million instructions, which 300 drive cycles a
 /// second leave time for.
@@ -74,13 +74,13 @@ impl Search {
         };
         self.slices = self.slices.saturating_add(1);
         let progress = match &self.known {
-            Some(known) if self.slices < known.slices => Planning::Working,
-            Some(known) => Planning::Done(known.plan.clone()),
+            Some(known) if self.slices < known.slices => Poll::Pending,
+            Some(known) => Poll::Ready(known.plan.clone()),
             None => planner.advance(SLICE),
         };
         match progress {
-            Planning::Working => true,
-            Planning::Done(plan) => {
+            Poll::Pending => true,
+            Poll::Ready(plan) => {
                 self.planner = None;
                 self.plan = Some(plan);
                 false

@@ -14,7 +14,7 @@ use crate::regime::band::{Band, NoBand};
 /// What the user wants of the parts.
 ///
 /// ```
-/// use kband::control::{Controller, NoSetpoint, Settings, Start, Target};
+/// use kband::control::{Controller, NoSetpoint, Settings, StartCause, Target};
 /// // A lot so wide that no k is in the band of every part.
 /// let settings = Settings {
 ///     restitution_low: 0.1,
@@ -22,7 +22,7 @@ use crate::regime::band::{Band, NoBand};
 ///     ..Settings::default()
 /// };
 /// let target = Target::Locked { order: 1 };
-/// let controller = Controller::build(&settings, target, Start::Ordinary)?;
+/// let controller = Controller::build(&settings, target, StartCause::Ordinary)?;
 /// let Some(NoSetpoint::Band(none)) = controller.no_setpoint() else {
 ///     panic!("it has one");
 /// };

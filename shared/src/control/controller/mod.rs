@@ -10,7 +10,7 @@ use crate::control::course::{
 use crate::control::drive::{AmplitudeLoop, Move, Reference, Resonance, Scale};
 use crate::control::hear::{Cycle, Listener};
 use crate::control::identify::{self, Driven, Identifier, Step};
-use crate::control::report::{Inputs, Report, Start};
+use crate::control::report::{Inputs, Report, StartCause};
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::feeder::OutOfRange;
@@ -36,9 +36,9 @@ const FOLLOWED: f32 = 0.3e-3;
 /// of planning and belongs in idle time.
 ///
 /// ```
-/// use kband::control::{Controller, Cycle, Inputs, Settings, Start, State, Target};
+/// use kband::control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
 /// let target = Target::Locked { order: 1 };
-/// let mut controller = Controller::build(&Settings::default(), target, Start::Ordinary)?;
+/// let mut controller = Controller::build(&Settings::default(), target, StartCause::Ordinary)?;
 /// // Without the enable input the drive stays off.
 /// let report = controller.cycle(&Cycle::default(), &Inputs::default());
 /// assert_eq!((report.state, report.command.amplitude), (State::Off, 0.0));
@@ -116,7 +116,11 @@ struct Seen {
 
 impl Controller {
     /// The controller for these settings and this target; the refusal names the parameter.
-    pub fn build(settings: &Settings, target: Target, start: Start) -> Result<Self, OutOfRange> {
+    pub fn build(
+        settings: &Settings,
+        target: Target,
+        start: StartCause,
+    ) -> Result<Self, OutOfRange> {
         let amplitude = AmplitudeLoop::build(settings)?;
         let resonance = Resonance::new(settings);
         let scale = Scale::at(settings, resonance.frequency());
@@ -146,7 +150,12 @@ impl Controller {
     /// A controller that only reports refused settings, off until settings are accepted.
     #[must_use]
     pub fn refused() -> Option<Self> {
-        Self::build(&Settings::default(), Target::Amplitude(0.0), Start::Refused).ok()
+        Self::build(
+            &Settings::default(),
+            Target::Amplitude(0.0),
+            StartCause::Refused,
+        )
+        .ok()
     }
 
     /// Takes a new target; refused, with the old one kept, where its number is out of range.

@@ -7,7 +7,8 @@ mod table;
 #[test]
 fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
     let target = Target::Locked { order: 1 };
-    let mut controller = Controller::build(&Settings::default(), target, Start::Ordinary).unwrap();
+    let mut controller =
+        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
     controller.count = u32::MAX - 150;
     let inputs = Inputs {
         enable: true,
@@ -45,7 +46,7 @@ fn driven(target: Target) -> (Controller, Report) {
         restitution_high: 0.201,
         ..Settings::default()
     };
-    let mut controller = Controller::build(&settings, target, Start::Ordinary).unwrap();
+    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
     let mut report = Report::default();
     for _ in 0..60 {
         report = follow(&mut controller, true, 1);
@@ -101,7 +102,8 @@ fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
 #[test]
 fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
     let target = Target::Speed(40.0);
-    let mut controller = Controller::build(&Settings::default(), target, Start::Ordinary).unwrap();
+    let mut controller =
+        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
     for _ in 0..8 {
         assert_eq!(follow(&mut controller, true, 1).state, State::Off);
     }

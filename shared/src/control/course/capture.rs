@@ -32,11 +32,9 @@ pub struct Capture {
     allowed: u8,
 }
 
-/// What changed in a cycle of the capture.
+/// What happened in a cycle of the capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Progress {
-    /// Nothing worth telling.
-    Going,
+pub enum CaptureEvent {
     /// The plan is ready; whether its best kick captured the whole lot.
     Planned {
         /// Whether it captured all but one part in twenty.
@@ -91,50 +89,55 @@ impl Capture {
 
     /// One cycle on; `plan` is there once the search for kicks is over, `locked` is whether the wanted lock is heard, `settled` whether the amplitude is
     /// back at the setpoint.
-    pub fn cycle(&mut self, plan: Option<&Plan>, locked: bool, settled: bool) -> Progress {
+    pub fn cycle(
+        &mut self,
+        plan: Option<&Plan>,
+        locked: bool,
+        settled: bool,
+    ) -> Option<CaptureEvent> {
         match self.stage {
-            Stage::Idle => Progress::Going,
+            Stage::Idle => None,
             Stage::Planning => match plan {
                 Some(plan) => {
                     self.stage = Stage::Ready;
-                    Progress::Planned {
+                    Some(CaptureEvent::Planned {
                         sure: plan.best().is_some_and(|best| best.share() >= SURE),
-                    }
+                    })
                 }
-                None => Progress::Going,
+                None => None,
             },
             Stage::Ready => self.next(plan),
             Stage::Kicking(kick, cycle) => {
                 if cycle + 1 < kick.length() {
                     self.stage = Stage::Kicking(kick, cycle + 1);
-                    Progress::Going
+                    None
                 } else {
                     self.stage = Stage::Judging(0);
-                    Progress::Ended
+                    Some(CaptureEvent::Ended)
                 }
             }
             Stage::Judging(_) if locked && settled => {
                 self.stage = Stage::Idle;
-                Progress::Captured
+                Some(CaptureEvent::Captured)
             }
             Stage::Judging(cycle) if cycle < PATIENCE => {
                 self.stage = Stage::Judging(cycle + u32::from(settled));
-                Progress::Going
+                None
             }
             Stage::Judging(_) => self.next(plan),
         }
     }
 
-    fn next(&mut self, plan: Option<&Plan>) -> Progress {
+    fn next(&mut self, plan: Option<&Plan>) -> Option<CaptureEvent> {
         let kick = plan
             .and_then(|plan| plan.attempt(u32::from(self.attempts)))
             .filter(|_| self.attempts < self.allowed);
         let Some(kick) = kick else {
             self.stage = Stage::Idle;
-            return Progress::Failed;
+            return Some(CaptureEvent::Failed);
         };
         self.attempts += 1;
         self.stage = Stage::Kicking(kick, 0);
-        Progress::Begun
+        Some(CaptureEvent::Begun)
     }
 }

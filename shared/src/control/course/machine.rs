@@ -1,8 +1,8 @@
 //! The state machine of a drive: a cycle's facts in, the next state and a decision out.
 
-use super::capture::{Capture, Progress};
+use super::capture::{Capture, CaptureEvent};
 use crate::control::aim::Chaos;
-use crate::control::report::{Inputs, Start};
+use crate::control::report::{Inputs, StartCause};
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::regime::capture::Plan;
 use crate::regime::classify::{Regime, Verdict};
@@ -128,11 +128,11 @@ pub struct StateMachine {
 impl StateMachine {
     /// The state machine of a drive that starts for a reason, makes so many cycles a second and may be kicked `attempts`
     /// times.
-    pub fn begin(start: Start, pace: f32, attempts: f32) -> Self {
+    pub fn begin(start: StartCause, pace: f32, attempts: f32) -> Self {
         let fault = match start {
-            Start::Ordinary | Start::PowerOn => None,
-            Start::Reset => Some(Fault::WatchdogReset),
-            Start::Refused => Some(Fault::SettingsInvalid),
+            StartCause::Ordinary | StartCause::PowerOn => None,
+            StartCause::Reset => Some(Fault::WatchdogReset),
+            StartCause::Refused => Some(Fault::SettingsInvalid),
         };
         Self {
             state: if fault.is_some() {
@@ -141,7 +141,7 @@ impl StateMachine {
                 State::Off
             },
             fault,
-            latched: start != Start::Ordinary,
+            latched: start != StartCause::Ordinary,
             locked_out: false,
             now: 0,
             faults: [None; 2],
@@ -373,19 +373,19 @@ impl StateMachine {
                 }
             }
             State::Capturing => match self.capture.cycle(seen.plan, locked, near) {
-                Progress::Going => {}
-                Progress::Planned { sure: true } => events.push(Event::KickPlanned),
-                Progress::Planned { sure: false } => events.push(Event::KickUncertain),
-                Progress::Begun => {
+                None => {}
+                Some(CaptureEvent::Planned { sure: true }) => events.push(Event::KickPlanned),
+                Some(CaptureEvent::Planned { sure: false }) => events.push(Event::KickUncertain),
+                Some(CaptureEvent::Begun) => {
                     events.push(Event::KickBegun);
                     return Decision::ListenAnew;
                 }
-                Progress::Ended => events.push(Event::KickEnded),
-                Progress::Captured => {
+                Some(CaptureEvent::Ended) => events.push(Event::KickEnded),
+                Some(CaptureEvent::Captured) => {
                     self.enter(State::Locked);
                     events.push(Event::Locked);
                 }
-                Progress::Failed => {
+                Some(CaptureEvent::Failed) => {
                     self.given_up = true;
                     self.enter(State::Holding);
                     events.push(Event::NotCaptured);

@@ -88,7 +88,7 @@ pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 #[inline(never)]
 pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settled, bool) {
     // The search came nearer than this, but where three roots nearly meet within rounding.
-    const LONGEST: f32 = 0.02;
+    const LONGEST_STEP: f32 = 0.02;
     let mut doubtful = false;
     let mut round = 0;
     loop {
@@ -107,8 +107,8 @@ pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settle
                 e += cubic;
             }
         }
-        if abs(e) > LONGEST {
-            e = smaller(larger(e, -LONGEST), LONGEST);
+        if abs(e) > LONGEST_STEP {
+            e = smaller(larger(e, -LONGEST_STEP), LONGEST_STEP);
             doubtful = true;
         }
         round += 1;

@@ -24,7 +24,7 @@ const SLACK: f32 = 1e-4;
 
 /// The longest last step in rad: what it leaves is settled on the nodes next to the root. At 0.05 an eighth
 /// more steps, at 0.3 as many fewer.
-const LONGEST: f32 = 0.15;
+const LAST_STEP: f32 = 0.15;
 
 /// The square of the discriminant's root from which the cubic correction of Cauchy's step is small; between
 /// 0 and 0.01 no impact changes.
@@ -113,7 +113,7 @@ pub(super) fn solve<F: Flight>(
         }
         let (jump, count) = nearest(step * NODES_PER_RADIAN);
         node = node.wrapping_add(jump);
-        if abs(step) < LONGEST {
+        if abs(step) < LAST_STEP {
             return Found::Near {
                 node,
                 offset: step - count * SPACING,
@@ -172,7 +172,7 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
         let moved = abs(next - x);
         x = next;
         round += 1;
-        let near = (abs(step) < CURVED * square && abs(step) < LONGEST) || moved < MOVED;
+        let near = (abs(step) < CURVED * square && abs(step) < LAST_STEP) || moved < MOVED;
         // Bisection alone is at the rounding of f32 after 32 halvings of a few turns.
         if found && near || high - low < NARROW || round >= 32 {
             let (jump, count) = nearest(step * NODES_PER_RADIAN);

@@ -21,7 +21,7 @@ pub(crate) struct Gap {
 /// A flight of which the gap is known at any time.
 pub(crate) trait Path {
     /// Up to this time the gap is computed as `d (u/d)`, which keeps its digits, in rad.
-    const LONGEST: f64;
+    const LONGEST_HOP: f64;
 
     /// The gap `d` after the launch.
     fn at(&self, d: f64) -> Gap;
@@ -79,7 +79,7 @@ pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Lan
         } else {
             above = above.min(d);
         }
-        let step = if d < P::LONGEST {
+        let step = if d < P::LONGEST_HOP {
             // u/d has the same root without the one at launch.
             let w = at.value / d;
             let w1 = (at.slope - w) / d;

@@ -8,7 +8,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use super::bracket::{Gap, Path, lowest, root};
 use super::launch::{Launch, Track};
-use super::short::{LONGEST, deflated};
+use super::short::{LONGEST_HOP, deflated};
 use super::step::{Landing, Local};
 use crate::arithmetic::lane::{Arc, floor};
 use crate::arithmetic::square_root;
@@ -20,7 +20,7 @@ struct Flight<'a> {
 }
 
 impl Path for Flight<'_> {
-    const LONGEST: f64 = LONGEST;
+    const LONGEST_HOP: f64 = LONGEST_HOP;
 
     fn at(&self, d: f64) -> Gap {
         gap(self.track, self.launch, d)
@@ -34,7 +34,7 @@ impl Path for Flight<'_> {
 
 fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
     let (s, c, psi) = (launch.sine, launch.cosine, launch.velocity);
-    if d < LONGEST {
+    if d < LONGEST_HOP {
         let pull = track.k - s;
         let w = deflated(pull, launch, d);
         let ahead = launch.phase + d;
@@ -151,7 +151,7 @@ pub(crate) fn landing(
 /// The gap where the track's acceleration passes k going up.
 fn gap_at_lift_off(track: &Track<f64>, launch: &Launch<f64>, begin: f64) -> Gap {
     let mut at = gap(track, launch, begin);
-    if begin >= LONGEST {
+    if begin >= LONGEST_HOP {
         at.value = launch.height(track, begin) - track.k.min(1.0);
         at.slope = (launch.rise() - track.k * begin) - track.lift_off_cosine;
     }

@@ -11,13 +11,13 @@ use super::step::{Landing, householder};
 use crate::arithmetic::lane::Lane;
 
 /// Longest short hop in rad, about.
-pub(crate) const LONGEST: f64 = 0.5;
+pub(crate) const LONGEST_HOP: f64 = 0.5;
 
 impl<L: Lane> Launch<L> {
     /// Whether the flight, if it is not tall, is short.
     #[inline(always)]
     pub fn is_short(&self, track: &Track<L>) -> L::Mask {
-        self.is_over_within(track, LONGEST)
+        self.is_over_within(track, LONGEST_HOP)
     }
 
     /// Whether the flight, if it is not tall, is over within about `longest`, by the quadratic of `u/d`:
@@ -123,7 +123,7 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
 fn holds<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) -> L::Mask {
     let (d, zero) = (landing.flight, L::splat(0.0));
     zero.below(d)
-        & d.below(L::splat(1.1 * LONGEST))
+        & d.below(L::splat(1.1 * LONGEST_HOP))
         & d.below(launch.wait(track))
         & zero.below(landing.arrival)
 }

@@ -4,7 +4,7 @@ use super::ballistic::Ballistic;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, high, wide, wide_signed};
 
 /// The longest short hop, in rad.
-const LONGEST: Fixed<34> = Fixed::<34>::of(1.0 / 16.0);
+const LONGEST_HOP: Fixed<34> = Fixed::<34>::of(1.0 / 16.0);
 
 /// The flight near launch: its height is `d (2 psi - d G) / 2` with
 /// `G = pull - cos d / 3 + sin d^2 / 12`. How many places its numbers have is known as it flies only.
@@ -33,7 +33,7 @@ impl NearLaunch {
         }
     }
 
-    /// `G` and the derivative of `d G` at `d`, below [`LONGEST`].
+    /// `G` and the derivative of `d G` at `d`, below [`LONGEST_HOP`].
     #[inline(always)]
     fn mean_and_slope(&self, Fixed(d): Fixed<34>) -> (i32, i32) {
         let linear = high(self.third, d) >> 2;
@@ -71,7 +71,7 @@ impl NearLaunch {
             }
             let step = self.newton(d, mean, slope);
             d = d.saturating_add(step).max(Fixed::<34>::ZERO);
-            if d >= LONGEST {
+            if d >= LONGEST_HOP {
                 return self.before_end();
             }
             round += 1;
@@ -98,7 +98,7 @@ impl NearLaunch {
     /// The hop from the right end, 1/16 rad, if there is one before it.
     #[inline(never)]
     fn before_end(&self) -> ShortFlight {
-        let mut d = LONGEST - Fixed::<34>::STEP;
+        let mut d = LONGEST_HOP - Fixed::<34>::STEP;
         let (mean, _) = self.mean_and_slope(d);
         if self.twice >= wide_signed(d.0, mean) {
             // So near to the throw d G has its greatest value, at 3 pull / (2 cos), before the right end,
@@ -136,7 +136,7 @@ impl NearLaunch {
     #[inline(never)]
     fn skims(&self) -> bool {
         let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(self.cosine as u32));
-        let last = LONGEST - Fixed::<34>::STEP;
+        let last = LONGEST_HOP - Fixed::<34>::STEP;
         let top: Fixed<34> = reciprocal.times(Fixed::<30>(self.pull + self.pull / 2));
         let mut d = top.min(last);
         for _ in 0..2 {
@@ -200,7 +200,7 @@ impl Ballistic<'_> {
         let shift = (23 + near.down).checked_sub(reciprocal.shift);
         let Some(first) = shift
             .map(|shift| ratio >> shift)
-            .filter(|&z| z < LONGEST.unsigned().0.into())
+            .filter(|&z| z < LONGEST_HOP.unsigned().0.into())
         else {
             return near.before_end();
         };

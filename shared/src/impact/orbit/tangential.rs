@@ -46,15 +46,15 @@ impl TangentialSettings {
 /// let launch = Map::state(0.5, 0.45)?;
 /// let impact = map.impact(launch);
 /// let along = Tangential::build(0.43, level)?;
-/// assert!((along.way(launch, &impact, 2.0) - 2.0 * impact.flight).abs() < 1e-14);
+/// assert!((along.distance(launch, &impact, 2.0) - 2.0 * impact.flight).abs() < 1e-14);
 /// assert!((along.after(launch, &impact, 2.0) - 0.3 * 2.0).abs() < 1e-15);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangential {
     settings: TangentialSettings,
-    /// `k tan(alpha)`, the pull along the track.
-    pull: f64,
+    /// `k tan(alpha)`, gravity along the track in units of `b w^2`.
+    gravity: f64,
 }
 
 impl Tangential {
@@ -94,7 +94,7 @@ impl Tangential {
         )?;
         Ok(Self {
             settings,
-            pull: k * incline_tangent,
+            gravity: k * incline_tangent,
         })
     }
 
@@ -104,17 +104,17 @@ impl Tangential {
         self.settings
     }
 
-    /// Way along the track, in units of b, that a part covers in the flight of `impact` from `launch`,
+    /// Distance along the track, in units of b, positive up the incline, that a part covers in the flight of `impact` from `launch`,
     /// leaving with `velocity` (symbol phi) along the track: `W d` of equation 11.
     ///
     /// Written as `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
     /// (k/2) tan(alpha) }`, which keeps its digits down to the shortest hops.
     #[must_use]
-    pub fn way(&self, launch: State, impact: &Impact<State>, velocity: f64) -> f64 {
+    pub fn distance(&self, launch: State, impact: &Impact<State>, velocity: f64) -> f64 {
         let d = impact.flight;
         let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
         let shaken = sine * versine(d) + cosine * d * sagitta(d);
-        d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.pull))
+        d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.gravity))
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
@@ -126,7 +126,7 @@ impl Tangential {
         // cos(t+d+gamma) - cos(t+gamma), without cancellation.
         let change = -2.0 * libm::sin(lead + half) * libm::sin(half);
         self.settings.restitution
-            * (velocity - self.settings.amplitude_ratio * change - self.pull * d)
+            * (velocity - self.settings.amplitude_ratio * change - self.gravity * d)
     }
 }
 
@@ -165,7 +165,7 @@ mod tests {
     };
 
     /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the classical
-    /// Runge-Kutta rule: way and velocity after `d`.
+    /// Runge-Kutta rule: distance and velocity after `d`.
     fn integrated(k: f64, t: f64, d: f64, velocity: f64) -> (f64, f64) {
         let push = |tau: f64| {
             SETTINGS.amplitude_ratio * libm::sin(tau + SETTINGS.phase_lead)
@@ -173,14 +173,14 @@ mod tests {
         };
         let steps = 4000;
         let h = d / f64::from(steps);
-        let (mut way, mut speed) = (0.0, velocity);
+        let (mut distance, mut speed) = (0.0, velocity);
         for n in 0..steps {
             let tau = t + f64::from(n) * h;
             let (early, middle, late) = (push(tau), push(tau + 0.5 * h), push(tau + h));
-            way += h * (speed + h * (early + 2.0 * middle) / 6.0);
+            distance += h * (speed + h * (early + 2.0 * middle) / 6.0);
             speed += h * (early + 4.0 * middle + late) / 6.0;
         }
-        (way, speed)
+        (distance, speed)
     }
 
     #[test]
@@ -192,9 +192,9 @@ mod tests {
             let mut velocity = 0.7;
             for event in Orbit::new(&map, launch).take(40) {
                 let Event::Impact(impact) = event else { break };
-                let (way, speed) = integrated(k, launch.phase, impact.flight, velocity);
+                let (distance, speed) = integrated(k, launch.phase, impact.flight, velocity);
                 // The rule's error is of order d^2 (d/4000)^4 < 1e-8 for d up to 130.
-                assert!((tangential.way(launch, &impact, velocity) - way).abs() < 1e-6);
+                assert!((tangential.distance(launch, &impact, velocity) - distance).abs() < 1e-6);
                 velocity = tangential.after(launch, &impact, velocity);
                 assert!((velocity - SETTINGS.restitution * speed).abs() < 1e-6);
                 launch = impact.next;
@@ -217,14 +217,14 @@ mod tests {
                 let printed = (0.2 + 2.0 * libm::cos(lead)) * d
                     - 0.25 * SETTINGS.incline_tangent * d * d
                     - 2.0 * (libm::sin(lead + d) - libm::sin(lead));
-                let way = tangential.way(launch, &hop(d), 0.2);
+                let distance = tangential.distance(launch, &hop(d), 0.2);
                 // The printed form rounds terms of up to 100.
-                assert!((way - printed).abs() < 1e-13 * d.max(4.0), "{d}");
+                assert!((distance - printed).abs() < 1e-13 * d.max(4.0), "{d}");
             }
             let d = 1e-9;
             let expected = d * (0.2 + 0.5 * d * (2.0 * libm::sin(lead) - 0.5 * 0.05));
-            let way = tangential.way(launch, &hop(d), 0.2);
-            assert!((way / expected - 1.0).abs() < 1e-15);
+            let distance = tangential.distance(launch, &hop(d), 0.2);
+            assert!((distance / expected - 1.0).abs() < 1e-15);
         }
     }
 

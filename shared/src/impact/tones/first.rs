@@ -60,7 +60,7 @@ pub(super) fn quick<L: Lane, const N: usize>(
     launch: &Launch<L>,
 ) -> (Landing<L>, L::Mask) {
     let tall = launch.is_tall(track);
-    let short = launch.is_over_within(track, short::LONGEST / N as f64) & !tall;
+    let short = launch.is_over_within(track, short::LONGEST_HOP / N as f64) & !tall;
     if !L::any(!short) {
         return short::landing::<L, N>(track, launch);
     }

@@ -7,7 +7,7 @@
 use core::f64::consts::TAU;
 
 use super::launch::{Launch, SPARE};
-use super::short::{LONGEST, deflated};
+use super::short::{LONGEST_HOP, deflated};
 use super::track::{Hump, Track, ahead};
 use super::wave::motion;
 use crate::arithmetic::lane::{Arc, Node, floor};
@@ -115,7 +115,7 @@ impl<const N: usize> Flight<'_, N> {
 }
 
 impl<const N: usize> Path for Flight<'_, N> {
-    const LONGEST: f64 = LONGEST / N as f64;
+    const LONGEST_HOP: f64 = LONGEST_HOP / N as f64;
 
     fn hop(&self) -> Option<f64> {
         let pull = self.launch.pull(self.track);
@@ -125,7 +125,7 @@ impl<const N: usize> Path for Flight<'_, N> {
     fn at(&self, d: f64) -> Gap {
         let (track, launch) = (self.track, self.launch);
         let pull = launch.pull(track);
-        if d < Self::LONGEST {
+        if d < Self::LONGEST_HOP {
             let w = deflated::<f64, N>(track, launch, d);
             let forward = launch.phase + d;
             let phase = if forward < TAU {

@@ -9,7 +9,7 @@ use crate::arithmetic::lane::Lane;
 use crate::impact::double::step::{Landing, householder};
 
 /// Longest short hop in rad of the highest tone, about.
-pub(super) const LONGEST: f64 = 0.5;
+pub(super) const LONGEST_HOP: f64 = 0.5;
 
 /// `u/d` and `u'` at some flight time.
 pub(super) struct Deflated<L> {
@@ -97,7 +97,7 @@ fn holds<L: Lane, const N: usize>(
         wait = wait.min(launch.ahead(hump.begin.phase));
     }
     zero.below(d)
-        & d.below(L::splat(1.1 * LONGEST / N as f64))
+        & d.below(L::splat(1.1 * LONGEST_HOP / N as f64))
         & d.below(wait)
         & zero.below(landing.arrival)
 }

@@ -6,7 +6,7 @@ use super::wave::{MOST, Motion, Wave, crossing};
 
 /// The track where its push passes k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Edge {
+pub(super) struct HumpEnd {
     /// Phase in rad, 0..2 pi.
     pub phase: f64,
     /// S there.
@@ -23,9 +23,9 @@ pub(super) struct Edge {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Hump {
     /// Where it begins: a resting part is thrown off here.
-    pub begin: Edge,
+    pub begin: HumpEnd,
     /// Where it ends.
-    pub end: Edge,
+    pub end: HumpEnd,
     /// Its length in rad.
     pub width: f64,
     /// Length of the concave stretch before it, back to the end of the hump before.
@@ -67,7 +67,7 @@ impl Track {
             *place = extremum;
             count += 1;
         }
-        let (mut begins, mut ends) = ([Edge::default(); HUMPS], [Edge::default(); HUMPS]);
+        let (mut begins, mut ends) = ([HumpEnd::default(); HUMPS], [HumpEnd::default(); HUMPS]);
         let (mut rising, mut falling) = (0, 0);
         for n in 0..count {
             let [low, push] = extrema[n];
@@ -92,7 +92,7 @@ impl Track {
                 bend,
                 ..
             } = wave.at(phase);
-            let edge = Edge {
+            let hump_end = HumpEnd {
                 phase,
                 height,
                 speed,
@@ -100,10 +100,10 @@ impl Track {
                 bend,
             };
             if push < k {
-                begins[rising] = edge;
+                begins[rising] = hump_end;
                 rising += 1;
             } else {
-                ends[falling] = edge;
+                ends[falling] = hump_end;
                 falling += 1;
             }
         }
@@ -142,7 +142,7 @@ impl Track {
             .iter()
             .map(|hump| {
                 let past = ahead(hump.begin.phase, phase);
-                // Within rounding of the falling edge a resting part stays: the track has thrown what it throws.
+                // Within rounding of the falling hump_end a resting part stays: the track has thrown what it throws.
                 if past < hump.width * (1.0 - 1e-9) {
                     (0.0, phase)
                 } else {

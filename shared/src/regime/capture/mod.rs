@@ -14,4 +14,4 @@ pub use follow::{Follow, Outcome, Trial};
 pub use kick::{Kick, KickSettings};
 pub(crate) use lag::Envelope;
 pub use lag::{DriveLag, DriveLagSettings};
-pub use plan::{Lot, Plan, PlanSettings, Planner, Progress, Scored};
+pub use plan::{Lot, Plan, PlanSettings, Planner, Scored};

@@ -1,5 +1,7 @@
 //! Which kick captures the parts of a lot: a search bounded in time and memory.
 
+use core::task::Poll;
+
 use heapless::Vec;
 
 use super::{DriveLag, Follow, Kick, KickSettings, Outcome, Trial};
@@ -152,15 +154,6 @@ impl Plan {
     }
 }
 
-/// What a slice of planning came to.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Progress {
-    /// More slices are needed.
-    Working,
-    /// The search is over.
-    Done(Plan),
-}
-
 /// A search for kicks, resumable in slices.
 ///
 /// It tries rectangular kicks and slow descents, those that suit the restitution and shorter ones first,
@@ -171,7 +164,8 @@ pub enum Progress {
 /// ```
 /// use kband::feeder::Restitution;
 /// use kband::impact::Hybrid;
-/// use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner, Progress};
+/// use core::task::Poll;
+/// use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
 /// let mut planner = Planner::<Hybrid>::new(PlanSettings {
 ///     lot: Lot {
 ///         k: 0.43,
@@ -184,7 +178,7 @@ pub enum Progress {
 ///     effort: PlanSettings::EFFORT,
 /// })?;
 /// let plan = loop {
-///     if let Progress::Done(plan) = planner.advance(1000) {
+///     if let Poll::Ready(plan) = planner.advance(1000) {
 ///         break plan;
 ///     }
 /// };
@@ -226,7 +220,7 @@ enum Tried {
 }
 
 /// Impacts of one trial after which it counts as missed, so that no trial eats the budget.
-const LONGEST: u32 = 6_000;
+const MOST_IMPACTS: u32 = 6_000;
 
 /// Commanded k of rectangular kicks over the lot's highest flip.
 const DEPTHS: [f64; 8] = [0.93, 0.88, 0.82, 0.75, 0.65, 0.55, 0.45, 0.35];
@@ -320,18 +314,18 @@ impl<K: Kernel> Planner<K> {
         })
     }
 
-    /// Computes at most `slice` further impacts.
-    pub fn advance(&mut self, slice: u32) -> Progress {
+    /// Computes at most `slice` further impacts; the plan, once the search is over.
+    pub fn advance(&mut self, slice: u32) -> Poll<Plan> {
         for _ in 0..slice {
             if self.done || !self.step() {
                 if !self.done {
                     self.plan.sort();
                     self.done = true;
                 }
-                return Progress::Done(self.plan.clone());
+                return Poll::Ready(self.plan.clone());
             }
         }
-        Progress::Working
+        Poll::Pending
     }
 
     /// One impact; `false` when the plan is made.
@@ -449,7 +443,7 @@ impl<K: Kernel> Planner<K> {
         let set_ups = follow.set_ups();
         let outcome = follow
             .step()
-            .or((follow.steps() >= LONGEST).then_some(Outcome::Missed));
+            .or((follow.steps() >= MOST_IMPACTS).then_some(Outcome::Missed));
         self.plan.impacts += 1;
         self.plan.set_ups += follow.set_ups() - set_ups;
         let Some(outcome) = outcome else {
@@ -511,7 +505,7 @@ mod tests {
     fn plan(settings: PlanSettings) -> Plan {
         let mut planner = Planner::<Hybrid>::new(settings).unwrap();
         for _ in 0..1000 {
-            if let Progress::Done(plan) = planner.advance(1000) {
+            if let Poll::Ready(plan) = planner.advance(1000) {
                 return plan;
             }
         }
@@ -520,7 +514,7 @@ mod tests {
 
     fn captured(part: Trial, drive: DriveLag, kick: Kick) -> bool {
         let mut follow = Follow::<Hybrid>::new(part, drive, kick).unwrap();
-        for _ in 0..LONGEST {
+        for _ in 0..MOST_IMPACTS {
             if let Some(outcome) = follow.step() {
                 return outcome == Outcome::Locked;
             }
@@ -580,7 +574,7 @@ mod tests {
             let in_slices = loop {
                 slices += 1;
                 assert!(slices < 1_000_000);
-                if let Progress::Done(plan) = planner.advance(slice) {
+                if let Poll::Ready(plan) = planner.advance(slice) {
                     break plan;
                 }
             };

@@ -45,7 +45,7 @@ const HALTED: u32 = 1 << 17;
 const LOCKED_UP: u32 = 1 << 19;
 const WAS_RESET: u32 = 1 << 25;
 /// Instructions that a loader may take before it counts as one that never ends.
-const LONGEST: u64 = 60_000_000;
+const MOST_INSTRUCTIONS: u64 = 60_000_000;
 /// Ticks that pass with each access of a probe: 20 us.
 const ACCESS: u64 = TICKS / 50_000;
 
@@ -366,7 +366,7 @@ impl Chip {
                 }
             } else if self.core.r[COUNTER] >= MEMORY {
                 // A loader: the probe waits for its end.
-                self.steps(LONGEST);
+                self.steps(MOST_INSTRUCTIONS);
             }
         }
     }

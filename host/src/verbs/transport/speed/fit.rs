@@ -3,7 +3,7 @@
 use kband::regime::classify::Regime;
 
 use super::{Over, Row, kin};
-use crate::ending::{self, TONES};
+use crate::ending::{self, FILLS};
 
 /// The sensitivity of a regime over its rows: the slope of ln V against ln b.
 #[derive(Clone, Copy, Debug)]
@@ -35,12 +35,12 @@ pub(super) fn fits(over: &Over, rows: &[Row]) -> Vec<Fit> {
 
 /// What a fit stands for.
 pub(super) fn kind(regime: Regime) -> String {
-    let tone = ending::tone(regime);
+    let fill = ending::fill(regime);
     match regime {
         Regime::Locked { .. } => ending::name(regime),
-        _ => TONES
+        _ => FILLS
             .iter()
-            .find(|known| known.0 == tone)
+            .find(|known| known.0 == fill)
             .map_or_else(String::new, |known| known.1.into()),
     }
 }

@@ -8,10 +8,10 @@ use serde_json::json;
 use super::super::{Arguments, Feeder, ORDERS};
 use super::fit::{Fit, kind};
 use super::{Over, Row, named};
-use crate::ending::{self, TONES};
-use crate::picture::{Axis, Panel, Picture, Tone, Unit};
+use crate::ending::{self, FILLS};
+use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Report, Table, Value, number};
+use crate::report::{Column, Printout, Table, Value, number};
 
 pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
     match row.regime {
@@ -41,7 +41,7 @@ pub(super) fn report(
     over: &Over,
     rows: &[Row],
     fits: &[Fit],
-) -> Result<Report, Refusal> {
+) -> Result<Printout, Refusal> {
     let mut columns = vec![
         Column::new("k", ""),
         Column::new("b", "mm").digits(5),
@@ -105,7 +105,7 @@ pub(super) fn report(
         })
         .collect();
     let critical = critical_slope(feeder);
-    let mut report = Report::new(table).heading(format!(
+    let mut report = Printout::new(table).heading(format!(
         "Conveying speed at {}; {}",
         over.words(),
         feeder.words()
@@ -270,14 +270,14 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         }
     }
     let ribbon = ribbon(over, rows, &place);
-    let from_rest: Vec<(Tone, String)> = TONES
+    let from_rest: Vec<(Fill, String)> = FILLS
         .iter()
-        .filter(|(tone, _)| ribbon.iter().any(|stretch| stretch.2 == *tone))
-        .map(|(tone, name)| (*tone, format!("from rest: {name}")))
+        .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
+        .map(|(fill, name)| (*fill, format!("from rest: {name}")))
         .collect();
-    let names: Vec<(Tone, &str)> = from_rest
+    let names: Vec<(Fill, &str)> = from_rest
         .iter()
-        .map(|(tone, name)| (*tone, name.as_str()))
+        .map(|(fill, name)| (*fill, name.as_str()))
         .collect();
     panel = panel.ribbon(ribbon, &names);
     let answers = rows
@@ -301,12 +301,12 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         .panel(below)
 }
 
-/// The points as markers by the tone of their regime.
+/// The points as markers by the fill of their regime.
 pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
-    for (series, (tone, name)) in TONES[..5].iter().enumerate() {
+    for (series, (fill, name)) in FILLS[..5].iter().enumerate() {
         let of: Vec<(f64, f64)> = points
             .iter()
-            .filter(|point| ending::tone(point.2) == *tone)
+            .filter(|point| ending::fill(point.2) == *fill)
             .map(|point| (point.0, point.1))
             .collect();
         if !of.is_empty() {
@@ -321,15 +321,15 @@ pub(super) fn ribbon(
     over: &Over,
     rows: &[Row],
     place: &dyn Fn(f64) -> f64,
-) -> Vec<(f64, f64, Tone)> {
-    let found: Vec<(f64, Tone)> = rows
+) -> Vec<(f64, f64, Fill)> {
+    let found: Vec<(f64, Fill)> = rows
         .iter()
         .filter(|row| row.from_rest)
-        .map(|row| (place(row.k), ending::tone(row.regime)))
+        .map(|row| (place(row.k), ending::fill(row.regime)))
         .collect();
     let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
-    let mut stretches: Vec<(f64, f64, Tone)> = Vec::new();
-    for (n, (_, tone)) in found.iter().enumerate() {
+    let mut stretches: Vec<(f64, f64, Fill)> = Vec::new();
+    for (n, (_, fill)) in found.iter().enumerate() {
         let left = if n == 0 { over.low } else { middle(n - 1) };
         let right = if n + 1 == found.len() {
             over.high
@@ -337,8 +337,8 @@ pub(super) fn ribbon(
             middle(n)
         };
         match stretches.last_mut() {
-            Some(last) if last.2 == *tone => last.1 = right,
-            _ => stretches.push((left, right, *tone)),
+            Some(last) if last.2 == *fill => last.1 = right,
+            _ => stretches.push((left, right, *fill)),
         }
     }
     stretches

@@ -3,7 +3,7 @@
 use super::obeyed;
 use crate::arithmetic::Phase;
 use crate::control::{
-    Controller, Cycle, Heard, Inputs, Settings, Start, State, TRANSITIONS, Target,
+    Controller, Cycle, Heard, Inputs, Settings, StartCause, State, TRANSITIONS, Target,
 };
 use std::collections::BTreeSet;
 
@@ -33,7 +33,7 @@ fn ready(target: Target) -> (Controller, Phase) {
         link_timeout: 0.5,
         ..Settings::default()
     };
-    let mut controller = Controller::build(&settings, target, Start::Ordinary).unwrap();
+    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
     while controller.plan_step() {}
     let phase = controller.selection.lock().unwrap().phase;
     (controller, phase)
