@@ -7,7 +7,7 @@
 use core::future::Future;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use kband::control::{Settings, Target};
+use kband::control::{SecondTone, Settings, Target};
 use kband::wire::KeptFault;
 
 pub use crate::journal::StoreFailed;
@@ -25,7 +25,7 @@ const FAULT_SLOT: usize = 40;
 pub const FAULTS: u32 = 32;
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 
-const _: () = assert!(4 + 4 * COUNT + 8 <= CONTENT);
+const _: () = assert!(4 + 4 * COUNT + 16 <= CONTENT);
 
 /// In what condition the settings were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -184,6 +184,7 @@ fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
 fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
     let mut content = [0; CONTENT];
     let values = settings.values().map(f32::to_bits);
+    let mut tone = SecondTone::NONE;
     let (kind, number) = match target {
         Target::Locked { order } => (0, u32::from(order)),
         Target::Chaotic => (1, 0),
@@ -192,8 +193,13 @@ fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
         Target::Speed(speed) => (4, speed.to_bits()),
         Target::Identify => (5, 0),
         Target::Gear { order } => (6, u32::from(order)),
+        Target::Tones { k, second } => {
+            tone = second;
+            (7, k.to_bits())
+        }
     };
-    let words = [SCHEMA].into_iter().chain(values).chain([kind, number]);
+    let target = [kind, number, tone.ratio.to_bits(), tone.phase.to_bits()];
+    let words = [SCHEMA].into_iter().chain(values).chain(target);
     put(&mut content, words);
     content
 }
@@ -210,6 +216,10 @@ fn read(content: &[u8]) -> Option<Found> {
     }
     settings.check().ok()?;
     let (kind, number) = (words.next()?, words.next()?);
+    let second = SecondTone {
+        ratio: words.number()?,
+        phase: words.number()?,
+    };
     let target = match kind {
         0 => Target::Locked {
             order: u8::try_from(number).ok()?,
@@ -221,6 +231,10 @@ fn read(content: &[u8]) -> Option<Found> {
         5 => Target::Identify,
         6 => Target::Gear {
             order: u8::try_from(number).ok()?,
+        },
+        7 => Target::Tones {
+            k: f32::from_bits(number),
+            second,
         },
         _ => return None,
     };

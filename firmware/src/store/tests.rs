@@ -129,12 +129,19 @@ fn changed(factor: f32) -> Settings {
     settings
 }
 
-const TARGETS: [Target; 7] = [
+const TARGETS: [Target; 8] = [
     Target::Locked { order: 3 },
     Target::Chaotic,
     Target::K(0.41),
     Target::Amplitude(0.0),
     Target::Speed(-12.5),
+    Target::Tones {
+        k: 0.35,
+        second: SecondTone {
+            ratio: 0.15,
+            phase: 2.356,
+        },
+    },
     Target::Identify,
     Target::Gear { order: 2 },
 ];

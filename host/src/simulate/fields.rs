@@ -92,7 +92,7 @@ pub const SENSOR: [Model; 5] = [
 ];
 
 /// What `[plant]` says of the drive and the accelerometer as they are.
-pub const PLANT: [Model; 6] = [
+pub const PLANT: [Model; 9] = [
     (
         field(
             "resonance",
@@ -128,6 +128,33 @@ pub const PLANT: [Model; 6] = [
             "Sensitivity of the accelerometer over the one told.",
         ),
         |scene| &mut scene.sensor.sensitivity,
+    ),
+    (
+        field(
+            "second_gain",
+            [0.0, 100.0],
+            "mm",
+            "Track amplitude at twice the drive frequency for full output, as it is; 0: as the one resonance has it.",
+        ),
+        |scene| &mut scene.drive.second_gain,
+    ),
+    (
+        field(
+            "second_lag",
+            [-180.0, 180.0],
+            "degrees",
+            "Lag of the track behind the output at twice the drive frequency, as it is.",
+        ),
+        |scene| &mut scene.drive.second_lag,
+    ),
+    (
+        field(
+            "second_quality",
+            [0.5, 200.0],
+            "",
+            "Quality factor of the drive's mode near twice its frequency.",
+        ),
+        |scene| &mut scene.drive.second_quality,
     ),
     (
         field("mains", [10.0, 400.0], "Hz", "Frequency of the mains."),

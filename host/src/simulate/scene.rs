@@ -55,6 +55,9 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "amplitude_limit",
             "acceleration_limit",
             "safe_amplitude",
+            "second_tone",
+            "second_gain",
+            "second_lag",
         ],
         3,
     ),
@@ -160,6 +163,11 @@ impl SceneFile {
             gain: settings.gain,
             ..DriveModel::default()
         };
+        if settings.second_tone > 0.0 {
+            scene.drive.second_gain = settings.second_gain;
+            scene.drive.second_lag = settings.second_lag;
+            scene.drive.second_quality = settings.quality;
+        }
         if let Some(mut plant) = root.optional("plant")? {
             for (field, slot) in &PLANT {
                 plant.field(field, slot(&mut scene))?;

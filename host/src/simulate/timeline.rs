@@ -1,6 +1,6 @@
 //! What is asked of a feeder, and what happens to it in time.
 
-use kband::control::Target;
+use kband::control::{SecondTone, Target};
 use kband::plant::{Change, DISTURBANCES, Disturbance, Disturbances};
 use toml::Value;
 
@@ -19,10 +19,16 @@ pub fn describe(target: Target) -> String {
         Target::Amplitude(b) => format!("amplitude {b} mm"),
         Target::Speed(v) => format!("speed {v} mm/s"),
         Target::Identify => "identification".into(),
+        Target::Tones { k, second } => format!(
+            "k = {k} with a second tone of {} at {:.1} degrees",
+            second.ratio,
+            second.phase.to_degrees()
+        ),
     }
 }
 
-const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true";
+const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true, \
+                       tones = [k, e, degrees]";
 
 pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut found = None;
@@ -34,6 +40,7 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
         "amplitude",
         "speed",
         "identify",
+        "tones",
     ] {
         let Some(value) = section.take(key) else {
             continue;
@@ -52,6 +59,7 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
             ("locked" | "gear", _) => return Err(refused("a whole number of drive cycles, 1..8")),
             ("chaotic", Value::Boolean(true)) => Target::Chaotic,
             ("identify", Value::Boolean(true)) => Target::Identify,
+            ("tones", value) => read_tones(value).map_err(|accepted| refused(&accepted))?,
             ("chaotic" | "identify", _) => return Err(refused("true, or leave it out")),
             (_, value) => {
                 let number = number(value).ok_or_else(|| refused("a number"))? as f32;
@@ -71,6 +79,37 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
             format!("{} says nothing", section.path("")),
             format!("give {TARGETS}"),
         )
+    })
+}
+
+/// A track of two tones: k of the first, amplitude of the second over it (e), and its phase (th) in degrees.
+fn read_tones(value: &Value) -> Result<Target, String> {
+    let accepted =
+        "[k, e, degrees]: k 0.02..10, e 0..0.5, and the second tone's phase, -360..360 degrees";
+    let numbers: Option<Vec<f64>> = value
+        .as_array()
+        .and_then(|list| list.iter().map(number).collect());
+    let Some(&[k, ratio, degrees]) = numbers.as_deref() else {
+        return Err(accepted.into());
+    };
+    let sound = (0.02..=10.0).contains(&k)
+        && (0.0..=0.5).contains(&ratio)
+        && (-360.0..=360.0).contains(&degrees);
+    if !sound {
+        return Err(accepted.into());
+    }
+    if degrees != 0.0 && degrees.abs() < std::f64::consts::TAU {
+        return Err(format!(
+            "{accepted}; {degrees} rad would be {:.1} degrees",
+            degrees.to_degrees()
+        ));
+    }
+    Ok(Target::Tones {
+        k: k as f32,
+        second: SecondTone {
+            ratio: ratio as f32,
+            phase: degrees.to_radians() as f32,
+        },
     })
 }
 

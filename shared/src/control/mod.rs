@@ -38,7 +38,8 @@ pub use aim::{NoSetpoint, Target};
 pub(crate) use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
-pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Sampled, Signal};
+pub use drive::SecondTone;
+pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, Standard,

@@ -1,5 +1,6 @@
 //! What goes into a controller each cycle, and what comes out of it.
 
+use crate::control::drive::SecondTone;
 use crate::control::hear::{Command, Margin};
 use crate::control::identify::Identification;
 use crate::control::state::{Events, Fault, Limits, State};
@@ -51,6 +52,9 @@ pub struct Report {
     pub amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
     pub lead: f32,
+    /// Second tone of the track as it was measured: its amplitude over the first tone's and its phase against the
+    /// track's, -pi..pi; none where the drive affords none.
+    pub second: SecondTone,
     /// Amplitude that the loop follows at the end of the next cycle but one, in m.
     pub reference: f32,
     /// Amplitude chosen for the target, in m; 0 where there is none.

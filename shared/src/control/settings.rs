@@ -136,6 +136,12 @@ settings! {
     link_timeout = 2.0, 0.0..3600.0 "s";
     /// Half width of the band in which the drive frequency may follow the resonance; 0 turns this off.
     tracking = 0.0, 0.0..50.0 "Hz";
+    /// Largest second tone that the drive affords, its amplitude over that of the first (symbol e); 0: none.
+    second_tone = 0.0, 0.0..0.5 "";
+    /// Track amplitude at twice the drive frequency for full output; 0: as the one resonance has it.
+    second_gain = 0.5, 0.0..100.0 "mm";
+    /// Lag of the track behind the output at twice the drive frequency.
+    second_lag = 90.0, -180.0..180.0 "degrees";
 }
 
 impl Settings {

@@ -25,6 +25,12 @@ pub struct DriveModel {
     pub quality: f32,
     /// Track amplitude at resonance for full output, in mm.
     pub gain: f32,
+    /// Track amplitude in mm for full output at twice the drive's frequency; 0: what the one resonance gives there.
+    pub second_gain: f32,
+    /// Lag of the track behind the output there, in degrees.
+    pub second_lag: f32,
+    /// Quality factor of the mode that makes it so.
+    pub second_quality: f32,
     /// Frequency of the mains in Hz, whose second harmonic ripples on the drive's bus.
     pub mains: f32,
     /// Ripple of the drive's bus, amplitude over its mean, at twice the mains' frequency.
@@ -37,6 +43,9 @@ impl Default for DriveModel {
             resonance: 50.0,
             quality: 25.0,
             gain: 1.0,
+            second_gain: 0.0,
+            second_lag: 90.0,
+            second_quality: 25.0,
             mains: 50.0,
             ripple: 0.0,
         }
@@ -196,6 +205,27 @@ impl Scene {
         within("drive resonance", drive.resonance, 5.0, 500.0, "5..500 Hz")?;
         within("drive quality", drive.quality, 1.0, 200.0, "1..200")?;
         within("drive gain", drive.gain, 1e-3, 100.0, "0.001..100 mm")?;
+        within(
+            "drive second_gain",
+            drive.second_gain,
+            0.0,
+            100.0,
+            "0..100 mm",
+        )?;
+        within(
+            "drive second_lag",
+            drive.second_lag,
+            -180.0,
+            180.0,
+            "-180..180 degrees",
+        )?;
+        within(
+            "drive second_quality",
+            drive.second_quality,
+            0.5,
+            200.0,
+            "0.5..200",
+        )?;
         within("drive mains", drive.mains, 10.0, 400.0, "10..400 Hz")?;
         within("drive ripple", drive.ripple, 0.0, 0.5, "0..0.5")?;
         let sensor = &self.sensor;

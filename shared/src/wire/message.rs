@@ -247,6 +247,29 @@ pub enum Target {
     Identify,
     /// In gear, one flight every so many cycles.
     Gear(u8),
+    /// A value of k, with a second tone of the track: its amplitude over the first tone's, and its phase in rad.
+    Tones(f32, SecondTone),
+}
+
+/// A second tone of the track; [`control::SecondTone`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SecondTone {
+    /// Amplitude over that of the first tone (symbol e).
+    pub ratio: f32,
+    /// Phase angle (symbol th) in rad.
+    pub phase: f32,
+}
+
+impl From<control::SecondTone> for SecondTone {
+    fn from(control::SecondTone { ratio, phase }: control::SecondTone) -> Self {
+        Self { ratio, phase }
+    }
+}
+
+impl From<SecondTone> for control::SecondTone {
+    fn from(SecondTone { ratio, phase }: SecondTone) -> Self {
+        Self { ratio, phase }
+    }
 }
 
 impl From<control::Target> for Target {
@@ -259,6 +282,7 @@ impl From<control::Target> for Target {
             control::Target::Speed(speed) => Self::Speed(speed),
             control::Target::Identify => Self::Identify,
             control::Target::Gear { order } => Self::Gear(order),
+            control::Target::Tones { k, second } => Self::Tones(k, second.into()),
         }
     }
 }
@@ -273,6 +297,10 @@ impl From<Target> for control::Target {
             Target::Speed(speed) => Self::Speed(speed),
             Target::Identify => Self::Identify,
             Target::Gear(order) => Self::Gear { order },
+            Target::Tones(k, second) => Self::Tones {
+                k,
+                second: second.into(),
+            },
         }
     }
 }
@@ -327,6 +355,12 @@ pub struct Telemetry {
     pub lead: f32,
     /// Output of the drive as a share of full output.
     pub output: f32,
+    /// Measured amplitude of the track's second tone over its first (symbol e).
+    pub second_ratio: f32,
+    /// Measured phase of the second tone against the track's (symbol th), in rad.
+    pub second_phase: f32,
+    /// Second tone of the output along the sine and the cosine of its doubled phase, as shares of full output.
+    pub overtone: [f32; 2],
     /// Impacts heard per cycle.
     pub rate: f32,
     /// Mean phase of the track at the impacts heard, in rad.
@@ -354,6 +388,9 @@ impl From<&control::Report> for Telemetry {
             setpoint: report.setpoint,
             lead: report.lead,
             output: report.command.amplitude,
+            second_ratio: report.second.ratio,
+            second_phase: report.second.phase,
+            overtone: [report.command.overtone.sine, report.command.overtone.cosine],
             rate: report.rate,
             phase: report.phase,
             confidence: report.confidence,

@@ -25,6 +25,13 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::Speed(12.5)),
         Request::Target(Target::Identify),
         Request::Target(Target::Gear(1)),
+        Request::Target(Target::Tones(
+            0.35,
+            SecondTone {
+                ratio: 0.15,
+                phase: 2.356,
+            },
+        )),
         Request::Enable(true),
         Request::Telemetry(5),
         Request::Event(300),
@@ -116,6 +123,9 @@ fn responses() -> Vec<Response<'static>> {
             setpoint: 0.000_25,
             lead: -1.5,
             output: 0.3,
+            second_ratio: 0.15,
+            second_phase: 2.356,
+            overtone: [0.1, -0.2],
             rate: 1.0,
             phase: 0.7,
             confidence: 0.95,

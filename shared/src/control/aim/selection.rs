@@ -5,7 +5,7 @@ use super::gear::GearSearch;
 use super::kicks::Search;
 use super::setpoint::{Choice, Level, NoSetpoint, Target};
 use super::speed::SpeedSearch;
-use crate::control::drive::Scale;
+use crate::control::drive::{Scale, SecondTone};
 use crate::control::hear::LockWindow;
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
@@ -18,6 +18,7 @@ pub struct Selection {
     target: Target,
     level: Level,
     lock: Option<LockWindow>,
+    second: SecondTone,
     speed: Option<SpeedSearch>,
     gear: Option<GearSearch>,
     /// The search for the kicks that bring the parts onto the lock.
@@ -41,6 +42,7 @@ impl Selection {
             target,
             level: choice.level,
             lock: choice.lock,
+            second: choice.second,
             speed: match target {
                 Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
                 _ => None,
@@ -63,6 +65,11 @@ impl Selection {
     /// The lock that is wanted, also as the way to chaos or for a speed.
     pub fn lock(&self) -> Option<&LockWindow> {
         self.lock.as_ref()
+    }
+
+    /// The second tone that is wanted of the track.
+    pub fn second_tone(&self) -> SecondTone {
+        self.second
     }
 
     /// Whether the setpoint is known, or that there is none.
@@ -136,7 +143,7 @@ impl Selection {
 
     /// Takes the choice that was searched for.
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
-        (self.level, self.lock) = (choice.level, choice.lock);
+        (self.level, self.lock, self.second) = (choice.level, choice.lock, choice.second);
         match kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock whose kicks cannot be planned is none to go to.

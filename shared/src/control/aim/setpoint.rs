@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crate::control::angle::phase_of;
+use crate::control::drive::SecondTone;
 use crate::control::hear::LockWindow;
 use crate::control::identify;
 use crate::control::settings::Settings;
@@ -47,6 +48,13 @@ pub enum Target {
     K(f32),
     /// A normal amplitude b in mm.
     Amplitude(f32),
+    /// A value of k, 0.02..10, with a second tone of the track.
+    Tones {
+        /// k of the first tone.
+        k: f32,
+        /// The second tone; its ratio at most the setting `second_tone`.
+        second: SecondTone,
+    },
     /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
     Speed(f32),
     /// To find the restitution of the parts by listening to them hop and rest
@@ -112,6 +120,8 @@ pub struct Choice {
     pub level: Level,
     /// The lock that is wanted at it, if one is.
     pub lock: Option<LockWindow>,
+    /// The second tone that is wanted with it.
+    pub second: SecondTone,
 }
 
 /// Half width of the phases that a lock is heard at, beyond those that the interval of restitution
@@ -151,6 +161,20 @@ impl Choice {
                 within("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 Ok(Self::level(Level::K(f64::from(k))))
             }
+            Target::Tones { k, second } => {
+                within("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
+                second.check()?;
+                within(
+                    "target second tone, ratio",
+                    second.ratio,
+                    second.ratio <= settings.second_tone,
+                    "0..second_tone, which is what the drive affords",
+                )?;
+                Ok(Self {
+                    second,
+                    ..Self::level(Level::K(f64::from(k)))
+                })
+            }
             Target::Identify => Ok(Self::level(Level::K(identify::FIRST))),
             Target::Amplitude(b) => {
                 let accepts = (0.0..=settings.amplitude_limit).contains(&b);
@@ -171,7 +195,11 @@ impl Choice {
 
     /// The choice of a level without a lock.
     pub fn level(level: Level) -> Self {
-        Self { level, lock: None }
+        Self {
+            level,
+            lock: None,
+            second: SecondTone::NONE,
+        }
     }
 
     /// The choice of the whole lot's lock of an order.
@@ -199,6 +227,7 @@ impl Choice {
         Ok(Self {
             level: Level::K(k),
             lock,
+            second: SecondTone::NONE,
         })
     }
 }

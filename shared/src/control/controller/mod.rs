@@ -7,7 +7,11 @@ use crate::control::course::{
     Decision, EnableResponse, Expected, FaultDetector, LimitInputs, LimitMonitor, Observation,
     Standstill, StateMachine,
 };
-use crate::control::drive::{AmplitudeLoop, Move, Reference, Resonance, Scale};
+use num_complex::Complex32 as Complex;
+
+use crate::control::drive::{
+    AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone,
+};
 use crate::control::hear::{Cycle, Listener};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::report::{Inputs, Report, StartCause};
@@ -28,6 +32,8 @@ const AT_REST: f32 = 0.02;
 /// Amplitude in m over the safe one in mm from which on the lead is followed, 30 % of it: less does not tell the phase
 /// from noise.
 const FOLLOWED: f32 = 0.3e-3;
+/// Amplitude over what the converter tells from rest from which on a second tone is held to the first one's phase.
+const SECOND_TELLS: f32 = 4.0;
 
 /// The controller of one drive.
 ///
@@ -96,6 +102,7 @@ pub struct Controller {
     limits: LimitMonitor,
     reference: Reference,
     output: f32,
+    second: SecondLoop,
     /// Envelope that the outputs should give at the ends of cycles, in m: of the one that the last output will
     /// drive, the one before, and the two that the last reading is the mean of.
     expected: [f32; 3],
@@ -111,6 +118,8 @@ struct Seen {
     amplitude: f32,
     /// Phase lead of the track before the output.
     lead: Phase,
+    /// Second tone of the track.
+    second: SecondTone,
     events: Events,
 }
 
@@ -138,6 +147,7 @@ impl Controller {
             limits: LimitMonitor::default(),
             reference: Reference::default(),
             output: 0.0,
+            second: SecondLoop::build(settings),
             expected: [0.0; 3],
             faults: FaultDetector::default(),
             count: 0,
@@ -202,6 +212,7 @@ impl Controller {
         let cosine = -cycle.in_phase / self.scale.square;
         let measured = libm::sqrtf(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
+        let motion = self.motion(cycle, Complex::new(sine, cosine));
         let held_back = !self.limits.limits().is_empty();
         let blind = self.watch(cycle, inputs, measured, radians_of(lead), &mut events);
         self.obey(inputs, measured, &mut events);
@@ -226,6 +237,7 @@ impl Controller {
                 self.listener
                     .cycle(cycle, self.count, lead, self.selection.lock(), wanted);
                 self.follow_resonance(measured);
+                self.make_second_tone(&motion, &mut events);
             }
             self.progress(goal, measured, &mut events);
             self.identify(cycle, goal, measured, &mut events);
@@ -243,8 +255,50 @@ impl Controller {
         self.seen = Seen {
             amplitude: measured,
             lead,
+            second: if self.second.allowed() {
+                motion.tone()
+            } else {
+                SecondTone::NONE
+            },
             events,
         };
+    }
+
+    /// What the demodulators found of the track's motion.
+    fn motion(&self, cycle: &Cycle, first: Complex) -> Motion {
+        let [cosine, sine] = cycle.second;
+        Motion {
+            first,
+            second: Complex::new(sine, cosine) * (-0.25 / self.scale.square),
+        }
+    }
+
+    /// A cycle of the second tone, where the drive affords one. Nothing but what is wanted allows it: with any limit
+    /// but its own, and while the drive stops, there is none.
+    fn make_second_tone(&mut self, motion: &Motion, events: &mut Events) {
+        if !self.second.allowed() {
+            return;
+        }
+        let limits = self.limits.limits();
+        let sound = !limits.contains(Limits::LINK_LOST)
+            && !limits.contains(Limits::NO_SETPOINT)
+            && self.machine.state() != State::Stopping
+            && self.selection.chosen();
+        let asked = Asked {
+            motion: *motion,
+            wanted: if sound {
+                self.selection.second_tone()
+            } else {
+                SecondTone::NONE
+            },
+            reference: self.reference.now,
+            square: self.scale.square,
+            room: self.settings.output_maximum - self.output,
+            least: SECOND_TELLS * self.scale.least,
+        };
+        if self.second.cycle(&asked) {
+            events.push(Event::SecondToneUnlike);
+        }
     }
 
     /// Looks for faults; whether this cycle's reading may not be trusted.
@@ -307,6 +361,7 @@ impl Controller {
             }
             Some(EnableResponse::Started) => {
                 self.expected = [0.0; 3];
+                self.second.restart();
                 if self.selection.target() == Target::Identify {
                     self.identifier.begin();
                     self.selection.go(identify::FIRST);
@@ -333,6 +388,7 @@ impl Controller {
                 && self.selection.setpoint(&self.scale) > self.scale.ceiling,
             ceiling_limit: self.scale.ceiling_limit,
             saturated: self.amplitude.saturated(),
+            second_tone: self.second.held_back(),
         });
     }
 
@@ -368,6 +424,7 @@ impl Controller {
         self.output = 0.0;
         self.reference.now = 0.0;
         self.amplitude.reset();
+        self.second.rest();
         self.listener.forget();
         self.limits.rest();
         let decision = self.machine.rest();
@@ -414,7 +471,8 @@ impl Controller {
         let seen = Observation {
             near: self.selection.chosen()
                 && self.reference.now == goal
-                && (measured - goal).abs() < NEAR * goal,
+                && (measured - goal).abs() < NEAR * goal
+                && self.second.arrived(),
             limits: self.limits.limits(),
             lock: self
                 .selection

@@ -3,7 +3,7 @@
 use super::Controller;
 use crate::control::aim::{NoSetpoint, Target};
 use crate::control::angle::radians_of;
-use crate::control::hear::Command;
+use crate::control::hear::{Command, Overtone};
 use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
@@ -20,6 +20,7 @@ impl Controller {
             k: self.k(seen.amplitude),
             amplitude: seen.amplitude,
             lead: radians_of(seen.lead),
+            second: seen.second,
             reference: self.reference.now,
             setpoint: self.setpoint(),
             rate: hearing.rate(),
@@ -46,8 +47,10 @@ impl Controller {
     /// What the drive is to do.
     #[must_use]
     pub fn command(&self) -> Command {
+        let [sine, cosine] = self.second.output();
         Command {
             amplitude: self.output,
+            overtone: Overtone { sine, cosine },
             step: self.scale.step,
             immediate: !self.machine.running(),
             fold: self.identifier.fold(),
@@ -59,7 +62,10 @@ impl Controller {
     #[must_use]
     pub fn ready(&self) -> bool {
         match (self.machine.state(), self.selection.target()) {
-            (State::Holding, Target::K(_) | Target::Amplitude(_) | Target::Gear { .. }) => true,
+            (
+                State::Holding,
+                Target::K(_) | Target::Tones { .. } | Target::Amplitude(_) | Target::Gear { .. },
+            ) => true,
             (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
             (State::Locked, target) => target != Target::Chaotic,
             _ => false,

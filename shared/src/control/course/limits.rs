@@ -23,6 +23,8 @@ pub struct LimitInputs {
     pub ceiling_limit: Limits,
     /// Whether the output stands at its limit.
     pub saturated: bool,
+    /// Whether less is made of the second tone than is wanted.
+    pub second_tone: bool,
 }
 
 /// The limits that hold the drive back, and how long their causes have lasted.
@@ -61,6 +63,8 @@ impl LimitMonitor {
         self.limits
             .set(Limits::NO_SETPOINT, running && inputs.no_setpoint);
         self.limits.set(inputs.ceiling_limit, running && inputs.cut);
+        self.limits
+            .set(Limits::SECOND_TONE, running && inputs.second_tone);
         self.limits
             .set(Limits::OUTPUT, running && self.saturated_for > SATURATION);
     }

@@ -5,14 +5,19 @@
 //! | `scale` | what an amplitude means for the parts, for the hard limits, for the output |
 //! | `reference` | the amplitude that the loop follows, from cycle to cycle |
 //! | `amplitude` | the loop: feedforward and PI |
+//! | `answer` | what the drive answers at its frequency and at twice of it |
+//! | `second` | the second tone of the motion: what it is, and the loop that holds it |
 //! | `resonance` | the drive's frequency: a sweep that finds the resonance, a loop that follows it |
 
 mod amplitude;
+mod answer;
 mod reference;
 mod resonance;
 mod scale;
+mod second;
 
 pub use amplitude::AmplitudeLoop;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;
+pub use second::{Asked, Motion, SecondLoop, SecondTone};

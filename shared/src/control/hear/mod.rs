@@ -33,4 +33,4 @@ pub use onset::{HEARD_PER_CYCLE, Heard, OnsetDetector, QUARTILE};
 pub use onset::{HighPass, Onset, Standard};
 #[cfg(feature = "plant")]
 pub use signal::MOST_BLANKED;
-pub use signal::{AdcCode, Command, Cycle, Sampled, Signal};
+pub use signal::{AdcCode, Command, Cycle, Overtone, Sampled, Signal};

@@ -16,11 +16,30 @@ pub const MOST_BLANKED: f64 = 1.0 / 3.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AdcCode(pub u16);
 
+/// The second tone of an output, as shares of full output: `sine sin 2x + cosine cos 2x` for the phase x of the output.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overtone {
+    /// Along the sine of the doubled phase, -1..1.
+    pub sine: f32,
+    /// Along its cosine, -1..1.
+    pub cosine: f32,
+}
+
+impl Overtone {
+    /// No second tone.
+    pub const NONE: Self = Self {
+        sine: 0.0,
+        cosine: 0.0,
+    };
+}
+
 /// What the drive is to do from the next cycle on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
+    /// Second tone of the output; with the amplitude at most full output.
+    pub overtone: Overtone,
     /// Advance of the phase per sample (see [`phase_step`](crate::control::phase_step)).
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
@@ -42,6 +61,9 @@ pub struct Cycle {
     pub in_phase: f32,
     /// Sine part of it, in m/s^2.
     pub quadrature: f32,
+    /// Cosine and sine part of it at twice the drive's frequency, against the output's doubled phase, in m/s^2; 0 where
+    /// the drive affords no second tone.
+    pub second: [f32; 2],
     /// Mean acceleration in m/s^2.
     pub mean: f32,
     /// Lowest reading.
@@ -130,11 +152,16 @@ pub struct Signal {
     step: u32,
     inverse_step: f32,
     amplitude: f32,
+    /// Second tone of the output, where the drive affords one: then the demodulator looks for it too.
+    overtone: Overtone,
+    two_toned: bool,
     pending: Command,
     /// Mean of the last cycle, taken off before demodulation so that gravity does not leak into it.
     mean: f32,
     cosines: f32,
     sines: f32,
+    /// The same at twice the drive's frequency.
+    doubled: [f32; 2],
     accelerations: f32,
     weight: f32,
     /// Samples of the cycle that were blanked, and how many may be.
@@ -162,8 +189,11 @@ impl Signal {
             step,
             inverse_step: 1.0 / step as f32,
             amplitude: 0.0,
+            overtone: Overtone::NONE,
+            two_toned: settings.second_tone > 0.0,
             pending: Command {
                 amplitude: 0.0,
+                overtone: Overtone::NONE,
                 step,
                 immediate: false,
                 fold: None,
@@ -172,6 +202,7 @@ impl Signal {
             mean: 0.0,
             cosines: 0.0,
             sines: 0.0,
+            doubled: [0.0; 2],
             accelerations: 0.0,
             weight: 0.0,
             blanked: 0.0,
@@ -187,6 +218,7 @@ impl Signal {
         samples: 0,
         in_phase: 0.0,
         quadrature: 0.0,
+        second: [0.0; 2],
         mean: 0.0,
         low: u16::MAX,
         high: 0,
@@ -207,7 +239,16 @@ impl Signal {
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
-        let residual = self.detector.residual(acceleration);
+        // The second tone's acceleration is four times as large, and the detector's high-passes leave four times as
+        // much of it: what the cycle before had of it is taken off before them.
+        let (mut double, mut explained, mut surprising) = ([0.0; 2], 0.0, acceleration);
+        if self.two_toned {
+            double = [(cosine - sine) * (cosine + sine), 2.0 * sine * cosine];
+            let [by_cosine, by_sine] = self.finished.second;
+            explained = by_cosine * double[0] + by_sine * double[1];
+            surprising -= explained;
+        }
+        let residual = self.detector.residual(surprising);
         self.fold.add(self.phase, residual);
         let heard = self.detector.detect(residual);
         let mut swing = acceleration - self.mean;
@@ -215,6 +256,9 @@ impl Signal {
         if blanked {
             // What was found before stands for it, and has no say in what is found.
             swing = self.finished.in_phase * cosine + self.finished.quadrature * sine;
+            if self.two_toned {
+                swing += explained;
+            }
             self.blanked += 1.0;
         }
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
@@ -222,6 +266,9 @@ impl Signal {
             // The sample stands for the interval that it ends; the wrap parts it between two cycles.
             let share = self.phase.bits() as f32 * self.inverse_step;
             let rest = 1.0 - share;
+            if self.two_toned {
+                self.double(double, rest * swing);
+            }
             self.cosines += rest * by_cosine;
             self.sines += rest * by_sine;
             self.accelerations += rest * swing;
@@ -234,7 +281,13 @@ impl Signal {
             self.sines = share * by_sine;
             self.accelerations = share * swing;
             self.weight = share;
+            if self.two_toned {
+                self.double(double, share * swing);
+            }
         } else {
+            if self.two_toned {
+                self.double(double, swing);
+            }
             self.cosines += by_cosine;
             self.sines += by_sine;
             self.accelerations += swing;
@@ -258,10 +311,18 @@ impl Signal {
                 strength,
             });
         }
-        Sampled {
-            output: self.amplitude * sine,
-            wrapped,
+        let mut output = self.amplitude * sine;
+        if self.two_toned {
+            output += self.overtone.cosine * double[0] + self.overtone.sine * double[1];
         }
+        Sampled { output, wrapped }
+    }
+
+    /// Adds a share of a sample to what is found at twice the drive's frequency.
+    #[inline(always)]
+    fn double(&mut self, [cosine, sine]: [f32; 2], swing: f32) {
+        self.doubled[0] += swing * cosine;
+        self.doubled[1] += swing * sine;
     }
 
     fn finish(&mut self) {
@@ -269,6 +330,12 @@ impl Signal {
         let (running, finished) = (&mut self.running, &mut self.finished);
         finished.in_phase = (2.0 * self.cosines - self.blanked * finished.in_phase) * inverse;
         finished.quadrature = (2.0 * self.sines - self.blanked * finished.quadrature) * inverse;
+        if self.two_toned {
+            for (found, sum) in finished.second.iter_mut().zip(&mut self.doubled) {
+                *found = (2.0 * *sum - self.blanked * *found) * inverse;
+                *sum = 0.0;
+            }
+        }
         finished.mean = self.mean + self.accelerations * inverse;
         finished.noise = self.detector.noise();
         finished.folded = self.fold.finish(self.pending.fold, self.pending.step);
@@ -286,6 +353,7 @@ impl Signal {
         running.saturated = 0;
         running.heard.clear();
         self.amplitude = self.pending.amplitude;
+        self.overtone = self.pending.overtone;
         if self.step != self.pending.step {
             self.step = self.pending.step;
             self.inverse_step = 1.0 / self.step as f32;
@@ -308,13 +376,16 @@ impl Signal {
         self.pending = command;
         if command.immediate {
             self.amplitude = command.amplitude;
+            self.overtone = command.overtone;
         }
     }
 
     /// Switches the output off at once.
     pub fn off(&mut self) {
         self.amplitude = 0.0;
+        self.overtone = Overtone::NONE;
         self.pending.amplitude = 0.0;
+        self.pending.overtone = Overtone::NONE;
     }
 
     /// Phase of the output at the last sample.

@@ -72,15 +72,18 @@ impl Limits {
     pub const ACCELERATION: Self = Self(1 << 3);
     /// 4: no amplitude serves the target for the whole interval of restitution; at the safe amplitude.
     pub const NO_SETPOINT: Self = Self(1 << 4);
+    /// 5: less is made of the second tone than is wanted: the drive affords less, or does not answer as told.
+    pub const SECOND_TONE: Self = Self(1 << 5);
     /// 7: the link was silent for `link_timeout`; at the safe amplitude.
     pub const LINK_LOST: Self = Self(1 << 7);
 
     /// Every limit, in the order of their numbers.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::OUTPUT,
         Self::AMPLITUDE,
         Self::ACCELERATION,
         Self::NO_SETPOINT,
+        Self::SECOND_TONE,
         Self::LINK_LOST,
     ];
 
@@ -98,6 +101,7 @@ impl Limits {
             Self::AMPLITUDE => "amplitude limit",
             Self::ACCELERATION => "acceleration limit",
             Self::NO_SETPOINT => "no setpoint for the lot",
+            Self::SECOND_TONE => "second tone cut",
             Self::LINK_LOST => "link lost",
             _ => "several limits",
         }
@@ -185,6 +189,8 @@ pub enum Event {
     NotIdentified = 21,
     /// The third fault within a minute locked the drive out.
     LockedOut = 22,
+    /// The track does not answer at twice the drive's frequency as the settings say.
+    SecondToneUnlike = 23,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -241,7 +247,8 @@ named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetS
     Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
     Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped",
     ResonanceFound = "resonance found", Identified = "restitution identified",
-    NotIdentified = "restitution not identified", LockedOut = "locked out");
+    NotIdentified = "restitution not identified", LockedOut = "locked out",
+    SecondToneUnlike = "second tone not as told");
 
 #[cfg(test)]
 mod tests {
@@ -252,7 +259,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..23));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..24));
         let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         names.sort_unstable();
         names.dedup();
