@@ -1,5 +1,6 @@
 //! What the arithmetics have in common: the state of a part, its impact, and the map as a trait.
 
+use super::Tone;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
@@ -108,6 +109,34 @@ pub trait Kernel: Sized {
 
     /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays: flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
+}
+
+/// The impact map on a track of several tones, in one arithmetic.
+///
+/// ```
+/// use kband::impact::{Kernel, Tone, WaveKernel, WaveMap, WaveSingle};
+///
+/// /// The velocity of parts locked to two tones.
+/// fn locked<K: WaveKernel>() -> Result<f64, kband::feeder::OutOfRange> {
+///     let second = Tone { amplitude: 0.15, angle: 2.356 };
+///     let kernel = K::on_tones([second, Tone::default()], 0.35, 0.2)?;
+///     let mut state = K::state(0.5, 0.45)?;
+///     for _ in 0..100 {
+///         state = kernel.impact(state).next;
+///     }
+///     Ok(K::observe(state).velocity)
+/// }
+/// // psi = 2 pi k R/(1 + R), whatever the tones.
+/// assert!((locked::<WaveMap>()? - 0.366_519_142_918_809).abs() < 1e-12);
+/// assert!((locked::<WaveSingle>()? - 0.366_519_142_918_809).abs() < 1e-6);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+pub trait WaveKernel: Kernel {
+    /// The map on a track with this second and third harmonic for `k` and a restitution; the refusal
+    /// names the parameter and the range of this arithmetic.
+    ///
+    /// Those for microcontrollers round amplitudes and angles to steps of 2^-32, of 1 and of a turn.
+    fn on_tones(tones: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange>;
 }
 
 /// Refuses a phase in rad whose own last digit is coarser than a step of 2^-32 turns: beyond 2^53 of them

@@ -16,6 +16,7 @@
 //! | [`batch::Block`] | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
+//! | [`WaveSingle`] | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
 //!
 //! `kernel.rs` says what they have in common, `set_up.rs` what those for microcontrollers are set up
@@ -34,12 +35,12 @@ mod scatter;
 mod set_up;
 mod tones;
 
-pub use anchor::{Hybrid, Single, SingleState};
+pub use anchor::{Hybrid, Single, SingleState, WaveSingle};
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
 pub use double::{Exact, Map, Refined};
 pub use integer::Integer;
-pub use kernel::{HybridState, Impact, Kernel, Landing, State};
+pub use kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
 pub(crate) use orbit::LATE;
 #[cfg(feature = "control")]
 pub(crate) use orbit::Release;

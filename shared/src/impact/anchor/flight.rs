@@ -65,8 +65,6 @@ pub(crate) trait Flight {
     /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
     /// precision of the kernel.
     fn local(&self, node: i32) -> Local;
-    /// Ballistic height over k at `steps` after launch, where f32 makes it `nearly` 0; k < 1.
-    fn above_k(&self, steps: i64, nearly: f32) -> f32;
     /// Flights below this many rad keep more digits in the deflated form than on a node.
     const SHORT: f32;
     /// A gap over a hump below this, and what is added to it for each rad of flight, is within rounding.
@@ -88,6 +86,12 @@ pub(crate) trait Flight {
     /// The last correction of a settled impact that leaves an error within rounding, in rad at an arrival
     /// speed of 1.
     const NEAR: f32;
+}
+
+/// A flight over a sine.
+pub(crate) trait OverSine: Flight {
+    /// Ballistic height over k at `steps` after launch, where f32 makes it `nearly` 0; k < 1.
+    fn above_k(&self, steps: i64, nearly: f32) -> f32;
 }
 
 #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::approach::fall;
 use super::candidate::{Candidate, candidate};
-use super::flight::{Flight, Launch, Local, STEPS_PER_RADIAN};
+use super::flight::{Flight, Launch, Local, OverSine, STEPS_PER_RADIAN};
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
 use super::shape::Shape;
@@ -343,7 +343,9 @@ impl Flight for Ballistic<'_> {
         };
         Local { height, ..local }
     }
+}
 
+impl OverSine for Ballistic<'_> {
     #[inline(never)]
     fn above_k(&self, steps: i64, _: f32) -> f32 {
         let rise = self.rise_after(steps, self.velocities(steps).0);

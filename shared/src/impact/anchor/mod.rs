@@ -21,6 +21,8 @@ mod shape;
 mod short;
 mod single;
 mod solve;
+mod tones;
 
 pub use hybrid::Hybrid;
 pub use single::{Single, SingleState};
+pub use tones::WaveSingle;

@@ -4,7 +4,8 @@ use core::f32::consts::TAU;
 use core::f64::consts::PI;
 
 use super::flight::{
-    Flight, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
+    Flight, Launch, OverSine, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root,
+    smaller,
 };
 use super::settle::expand;
 use super::shape::Shape;
@@ -14,7 +15,7 @@ use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
+pub(crate) fn search<F: OverSine>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
     let first = short_flight::<F>(launch);
     let (mut guess, mut clears, mut skims) = (0.0, false, false);
     match first {
@@ -38,7 +39,7 @@ pub(crate) fn search<F: Flight>(shape: &Shape, launch: &Launch, flight: &F) -> (
 }
 
 #[inline(always)]
-fn segment<F: Flight>(
+fn segment<F: OverSine>(
     shape: &Shape,
     launch: &Launch,
     flight: &F,

@@ -3,7 +3,8 @@
 use super::approach::{Approach, fall};
 use super::candidate::{Candidate, candidate};
 use super::flight::{
-    Flight, Launch, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, larger, node_from_near, smaller,
+    Flight, Launch, Local, OverSine, RADIANS_PER_STEP, STEPS_PER_RADIAN, larger, node_from_near,
+    smaller,
 };
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
@@ -57,7 +58,7 @@ pub struct Single {
     restitution: f32,
 }
 
-const TOP: f64 = 60.0;
+pub(super) const TOP: f64 = 60.0;
 
 impl Single {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
@@ -113,6 +114,26 @@ impl Single {
         self.low(&flight, &launch)
     }
 
+    /// The same with this restitution, 0..=1, at the impact.
+    #[inline]
+    pub(super) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
+        Self {
+            restitution,
+            ..*self
+        }
+        .land(state)
+    }
+
+    /// Whether a part that rests at `phase` is thrown off there.
+    pub(super) fn throws(&self, phase: Phase) -> bool {
+        self.shape.throws(phase.bits())
+    }
+
+    /// Where the track throws a part that rests; `None` where it never does.
+    pub(super) fn lift_off(&self) -> Option<Phase> {
+        (self.shape.hump > 0).then(|| Phase::from_bits(self.shape.lift_off))
+    }
+
     #[inline(never)]
     fn low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
         match candidate::<Ballistic>(&self.shape, launch) {
@@ -138,74 +159,110 @@ impl Single {
         arrival: f32,
         grazes: bool,
     ) -> Landing<SingleState> {
-        let steps = (flight * STEPS_PER_RADIAN) as u32;
-        self.landing(launch.phase, i64::from(steps), arrival, grazes)
+        hop(launch.phase, flight, arrival, self.restitution, grazes)
     }
 
     #[inline(never)]
     fn searched(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
         let (found, grazes) = search(&self.shape, &launch, &flight);
-        match found {
-            Found::Short {
-                flight: time,
-                arrival,
-            } => self.hop(&launch, time, arrival, grazes),
-            Found::Near {
-                node,
-                offset,
-                simple,
-            } => {
-                let local = flight.local(node);
-                if simple && let Some(settled) = settle::<Ballistic>(self.shape.k, &local, offset) {
-                    return self.impact_at(flight.phase, node, &local, settled, grazes);
-                }
-                let (settled, doubtful) = settle_carefully(self.shape.k, local, offset);
-                let grazes = grazes || doubtful;
-                // At a graze the arrival speed may round below 0.
-                if settled.speed_gain <= local.slope {
-                    let steps = steps_to(flight.phase, node)
-                        + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
-                    return self.landing(flight.phase, steps.max(0), 0.0, true);
-                }
-                self.impact_at(flight.phase, node, &local, settled, grazes)
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn impact_at(
-        &self,
-        phase: u32,
-        node: i32,
-        local: &Local,
-        settled: Settled,
-        grazes: bool,
-    ) -> Landing<SingleState> {
-        let speed = settled.speed_gain - local.slope;
-        let steps = steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
-        self.landing(phase, steps, speed, grazes)
+        settled(
+            self.shape.k,
+            self.restitution,
+            launch.phase,
+            &flight,
+            found,
+            grazes,
+        )
     }
 
     #[inline(always)]
     fn landing(&self, phase: u32, steps: i64, speed: f32, grazes: bool) -> Landing<SingleState> {
-        Landing {
-            steps,
-            next: SingleState {
-                phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
-                velocity: speed * self.restitution,
-            },
-            grazes,
+        landing(phase, steps, speed, self.restitution, grazes)
+    }
+}
+
+/// The impact that a search found, settled.
+#[inline(always)]
+pub(super) fn settled<F: Flight>(
+    k: f32,
+    restitution: f32,
+    phase: u32,
+    flight: &F,
+    found: Found,
+    grazes: bool,
+) -> Landing<SingleState> {
+    match found {
+        Found::Short {
+            flight: time,
+            arrival,
+        } => hop(phase, time, arrival, restitution, grazes),
+        Found::Near {
+            node,
+            offset,
+            simple,
+        } => {
+            let impact_at = |local: &Local, settled: Settled, grazes: bool| {
+                let speed = settled.speed_gain - local.slope;
+                let steps =
+                    steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
+                landing(phase, steps, speed, restitution, grazes)
+            };
+            let local = flight.local(node);
+            if simple && let Some(settled) = settle::<F>(k, &local, offset) {
+                return impact_at(&local, settled, grazes);
+            }
+            let (settled, doubtful) = settle_carefully(k, local, offset);
+            let grazes = grazes || doubtful;
+            // At a graze the arrival speed may round below 0.
+            if settled.speed_gain <= local.slope {
+                let steps =
+                    steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
+                return landing(phase, steps.max(0), 0.0, restitution, true);
+            }
+            impact_at(&local, settled, grazes)
         }
     }
 }
 
+/// The impact at the end of a short hop.
 #[inline(always)]
-fn steps_to(phase: u32, node: i32) -> i64 {
+fn hop(
+    phase: u32,
+    flight: f32,
+    arrival: f32,
+    restitution: f32,
+    grazes: bool,
+) -> Landing<SingleState> {
+    let steps = (flight * STEPS_PER_RADIAN) as u32;
+    landing(phase, i64::from(steps), arrival, restitution, grazes)
+}
+
+/// The state after an impact at `speed`.
+#[inline(always)]
+pub(super) fn landing(
+    phase: u32,
+    steps: i64,
+    speed: f32,
+    restitution: f32,
+    grazes: bool,
+) -> Landing<SingleState> {
+    Landing {
+        steps,
+        next: SingleState {
+            phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
+            velocity: speed * restitution,
+        },
+        grazes,
+    }
+}
+
+#[inline(always)]
+pub(super) fn steps_to(phase: u32, node: i32) -> i64 {
     (i64::from(node) << 24) - i64::from(phase)
 }
 
 #[inline(always)]
-fn steps_after(phase: u32, approach: &Approach) -> i64 {
+pub(super) fn steps_after(phase: u32, approach: &Approach) -> i64 {
     steps_to(phase, approach.node) + i64::from((approach.step * STEPS_PER_RADIAN) as i32)
 }
 
@@ -248,7 +305,9 @@ impl Flight for Ballistic {
             bend: sine,
         }
     }
+}
 
+impl OverSine for Ballistic {
     #[inline(always)]
     fn above_k(&self, _: i64, nearly: f32) -> f32 {
         nearly

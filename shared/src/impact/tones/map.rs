@@ -6,12 +6,12 @@ use super::launch::Launch;
 #[cfg(any(test, feature = "unstable"))]
 use super::search;
 use super::track::Track;
-use super::wave::Wave;
+use super::wave::{Tone, Wave};
 #[cfg(any(test, feature = "unstable"))]
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::step::Landing;
-use crate::impact::{Impact, Kernel, Map, State};
+use crate::impact::{Impact, Kernel, Map, State, WaveKernel};
 
 /// The impact map in f64 for one [`Wave`], one k and one restitution; with the sine alone it is the map of
 /// [`Map`], to rounding.
@@ -165,5 +165,11 @@ impl Kernel for WaveMap {
         } else {
             self.flown::<3>(state)
         }
+    }
+}
+
+impl WaveKernel for WaveMap {
+    fn on_tones([second, third]: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Self::on(Wave::build(second, third)?, k, restitution)
     }
 }

@@ -1,0 +1,80 @@
+//! A launch from a track of several tones, and its flight while it is short.
+
+use super::harmonics::Parts;
+use super::track::Track;
+use crate::impact::anchor::flight::{larger, smaller};
+
+/// A launch in f32.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Launch {
+    /// Phase, steps.
+    pub phase: u32,
+    /// Velocity relative to the track (psi).
+    pub velocity: f32,
+    /// S at launch.
+    pub height: f32,
+    /// The ball's velocity, `psi + S'`.
+    pub rise: f32,
+    /// `k - A`, of the sign that the humps say.
+    pub pull: f32,
+    /// The first to fifth derivative of A.
+    pub derivatives: [f32; 5],
+}
+
+/// `w = u / d` of a short flight, its derivative, and half its second one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Short {
+    pub value: f32,
+    pub slope: f32,
+    pub half_bend: f32,
+}
+
+impl Launch {
+    /// A launch that is not tall, from the tones at its phase.
+    #[inline(always)]
+    pub fn new(track: &Track, phase: u32, velocity: f32, parts: &Parts, throws: bool) -> Self {
+        let mut pull = track.k - parts.sines(4.0, 9.0);
+        if pull < 0.02 && pull > -0.02 {
+            pull = -track.excess(phase);
+        }
+        Self {
+            phase,
+            velocity,
+            height: parts.sines(1.0, 1.0),
+            rise: velocity + parts.cosines(2.0, 3.0),
+            // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+            pull: if throws {
+                smaller(pull, -1e-20)
+            } else {
+                larger(pull, 1e-20)
+            },
+            derivatives: [
+                parts.cosines(8.0, 27.0),
+                -parts.sines(16.0, 81.0),
+                -parts.cosines(32.0, 243.0),
+                parts.sines(64.0, 729.0),
+                parts.cosines(128.0, 2187.0),
+            ],
+        }
+    }
+
+    /// The flight after `x`, at most [`super::search::longest`], in forms that keep every digit:
+    /// `w = psi - x (k - A)/2 + x^2 A'/6 + x^3 A''/24 + ...`.
+    #[inline(always)]
+    pub fn short(&self, x: f32) -> Short {
+        let [a1, a2, a3, a4, a5] = self.derivatives;
+        let half = 0.5 * self.pull;
+        let inner = a1 * (1.0 / 6.0)
+            + x * (a2 * (1.0 / 24.0)
+                + x * (a3 * (1.0 / 120.0) + x * (a4 * (1.0 / 720.0) + x * a5 * (1.0 / 5040.0))));
+        let outer = a1 * (1.0 / 3.0)
+            + x * (a2 * (1.0 / 8.0)
+                + x * (a3 * (1.0 / 30.0) + x * (a4 * (1.0 / 144.0) + x * a5 * (1.0 / 840.0))));
+        let half_bend = a1 * (1.0 / 6.0) + x * (a2 * (1.0 / 8.0) + x * a3 * (1.0 / 20.0));
+        Short {
+            value: self.velocity - x * (half - x * inner),
+            slope: x * outer - half,
+            half_bend,
+        }
+    }
+}

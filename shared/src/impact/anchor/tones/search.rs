@@ -1,0 +1,359 @@
+//! The first impact on a track of several tones: the stretch between edges that holds it, and the root in it.
+
+use core::f32::consts::TAU;
+
+use super::launch::{Launch, Short};
+use super::track::{Edge, Hump, Track};
+use crate::arithmetic::fixed::Fixed;
+use crate::impact::anchor::approach::householder;
+use crate::impact::anchor::flight::{
+    Flight, RADIANS_PER_STEP, abs, larger, node_of, root, smaller,
+};
+use crate::impact::anchor::settle::{down_crossing, expand};
+use crate::impact::anchor::solve::{Bracket, Found, Start, solve};
+
+/// A flight that knows its height over an edge to the precision of its kernel.
+pub(super) trait Edged: Flight {
+    /// Height over `edge` at `steps` after launch, where f32 makes it `nearly` 0.
+    fn above(&self, steps: i64, edge: Fixed<30>, nearly: f32) -> f32;
+}
+
+/// The longest flight in the deflated form: its terms left out are below the rounding of f32.
+#[inline(always)]
+fn longest<F: Flight>(track: &Track) -> f32 {
+    if track.tones.is_of_three {
+        F::SHORT * (2.0 / 3.0)
+    } else {
+        F::SHORT
+    }
+}
+
+/// What f32 may take from a height, and for each rad of flight.
+const NOISE: f32 = 3e-5;
+const DRIFT: f32 = 4e-6;
+
+/// Flights up to this many rad start from the quadratic near launch.
+const HOP: f32 = 0.6;
+
+/// The first impact of any flight that is not at rest, and whether it grazes a hump.
+#[inline(always)]
+pub(super) fn search<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Found, bool) {
+    let (mut bracket, grazes) = stretch(track, launch, flight);
+    let short = longest::<F>(track);
+    if bracket.low < short {
+        let high = smaller(bracket.high, short);
+        if launch.short(high).value <= 0.0 {
+            let (flight, arrival) = hop(launch, bracket.low, high, bracket.start);
+            return (Found::Short { flight, arrival }, grazes);
+        }
+        bracket.low = high;
+        bracket.start = larger(bracket.start, high);
+    }
+    let start = Start {
+        phase: launch.phase,
+        height: launch.height,
+        rise: launch.rise,
+    };
+    (solve(track, &start, flight, &bracket), grazes)
+}
+
+/// The stretch between edges that holds the first impact, with one root of the gap in it, and whether the
+/// flight grazes on its way there.
+///
+/// Between humps the gap is concave and positive at the begin of the stretch, or 0 and not falling there
+/// at launch: it has a root if it is below 0 at the end, and one. Over a hump it is convex: below 0 at its
+/// end it has one root; else none, or two around its minimum.
+#[inline(always)]
+fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bool) {
+    let Launch {
+        phase,
+        height,
+        rise,
+        ..
+    } = *launch;
+    let fallen = || track.fallen(height, rise) + 1e-3;
+    let humps = track.humps();
+    let (mut next, mut soonest, mut low) = (0, u32::MAX, 0.0);
+    for (n, hump) in humps.iter().enumerate() {
+        // From the very begin of a hump the next one is a whole turn away.
+        let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
+        if wait <= soonest {
+            (next, soonest) = (n, wait);
+        }
+        let past = phase.wrapping_sub(hump.phase);
+        if past < hump.length {
+            low = (hump.length - past) as f32 * RADIANS_PER_STEP;
+        }
+    }
+    let edges = Edges {
+        track,
+        launch,
+        flight,
+        short: longest::<F>(track),
+    };
+    // No more humps than these are passed below the reach of the track on the way up and on the way down; between, none
+    // is looked at.
+    let (mut turn, mut skipped) = (0_u32, false);
+    let mut grazes = false;
+    while !humps.is_empty() && turn < 1 << 20 {
+        for n in 0..humps.len() {
+            let place = next + n;
+            let Some(hump) = humps.get(if place < humps.len() {
+                place
+            } else {
+                place - humps.len()
+            }) else {
+                break;
+            };
+            let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
+            let begin = wait as f32 * RADIANS_PER_STEP + turn as f32 * TAU;
+            let steps = i64::from(wait) + 1 + (i64::from(turn) << 32);
+            let over_begin = edges.gap(begin, steps, &hump.begin);
+            if over_begin.height <= 0.0 {
+                return (concave(launch, low, begin, over_begin, hump), grazes);
+            }
+            let end = begin + hump.width;
+            let over_end = edges.gap(end, steps + i64::from(hump.length), &hump.end);
+            if over_end.height <= 0.0 {
+                let bracket = Bracket {
+                    low: begin,
+                    high: end,
+                    start: smaller(from_edge(begin, over_begin, &hump.begin), end),
+                };
+                return (bracket, grazes);
+            }
+            if over_begin.slope < 0.0 && over_end.slope > 0.0 {
+                // Where the tangents at both ends meet, times the difference of their slopes.
+                let turning = over_end.slope - over_begin.slope;
+                let meet = over_begin.height * over_end.slope
+                    + over_begin.slope * (over_end.slope * hump.width - over_end.height);
+                let noise = if end < edges.short {
+                    0.0
+                } else {
+                    NOISE + DRIFT * end
+                };
+                if meet <= noise * turning {
+                    let (poke, touches) = edges.lowest(begin, end, over_begin.slope / turning);
+                    grazes |= touches;
+                    if let Some(bracket) = poke {
+                        return (bracket, grazes);
+                    }
+                }
+            }
+            low = end;
+        }
+        turn += 1;
+        if !skipped {
+            skipped = true;
+            // Whole turns whose humps all pass while the ball is above the reach of the track.
+            let (from, to) = track.above(height, rise);
+            let last = (to * (1.0 / TAU)) as i32 - 2;
+            if from < TAU && last > 1 {
+                turn = last as u32;
+                low = larger(low, (last - 1) as f32 * TAU);
+            }
+        }
+    }
+    // Concave throughout: one root, before the ball has fallen below the track.
+    let high = fallen();
+    let start = near_launch(launch).unwrap_or(high);
+    (
+        Bracket {
+            low,
+            high,
+            start: smaller(start, high),
+        },
+        grazes,
+    )
+}
+
+/// A root of the quadratic near launch, where it tells.
+#[inline(always)]
+fn near_launch(launch: &Launch) -> Option<f32> {
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.derivatives[0] * (1.0 / 6.0);
+    let square = a1 * a1 - 4.0 * a2 * launch.velocity;
+    if !(a1 > 0.0 && square >= 0.0) {
+        return None;
+    }
+    let near = 2.0 * launch.velocity / (a1 + root(square));
+    (near < HOP).then_some(near)
+}
+
+/// The concave stretch before `hump`, at whose begin the gap is below 0.
+#[inline(always)]
+fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Bracket {
+    let near = if low == 0.0 {
+        near_launch(launch)
+    } else {
+        None
+    };
+    let start = near.unwrap_or_else(|| from_edge(begin, gap, &hump.begin));
+    Bracket {
+        low,
+        high: begin,
+        start: smaller(larger(start, low), begin),
+    }
+}
+
+/// A step of third order from an edge, where u'' is 0.
+#[inline(always)]
+fn from_edge(time: f32, gap: Gap, edge: &Edge) -> f32 {
+    let Gap { height, slope } = gap;
+    if slope < 0.0 {
+        time + householder(height, slope, slope * slope, 0.0, edge.surge)
+    } else {
+        time
+    }
+}
+
+/// The gap and its slope.
+#[derive(Clone, Copy)]
+struct Gap {
+    height: f32,
+    slope: f32,
+}
+
+/// The flight at the edges and over the humps.
+struct Edges<'a, F> {
+    track: &'a Track,
+    launch: &'a Launch,
+    flight: &'a F,
+    short: f32,
+}
+
+impl<F: Edged> Edges<'_, F> {
+    /// The gap at an edge `x` rad and `steps` after launch.
+    #[inline(always)]
+    fn gap(&self, x: f32, steps: i64, edge: &Edge) -> Gap {
+        let (track, launch) = (self.track, self.launch);
+        if x < self.short {
+            let Short { value, slope, .. } = launch.short(x);
+            return Gap {
+                height: x * value,
+                slope: value + x * slope,
+            };
+        }
+        let fall = track.k * x;
+        let nearly = x * (launch.rise - 0.5 * fall) + (launch.height - edge.height);
+        let height = if abs(nearly) < NOISE + DRIFT * x {
+            self.flight.above(steps, edge.fixed, nearly)
+        } else {
+            nearly
+        };
+        Gap {
+            height,
+            slope: launch.rise - fall - edge.speed,
+        }
+    }
+
+    /// The lowest point over the hump from `begin` to `end`, sought from a share of it: a bracket that ends
+    /// there if it is below the track, and whether that is within rounding.
+    #[inline(never)]
+    fn lowest(&self, begin: f32, end: f32, share: f32) -> (Option<Bracket>, bool) {
+        let (mut low, mut high) = (begin, end);
+        let mut x = begin - share * (end - begin);
+        for _ in 0..40 {
+            let (_, slope, half) = self.at(x);
+            if slope > 0.0 {
+                high = x;
+            } else {
+                low = x;
+            }
+            let newton = x - slope / (half + half);
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
+            let moved = abs(next - x);
+            x = next;
+            if moved <= 1e-6 * x {
+                break;
+            }
+        }
+        let (height, slope, half) = self.at(x);
+        let back = if half > 0.0 {
+            slope / (half + half)
+        } else {
+            0.0
+        };
+        let lowest = height - 0.5 * slope * back;
+        let bracket = (lowest <= 0.0).then(|| Bracket {
+            low: begin,
+            high: x,
+            start: larger(
+                x - if half > 0.0 {
+                    root(-lowest / half)
+                } else {
+                    0.0
+                },
+                begin,
+            ),
+        });
+        let rounding = if x < self.short {
+            // Some roundings of f32 and of the pull.
+            x * (4e-7 * self.launch.velocity + F::PULL * x)
+        } else {
+            F::ROUNDING + F::DRIFT * x
+        };
+        (bracket, abs(lowest) < rounding)
+    }
+
+    /// The gap, its slope and half its curvature after `x`.
+    fn at(&self, x: f32) -> (f32, f32, f32) {
+        if x < self.short {
+            let Short {
+                value,
+                slope,
+                half_bend,
+            } = self.launch.short(x);
+            return (x * value, value + x * slope, slope + x * half_bend);
+        }
+        let (node, offset) = node_of(self.launch.phase, x);
+        let local = self.flight.local(node);
+        let (height, gain, half) = expand(self.track.k, &local, offset);
+        (height, local.slope + gain, half)
+    }
+}
+
+/// The short hop that ends between `low` and `high`: third-order steps on `u/d`.
+#[inline(never)]
+fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
+    let mut x = if start > low && start <= high {
+        start
+    } else {
+        0.5 * (low + high)
+    };
+    let mut round = 0;
+    loop {
+        let Short {
+            value,
+            slope,
+            half_bend,
+        } = launch.short(x);
+        if value > 0.0 {
+            low = x;
+        } else {
+            high = x;
+        }
+        let mut e = if slope < 0.0 && abs(value * half_bend) < 1e-2 * slope * slope {
+            let inverse = 1.0 / slope;
+            let newton = value * inverse;
+            -newton * (1.0 + half_bend * newton * inverse)
+        } else {
+            down_crossing(value, slope, half_bend).0
+        };
+        round += 1;
+        // Rounding may put the root at an end.
+        let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;
+        if !inside {
+            e = 0.5 * (low + high) - x;
+        }
+        if inside && abs(e) <= 4e-3 * x || round >= 60 {
+            let flight = x + e;
+            return (flight, larger(-flight * (slope + 2.0 * half_bend * e), 0.0));
+        }
+        x += e;
+    }
+}

@@ -1,0 +1,217 @@
+//! The impact map in f32 on a track of several tones.
+
+use super::harmonics::Harmonics;
+use super::launch::Launch;
+use super::search::{Edged, search};
+use super::track::Track;
+use crate::arithmetic::Phase;
+use crate::arithmetic::fixed::Fixed;
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::anchor::approach::fall;
+use crate::impact::anchor::flight::{
+    self, Flight, Local, RADIANS_PER_STEP, node_from_near, smaller,
+};
+use crate::impact::anchor::single::{self, SingleState, TOP, settled, steps_after, steps_to};
+use crate::impact::kernel::{Impact, Kernel, Landing, State, WaveKernel};
+use crate::impact::{Single, Tone};
+
+/// The impact map in f32 on a track of two or three tones (`f32-tones`); of one tone it is [`Single`], bit for
+/// bit.
+///
+/// It is set up in f32 and integers, for the planner on a board: about 6 000 instructions of a Cortex-M4F, where an impact
+/// takes some 400, and 200 bytes. Each impact may have a restitution of its own ([`WaveSingle::land_at`]).
+///
+/// ```
+/// use kband::impact::{Kernel, Single, Tone, WaveKernel, WaveMap, WaveSingle};
+/// let tones = [Tone { amplitude: 0.15, angle: 2.356 }, Tone::default()];
+/// let track = WaveSingle::on_tones(tones, 0.35, 0.2)?;
+/// let map = WaveMap::on_tones(tones, 0.35, 0.2)?;
+/// let start = Single::state(0.7, 0.36)?;
+/// let expected = map.impact(Single::observe(start)).flight;
+/// assert!((track.land(start).flight() - expected).abs() < 1e-5);
+/// // The next impact of a part that scatters.
+/// let softer = track.land_at(start, 0.15);
+/// assert_eq!(softer.steps, track.land(start).steps);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaveSingle {
+    shape: Shape,
+    restitution: f32,
+}
+
+/// What the track is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Shape {
+    Sine(Single),
+    Tones(Track),
+}
+
+impl WaveSingle {
+    /// One flight and the impact that ends it. A resting part stays: flight 0.
+    #[must_use]
+    #[inline]
+    pub fn land(&self, state: SingleState) -> Landing<SingleState> {
+        self.land_at(state, self.restitution)
+    }
+
+    /// The same with this restitution, 0..=1, at the impact.
+    #[must_use]
+    #[inline]
+    pub fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
+        match &self.shape {
+            Shape::Sine(single) => single.land_at(state, restitution),
+            Shape::Tones(track) => land(track, state, restitution),
+        }
+    }
+
+    /// Whether a part that rests at `phase` is thrown off there.
+    #[must_use]
+    pub fn throws(&self, phase: Phase) -> bool {
+        match &self.shape {
+            Shape::Sine(single) => single.throws(phase),
+            Shape::Tones(track) => track.throws(phase.bits()),
+        }
+    }
+
+    /// Where the track next throws a part that rests at `phase`, which it does not throw there; `None` where
+    /// it rests for ever.
+    #[must_use]
+    pub fn lift_off(&self, phase: Phase) -> Option<Phase> {
+        match &self.shape {
+            Shape::Sine(single) => single.lift_off(),
+            Shape::Tones(track) => track.lift_off(phase.bits()).map(Phase::from_bits),
+        }
+    }
+}
+
+/// The impact on a track that is no sine.
+#[inline]
+fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleState> {
+    let velocity = smaller(state.velocity, TOP as f32);
+    let phase = state.phase.bits();
+    let parts = track.tones.at(phase);
+    let (height, rise) = (parts.sines(1.0, 1.0), velocity + parts.cosines(2.0, 3.0));
+    let flight = Ballistic {
+        track,
+        phase,
+        height,
+        rise,
+    };
+    if let Some(approach) = fall::<Ballistic<'_>>(track, phase, height, rise) {
+        let steps = steps_after(phase, &approach);
+        return single::landing(phase, steps, approach.arrival(), restitution, false);
+    }
+    let throws = track.throws(phase);
+    if velocity == 0.0 && !throws {
+        return Landing {
+            steps: 0,
+            next: state,
+            grazes: false,
+        };
+    }
+    let launch = Launch::new(track, phase, velocity, &parts, throws);
+    let (found, grazes) = search(track, &launch, &flight);
+    settled(track.k, restitution, phase, &flight, found, grazes)
+}
+
+/// A flight in f32.
+#[derive(Clone, Copy)]
+struct Ballistic<'a> {
+    track: &'a Track,
+    phase: u32,
+    height: f32,
+    rise: f32,
+}
+
+impl Flight for Ballistic<'_> {
+    const SHORT: f32 = 0.2;
+    const LEAP: f32 = 0.02;
+    const SLOW: f32 = 0.015;
+    const FINAL: bool = true;
+    const NEAR: f32 = 3e-3;
+    const PULL: f32 = 4e-9;
+    const ROUNDING: f32 = 1e-5;
+    const DRIFT: f32 = 2e-6;
+
+    #[inline(always)]
+    fn node_of(phase: u32, x: f32) -> (i32, f32) {
+        node_from_near(phase, x)
+    }
+
+    #[inline(always)]
+    fn local(&self, node: i32) -> Local {
+        let steps = steps_to(self.phase, node);
+        // Whole turns and the rest, each rounded once.
+        let turns = ((steps + (1 << 31)) >> 32) as i32;
+        let time = steps as i32 as f32 * RADIANS_PER_STEP + turns as f32 * core::f32::consts::TAU;
+        let at = flight::Track::at(self.track, node);
+        let fall = self.track.k * time;
+        Local {
+            height: (self.height - at.height) + time * (self.rise - 0.5 * fall),
+            slope: self.rise - fall - at.speed,
+            push: at.push,
+            surge: at.surge,
+            bend: at.bend,
+        }
+    }
+}
+
+impl Edged for Ballistic<'_> {
+    #[inline(always)]
+    fn above(&self, _: i64, _: Fixed<30>, nearly: f32) -> f32 {
+        nearly
+    }
+}
+
+impl Kernel for WaveSingle {
+    type State = SingleState;
+
+    const NAME: &'static str = "f32-tones";
+
+    /// The map of the sine alone; [`WaveKernel::on_tones`] takes tones.
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Self::on_tones([Tone::default(); 2], k, restitution)
+    }
+
+    fn state(phase: f64, velocity: f64) -> Result<SingleState, OutOfRange> {
+        Single::state(phase, velocity)
+    }
+
+    #[inline]
+    fn flies(state: SingleState) -> bool {
+        Single::flies(state)
+    }
+
+    fn observe(state: SingleState) -> State {
+        Single::observe(state)
+    }
+
+    #[inline]
+    fn impact(&self, state: SingleState) -> Impact<SingleState> {
+        let landing = self.land(state);
+        Impact {
+            flight: landing.flight(),
+            next: landing.next,
+            grazes: landing.grazes,
+        }
+    }
+}
+
+impl WaveKernel for WaveSingle {
+    fn on_tones(tones: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        let held = (0.0..=1.0).contains(&restitution);
+        accept("restitution", restitution, held, "0..1")?;
+        let [second, third] = tones;
+        let shape = if second.amplitude == 0.0 && third.amplitude == 0.0 {
+            Harmonics::build(second, third)?;
+            Shape::Sine(Single::build(k, restitution)?)
+        } else {
+            Shape::Tones(Track::build(second, third, k)?)
+        };
+        Ok(Self {
+            shape,
+            restitution: restitution as f32,
+        })
+    }
+}

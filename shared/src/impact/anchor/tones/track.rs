@@ -1,0 +1,274 @@
+//! A track of several tones with one k, set up without f64: where it pushes harder than k.
+
+use core::f32::consts::TAU;
+
+use super::harmonics::Harmonics;
+use crate::arithmetic::Phase;
+use crate::arithmetic::fixed::Fixed;
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::Tone;
+use crate::impact::anchor::flight::{
+    self, Motion, RADIANS_PER_STEP, SPACING, STEPS_PER_RADIAN, abs, larger,
+};
+
+/// Where the push passes k.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Edge {
+    /// S there.
+    pub height: f32,
+    /// The same, modulo 4.
+    pub fixed: Fixed<30>,
+    /// S' there.
+    pub speed: f32,
+    /// A' there.
+    pub surge: f32,
+}
+
+/// A stretch on which the track pushes harder than k.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Hump {
+    /// Where it begins: a resting part is thrown off here.
+    pub phase: u32,
+    /// Its length in steps of a phase and in rad.
+    pub length: u32,
+    pub width: f32,
+    pub begin: Edge,
+    pub end: Edge,
+}
+
+/// Most humps in a turn: A has at most six extrema.
+const HUMPS: usize = 3;
+
+/// The set-up constants of one track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Track {
+    pub tones: Harmonics,
+    pub k: f32,
+    half_k: f32,
+    inverse: f32,
+    tall: f32,
+    /// Bound of |S|.
+    pub reach: f32,
+    humps: [Hump; HUMPS],
+    count: usize,
+    /// k, as the push is compared with it.
+    threshold: Fixed<35, i64>,
+}
+
+impl Track {
+    /// The track of two harmonics for a k.
+    pub fn build(second: Tone, third: Tone, k: f64) -> Result<Self, OutOfRange> {
+        let tones = Harmonics::build(second, third)?;
+        accept("k", k, (0.005..=4.0).contains(&k), "0.005..4")?;
+        let single = k as f32;
+        let mut track = Self {
+            tones,
+            k: single,
+            half_k: 0.5 * single,
+            inverse: 1.0 / single,
+            tall: 0.0,
+            reach: tones.bound(0),
+            humps: [Hump::default(); HUMPS],
+            count: 0,
+            threshold: Fixed::<35, i64>::nearest(k),
+        };
+        track.find_humps();
+        // The largest S'^2 + 2 k S of a turn stands where its slope 2 S' (k - A) vanishes; and what rounding may take.
+        let edges = track.humps().iter().flat_map(|hump| [hump.begin, hump.end]);
+        track.tall = 0.02
+            + edges.fold(2.0 * single * track.reach, |most, edge| {
+                larger(most, edge.speed * edge.speed + 2.0 * single * edge.height)
+            });
+        Ok(track)
+    }
+
+    /// Its humps in the order of their phases, from any of them.
+    #[inline(always)]
+    pub fn humps(&self) -> &[Hump] {
+        &self.humps[..self.count.min(HUMPS)]
+    }
+
+    /// Whether the track throws a part at `phase`.
+    #[inline(always)]
+    pub fn throws(&self, phase: u32) -> bool {
+        self.humps()
+            .iter()
+            .any(|hump| phase.wrapping_sub(hump.phase) < hump.length)
+    }
+
+    /// Where it next throws a part that rests at `phase` but is not thrown there.
+    pub fn lift_off(&self, phase: u32) -> Option<u32> {
+        let begins = self.humps().iter().map(|hump| hump.phase);
+        begins.min_by_key(|begin| begin.wrapping_sub(phase))
+    }
+
+    /// `A - k` within 3e-9.
+    #[inline(never)]
+    pub fn excess(&self, phase: u32) -> f32 {
+        let push = self.tones.sines(Phase::from_bits(phase), [4, 9]);
+        let Fixed(excess) = push - self.threshold;
+        // Steps of 2^-35, below 2^39 of them.
+        (excess >> 8) as i32 as f32 * (1.0 / (1 << 27) as f32)
+            + (excess & 255) as f32 * (1.0 / 34_359_738_368.0)
+    }
+
+    /// A' at a phase.
+    fn surge(&self, phase: u32) -> f32 {
+        self.tones.at(phase).cosines(8.0, 27.0)
+    }
+
+    /// Every stretch with A > k, node by node: from a node where A is far from k as many are passed over as the
+    /// slope allows.
+    ///
+    /// What a hump that is not found bends lasts less than a node's distance, and it has to have two more
+    /// extrema of A there: the gap is then concave to 1e-8 all the same.
+    fn find_humps(&mut self) {
+        let excess = |track: &Self, node: i32| flight::Track::at(track, node).push - track.k;
+        // The mean of A over evenly spread nodes is 0.
+        let start = (0..16)
+            .map(|n| 16 * n)
+            .find(|&node| excess(self, node) < 0.0)
+            .unwrap_or(0);
+        let per_node = 1.0 / (self.tones.bound(3) * SPACING);
+        let mut begin = None;
+        let (mut node, mut value) = (start, excess(self, start));
+        while node < start + 256 {
+            let next = (node + ((abs(value) * per_node) as i32).max(1)).min(start + 256);
+            let then = excess(self, next);
+            let (low, high) = ((node as u32) << 24, ((next - node) as u32) << 24);
+            if (value > 0.0) == (then > 0.0) {
+                if next == node + 1
+                    && let Some(middle) = self.hidden(low, high, value > 0.0)
+                {
+                    self.pass(&mut begin, low, middle);
+                    self.pass(&mut begin, low.wrapping_add(middle), high - middle);
+                }
+            } else {
+                self.pass(&mut begin, low, high);
+            }
+            (node, value) = (next, then);
+        }
+    }
+
+    /// Where between two nodes A passes k and comes back, if it does: an extremum of it.
+    fn hidden(&self, low: u32, width: u32, above: bool) -> Option<u32> {
+        let toward = |at: u32| (self.surge(low.wrapping_add(at)) < 0.0) == above;
+        if !toward(0) || toward(width) {
+            return None;
+        }
+        let (mut near, mut far) = (0, width);
+        while far - near > 1 << 8 {
+            let middle = near + (far - near) / 2;
+            if toward(middle) {
+                near = middle;
+            } else {
+                far = middle;
+            }
+        }
+        ((self.excess(low.wrapping_add(near)) > 0.0) != above).then_some(near)
+    }
+
+    /// Takes the edge within `width` steps of `low` as the begin of a hump or the end of the one begun.
+    fn pass(&mut self, begun: &mut Option<u32>, low: u32, width: u32) {
+        let rising = begun.is_none();
+        let (mut near, mut far) = (0.0, width as f32);
+        let mut x = 0.5 * far;
+        for _ in 0..40 {
+            let phase = low.wrapping_add(x as u32);
+            let excess = self.excess(phase);
+            if (excess > 0.0) == rising {
+                far = x;
+            } else {
+                near = x;
+            }
+            let newton = x - excess / self.surge(phase) * STEPS_PER_RADIAN;
+            let next = if newton > near && newton < far {
+                newton
+            } else {
+                0.5 * (near + far)
+            };
+            let moved = abs(next - x);
+            x = next;
+            if moved < 1.0 {
+                break;
+            }
+        }
+        let phase = low.wrapping_add(x as u32);
+        let Some(begin) = *begun else {
+            *begun = Some(phase);
+            return;
+        };
+        *begun = None;
+        if let Some(place) = self.humps.get_mut(self.count) {
+            let length = phase.wrapping_sub(begin);
+            let edge = |phase: u32| {
+                let height = self.tones.sines(Phase::from_bits(phase), [1, 1]);
+                let parts = self.tones.at(phase);
+                Edge {
+                    height: parts.sines(1.0, 1.0),
+                    fixed: Fixed(height.to::<30>().0 as i32),
+                    speed: parts.cosines(2.0, 3.0),
+                    surge: parts.cosines(8.0, 27.0),
+                }
+            };
+            *place = Hump {
+                phase: begin,
+                length,
+                width: length as f32 * RADIANS_PER_STEP,
+                begin: edge(begin),
+                end: edge(phase),
+            };
+            self.count += 1;
+        }
+    }
+
+    /// When the ball last falls through the lowest reach of the track, from its height and rise.
+    pub fn fallen(&self, height: f32, rise: f32) -> f32 {
+        let square = rise * rise + 2.0 * self.k * (height + self.reach);
+        (rise + flight::root(square)) * self.inverse
+    }
+
+    /// From when to when the ball is above the reach of the track; an empty span where it is not.
+    pub fn above(&self, height: f32, rise: f32) -> (f32, f32) {
+        let square = rise * rise + 2.0 * self.k * (height - self.reach) - 1e-4;
+        if !(rise > 0.0 && square > 0.0) {
+            return (TAU, 0.0);
+        }
+        let speed = flight::root(square);
+        ((rise - speed) * self.inverse, (rise + speed) * self.inverse)
+    }
+}
+
+impl flight::Track for Track {
+    #[inline(always)]
+    fn k(&self) -> f32 {
+        self.k
+    }
+
+    #[inline(always)]
+    fn half_k(&self) -> f32 {
+        self.half_k
+    }
+
+    #[inline(always)]
+    fn inverse(&self) -> f32 {
+        self.inverse
+    }
+
+    #[inline(always)]
+    fn tall(&self) -> f32 {
+        self.tall
+    }
+
+    #[inline(always)]
+    fn at(&self, node: i32) -> Motion {
+        let parts = self.tones.at_node(node);
+        Motion {
+            height: parts.sines(1.0, 1.0),
+            speed: parts.cosines(2.0, 3.0),
+            push: parts.sines(4.0, 9.0),
+            surge: parts.cosines(8.0, 27.0),
+            bend: parts.sines(16.0, 81.0),
+        }
+    }
+}
