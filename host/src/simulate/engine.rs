@@ -47,6 +47,8 @@ pub(super) struct Glance {
     pub reference: f32,
     /// Measured k.
     pub k: f32,
+    /// Share of time in gear as heard.
+    pub in_gear: f32,
 }
 
 impl Glance {
@@ -59,6 +61,7 @@ impl Glance {
             amplitude: report.amplitude,
             reference: report.reference,
             k: report.k,
+            in_gear: report.in_gear,
         }
     }
 }
@@ -108,6 +111,7 @@ impl Engine<'_> {
                     amplitude,
                     reference: controller.reference(),
                     k: controller.k(amplitude),
+                    in_gear: controller.in_gear(),
                 })
             }
             Self::Whole(closed, last) => {

@@ -315,6 +315,12 @@ impl Outcome {
         if words.is_empty() {
             return "no parts".into();
         }
+        // What scatters repeats nothing that could be named.
+        if self.file.scatters()
+            && let Some(share) = self.in_gear()
+        {
+            return format!("in gear {share:.2}, order {}", self.gear_order());
+        }
         words.join(" / ")
     }
 
@@ -459,7 +465,7 @@ fn last_target(file: &SceneFile) -> Target {
 /// Order of the gear that a target asks for; 1 where it asks for none.
 fn order(target: Target) -> u32 {
     match target {
-        Target::Locked { order } => u32::from(order),
+        Target::Locked { order } | Target::Gear { order } => u32::from(order),
         _ => 1,
     }
 }

@@ -71,6 +71,8 @@ pub struct Record {
     /// Time in gear of each part, and the cycle that ended as that began to count.
     gear: Vec<GearWatch>,
     settled: Option<Settled>,
+    /// Sum of the shares of time in gear as heard since then, over the cycles.
+    heard: f64,
     late: Vec<(f64, Strike)>,
     kept: Option<Vec<Moment>>,
     sketch: Option<Sketch>,
@@ -80,6 +82,7 @@ pub struct Record {
 #[derive(Clone, Copy, Debug)]
 struct Settled {
     time: f64,
+    cycles: u32,
     displacement: f64,
 }
 
@@ -99,6 +102,7 @@ impl Record {
                 .flat_map(|gear| std::iter::repeat_n(gear, parts))
                 .collect(),
             settled: None,
+            heard: 0.0,
             duration,
             cycles: 0,
             last: None,
@@ -141,10 +145,17 @@ impl Record {
             }
             gear.landed(landed, flight);
         }
-        if self.settled.is_none() && time >= SETTLED && time < self.duration {
+        if self.settled.is_some() {
+            self.heard += f64::from(glance.in_gear);
+        } else if time >= SETTLED && time < self.duration {
             let displacement = moment().map_or(0.0, |moment| moment.displacement);
-            self.settled = Some(Settled { time, displacement });
-            let now = f64::from(self.cycles) * TAU;
+            let cycles = self.cycles;
+            self.settled = Some(Settled {
+                time,
+                cycles,
+                displacement,
+            });
+            let now = f64::from(cycles) * TAU;
             self.gear.iter_mut().for_each(|gear| gear.begin(now));
         }
         let late = time > self.duration - HEARD[0];
@@ -221,6 +232,14 @@ impl Record {
         let now = f64::from(self.cycles) * TAU;
         let counted = self.settled.map_or(0, |_| self.gear.len());
         self.gear[..counted].iter().map(move |gear| gear.share(now))
+    }
+
+    /// The share of time in gear as the controller heard it, mean over the cycles from [`SETTLED`] on; `None` where the
+    /// run was shorter.
+    #[must_use]
+    pub fn in_gear_heard(&self) -> Option<f64> {
+        let cycles = self.cycles - self.settled?.cycles;
+        (cycles > 0).then(|| self.heard / f64::from(cycles))
     }
 
     /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was shorter.

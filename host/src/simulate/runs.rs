@@ -33,12 +33,14 @@ pub struct Run {
     pub k: f64,
     /// Share of time in gear from [`SETTLED`](super::SETTLED) on, mean over the parts; `None` where it was shorter.
     pub in_gear: Option<f64>,
+    /// The same as the controller heard it, mean over the cycles.
+    pub in_gear_heard: Option<f64>,
     /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter run.
     pub speed: f64,
 }
 
 /// Columns of a run.
-pub const COLUMNS: [Column; 11] = [
+pub const COLUMNS: [Column; 12] = [
     Column::new("run", ""),
     Column::new("restitution", ""),
     Column::new("sensitivity", "of the one told"),
@@ -47,6 +49,7 @@ pub const COLUMNS: [Column; 11] = [
     Column::new("b", "mm"),
     Column::new("k", ""),
     Column::new("in_gear", ""),
+    Column::new("in_gear_heard", ""),
     Column::new("speed", "mm/s"),
     Column::new("state", "").words(),
     Column::new("regime", "").words(),
@@ -65,6 +68,7 @@ impl Run {
             (self.amplitude * 1e3).into(),
             Some(self.k).filter(|k| k.is_finite()).into(),
             self.in_gear.into(),
+            self.in_gear_heard.into(),
             (self.speed * 1e3).into(),
             self.state.name().into(),
             self.regime.as_str().into(),
@@ -118,6 +122,12 @@ impl Runs {
     #[must_use]
     pub fn in_gear(&self) -> Option<f64> {
         self.mean(|run| run.in_gear)
+    }
+
+    /// The same as it was heard.
+    #[must_use]
+    pub fn in_gear_heard(&self) -> Option<f64> {
+        self.mean(|run| run.in_gear_heard)
     }
 
     /// Mean conveying speed over the runs in m/s; `None` without runs.
@@ -188,6 +198,7 @@ pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> 
         amplitude: outcome.amplitude(),
         k: outcome.k(),
         in_gear: outcome.in_gear(),
+        in_gear_heard: outcome.record().in_gear_heard(),
         speed: outcome.record().speed().unwrap_or_else(|| outcome.speed()),
         regime,
     })
@@ -229,6 +240,7 @@ pub fn summary(all: &[Runs]) -> Table {
         Column::new("median", "s").digits(3),
         Column::new("slowest_5_percent", "s").digits(3),
         Column::new("in_gear", "").digits(3),
+        Column::new("in_gear_heard", "").digits(3),
         Column::new("speed_mm_s", "").digits(4),
     ]);
     for runs in all {
@@ -248,6 +260,7 @@ pub fn summary(all: &[Runs]) -> Table {
             at(50),
             at(95),
             runs.in_gear().into(),
+            runs.in_gear_heard().into(),
             runs.speed().map(|speed| 1e3 * speed).into(),
         ]);
     }
@@ -326,6 +339,7 @@ mod tests {
             amplitude: 0.0,
             k: 0.0,
             in_gear: None,
+            in_gear_heard: None,
             speed: 0.0,
         };
         let runs = Runs {

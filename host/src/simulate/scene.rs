@@ -72,7 +72,8 @@ pub(super) const SENSOR_SETTINGS: [&str; 4] = [
 ];
 
 /// Settings in `[controller]`.
-pub(super) const CONTROLLER: [&str; 7] = [
+pub(super) const CONTROLLER: [&str; 8] = [
+    "scatter",
     "soft_start",
     "soft_stop",
     "envelope",
@@ -140,6 +141,7 @@ impl SceneFile {
         };
         if let Some(value) = part.take(SCATTER.key) {
             parts::read_scatter(&part, &value, &mut scene)?;
+            settings.scatter = told_scatter(&scene.scatter);
         }
         part.finish()?;
         if let Some(mut sensor) = root.optional("sensor")? {
@@ -195,6 +197,18 @@ impl SceneFile {
         Ok(file)
     }
 
+    /// Whether the restitution of any part scatters at any time.
+    #[must_use]
+    pub fn scatters(&self) -> bool {
+        let scene = &self.scene;
+        let mut changes = scene
+            .disturbances
+            .iter()
+            .map(|disturbance| disturbance.change);
+        scene.scatter.iter().any(|s| *s > 0.0)
+            || changes.any(|change| matches!(change, Change::Scatter(s) if s > 0.0))
+    }
+
     /// Refuses what only shows once controller and drive are put together: a target that no amplitude
     /// of this drive can reach.
     pub fn check(&self) -> Result<(), Refusal> {
@@ -236,6 +250,17 @@ impl SceneFile {
             }
         }
         Ok(())
+    }
+}
+
+/// What the controller is told of the scatter of parts: that of all of them, else the root of their mean square.
+fn told_scatter(parts: &[f32]) -> f32 {
+    match parts {
+        [first, rest @ ..] if rest.iter().all(|s| s == first) => *first,
+        _ => {
+            let squares: f32 = parts.iter().map(|s| s * s).sum();
+            (squares / parts.len().max(1) as f32).sqrt()
+        }
     }
 }
 

@@ -30,6 +30,7 @@ pub(super) fn told(
         Column::new("state", ""),
         Column::new("b", "mm").digits(3),
         Column::new("k", "").digits(4),
+        Column::new("in gear", "heard").digits(2),
     ]);
     for happened in outcome.events() {
         let report = happened.report;
@@ -51,17 +52,25 @@ pub(super) fn told(
             report.state.name().into(),
             (f64::from(report.amplitude) * 1e3).into(),
             if k < 1e3 { k.into() } else { Value::Missing },
+            f64::from(report.in_gear).into(),
         ]);
     }
-    let settings = &outcome.file().scene.settings;
+    let scene = &outcome.file().scene;
+    let settings = &scene.settings;
     let last = outcome.last();
     let mut report = Printout::new(table).heading(format!(
-        "target {}; {} Hz, incline {} degrees, restitution {}..{}, Q {}",
+        "target {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
         describe(outcome.target()),
         settings.frequency,
         settings.incline,
         settings.restitution_low,
         settings.restitution_high,
+        if outcome.file().scatters() {
+            let widest = scene.scatter.iter().copied().fold(0.0, f32::max);
+            format!(" scattering by {widest}")
+        } else {
+            String::new()
+        },
         settings.quality
     ));
     let mut say = |words: String| report = std::mem::take(&mut report).note(words);
@@ -125,6 +134,9 @@ pub(super) fn told(
             number(share, 3),
             outcome.gear_order()
         ));
+        if let Some(heard) = outcome.record().in_gear_heard() {
+            say(format!("                 heard {}", number(heard, 3)));
+        }
     }
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
     if !strays.is_empty() {
@@ -221,6 +233,7 @@ pub(super) fn told(
         "band": outcome.band().map(|band| [band.low(), band.high()]),
         "regime": outcome.regime(),
         "in_gear": outcome.in_gear(),
+        "in_gear_heard": outcome.record().in_gear_heard(),
         "cycles_to_loss": outcome.time_to_loss(),
         "lock_phase_rad": outcome.lock_phase(),
         "speed_mm_s": outcome.speed() * 1e3,

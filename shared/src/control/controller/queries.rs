@@ -90,6 +90,12 @@ impl Controller {
         0.5 * (self.expected[1] + self.expected[2])
     }
 
+    /// Share of the parts' time in gear as heard ([`Report::in_gear`]), 0..=1.
+    #[must_use]
+    pub fn in_gear(&self) -> f32 {
+        self.listener.gear.share()
+    }
+
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.
     #[must_use]
     pub fn amplitude(&self) -> f32 {
