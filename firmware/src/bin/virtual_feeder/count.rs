@@ -1,6 +1,7 @@
-//! How many instructions the sample interrupt, the control of a cycle, the plan of the capture and the search for
-//! the lock of a speed take.
+//! How many instructions the sample interrupt, the control of a cycle, the plan of the capture, the search for
+//! the lock of a speed and the plan for gear take.
 
+use core::fmt;
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
 
@@ -112,6 +113,75 @@ fn count_speed(station: &Station) {
     let _ = station.set_target(target);
 }
 
+/// Counts the plan for gear, slice by slice: for the lot of the trial, and for parts that lose gear soonest.
+#[inline(never)]
+fn count_gear(station: &Station) {
+    let (settings, target) = (station.settings(), station.target());
+    for (name, lot, scatter) in [
+        (
+            "the lot of the trial",
+            (settings.restitution_low, settings.restitution_high),
+            0.05,
+        ),
+        ("lively parts", (0.5, 0.7), 0.1),
+    ] {
+        let taken = station.set_settings(&Settings {
+            restitution_low: lot.0,
+            restitution_high: lot.1,
+            scatter,
+            ..settings
+        });
+        let asked = station.set_target(Target::Gear { order: 1 });
+        if taken.is_err() || asked.is_err() {
+            return;
+        }
+        let plan = Searched::count(station);
+        heprintln!("gear of {}: {}", name, plan);
+    }
+    let _ = station.set_settings(&settings);
+    let _ = station.set_target(target);
+}
+
+/// What a search took, slice by slice as the control task does it.
+struct Searched {
+    instructions: u64,
+    slices: u32,
+    longest: u32,
+}
+
+impl Searched {
+    fn count(station: &Station) -> Self {
+        let (mut instructions_taken, mut longest, mut slices) = (0, 0, 0);
+        loop {
+            let mut more = false;
+            let ticks = lap(&mut || more = black_box(station.plan_step()));
+            instructions_taken += instructions(ticks) / 100;
+            longest = longest.max(ticks);
+            slices += 1;
+            if !more || slices > 100_000 {
+                break;
+            }
+        }
+        Self {
+            instructions: instructions_taken,
+            slices,
+            longest,
+        }
+    }
+}
+
+impl fmt::Display for Searched {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "{} instructions in {} slices, most {}",
+            self.instructions,
+            self.slices,
+            instructions(self.longest) / 100
+        )
+    }
+}
+
 /// Counts the search for a speed and the plan of the capture, then the control of each cycle on the way to a lively state, then the
 /// sample interrupt over whole cycles of the drive; prints mean and most.
 ///
@@ -120,24 +190,8 @@ fn count_speed(station: &Station) {
 pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
     begin(timer);
     count_speed(station);
-    // The plan of the capture, slice by slice as the control task does it.
-    let (mut plan, mut longest, mut slices) = (0_u64, 0, 0_u32);
-    loop {
-        let mut more = false;
-        let ticks = lap(&mut || more = black_box(station.plan_step()));
-        plan += instructions(ticks) / 100;
-        longest = longest.max(ticks);
-        slices += 1;
-        if !more || slices > 100_000 {
-            break;
-        }
-    }
-    heprintln!(
-        "capture plan: {} instructions in {} slices, most {}",
-        plan,
-        slices,
-        instructions(longest) / 100
-    );
+    count_gear(station);
+    heprintln!("capture plan: {}", Searched::count(station));
     // Closed loop to a lively state: drive up, parts in flight.
     let mut cycles = 0;
     let (mut control, mut dearest) = (0_u64, 0);
