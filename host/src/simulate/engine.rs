@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use kband::control::{Chaos, Controller, Events, Planned, State};
+use kband::control::{Chaos, Controller, Events, GearPlanned, Planned, State};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 
 use crate::board::BoardLoop;
@@ -201,14 +201,16 @@ const KEPT: usize = 256;
 
 /// What the controllers of this process have searched for: one search for each distinct question. What
 /// comes of it depends on the question alone, so that who asked, and when, changes no bit of a run.
-struct Plans {
+pub(super) struct Plans {
     kicks: Vec<Planned>,
     chaos: Vec<Chaos>,
+    gear: Vec<GearPlanned>,
 }
 
 static PLANS: Mutex<Plans> = Mutex::new(Plans {
     kicks: Vec::new(),
     chaos: Vec::new(),
+    gear: Vec::new(),
 });
 
 impl Plans {
@@ -216,9 +218,13 @@ impl Plans {
         PLANS.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Spares a controller the searches that another one has done.
     #[inline]
-    fn share(controller: &mut Controller) {
-        if controller.planning().is_some() || controller.chaos_asked().is_some() {
+    pub(super) fn share(controller: &mut Controller) {
+        if controller.planning().is_some()
+            || controller.chaos_asked().is_some()
+            || controller.gear_asked().is_some()
+        {
             Self::spare(controller);
         }
     }
@@ -239,14 +245,26 @@ impl Plans {
         if let Some(known) = chaos.copied() {
             controller.chaos_known(known);
         }
+        let asked = controller.gear_asked();
+        let gear = plans.gear.iter().find(|plan| asked == Some(&plan.settings));
+        if let Some(known) = gear.cloned() {
+            controller.gear_known(known);
+        }
     }
 
     fn keep(controller: &Controller) {
         let (planned, found) = (controller.planned(), controller.chaos_found());
-        if planned.is_none() && found.is_none() {
+        let geared = controller.gear_planned();
+        if planned.is_none() && found.is_none() && geared.is_none() {
             return;
         }
-        let Self { kicks, chaos } = &mut *Self::all();
+        let Self { kicks, chaos, gear } = &mut *Self::all();
+        if let Some(geared) = geared
+            && gear.len() < KEPT
+            && !gear.iter().any(|plan| plan.settings == geared.settings)
+        {
+            gear.push(geared.clone());
+        }
         if let Some(planned) = planned
             && kicks.len() < KEPT
             && !kicks.iter().any(|plan| plan.settings == planned.settings)

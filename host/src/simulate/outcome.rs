@@ -15,7 +15,7 @@ use kband::regime::band::BandError;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 use kband::regime::gear::Share;
 
-use super::engine::{Engine, Fidelity, Whole};
+use super::engine::{Engine, Fidelity, Plans, Whole};
 use super::record::{END, HEARD, Happened, Record, Watch};
 use super::scene::SceneFile;
 use crate::board::{BoardLoop, Link};
@@ -160,6 +160,7 @@ impl Outcome {
         engine.keep_plan();
         let settings = &file.scene.settings;
         let mut controller = Controller::build(settings, last_target(file), StartCause::Ordinary)?;
+        Plans::share(&mut controller);
         while !controller.chosen() && controller.plan_step() {}
         Ok(Self {
             controller,

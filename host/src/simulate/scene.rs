@@ -73,7 +73,6 @@ pub(super) const SENSOR_SETTINGS: [&str; 4] = [
 
 /// Settings in `[controller]`.
 pub(super) const CONTROLLER: [&str; 8] = [
-    "scatter",
     "soft_start",
     "soft_stop",
     "envelope",
@@ -81,6 +80,7 @@ pub(super) const CONTROLLER: [&str; 8] = [
     "capture_attempts",
     "link_timeout",
     "tracking",
+    "scatter",
 ];
 
 impl SceneFile {

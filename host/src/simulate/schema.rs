@@ -92,6 +92,8 @@ fn target() -> Value {
     let properties = json!({
         "locked": {"type": "integer", "minimum": 1, "maximum": 8,
             "description": "Locked parts: drive cycles for each impact."},
+        "gear": {"type": "integer", "minimum": 1, "maximum": 8,
+            "description": "Parts in gear for as much of the time as their scatter allows: drive cycles per flight."},
         "chaotic": {"const": true, "description": "Chaotic parts."},
         "k": {"type": "number", "minimum": 0.02, "maximum": 10,
             "description": "k, the pull over the track's acceleration."},

@@ -32,7 +32,7 @@ mod settings;
 mod state;
 
 #[cfg(feature = "unstable")]
-pub use aim::{Chaos, Planned};
+pub use aim::{Chaos, GearPlanned, Planned};
 pub use aim::{NoSetpoint, Target};
 #[cfg(feature = "plant")]
 pub(crate) use angle::phase_of;

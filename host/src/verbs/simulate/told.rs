@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use kband::control::{Event, State};
+use kband::control::{Event, State, Target};
 use kband::regime::classify::Regime;
 use serde_json::json;
 
@@ -73,6 +73,8 @@ pub(super) fn told(
         },
         settings.quality
     ));
+    let expected =
+        matches!(outcome.target(), Target::Gear { .. }).then_some(f64::from(last.expected_in_gear));
     let mut say = |words: String| report = std::mem::take(&mut report).note(words);
     say(format!(
         "state            {}{}",
@@ -137,6 +139,15 @@ pub(super) fn told(
         if let Some(heard) = outcome.record().in_gear_heard() {
             say(format!("                 heard {}", number(heard, 3)));
         }
+    }
+    if let Some(expected) = expected {
+        say(format!(
+            "                 {} expected of restitution {}..{} that scatters by {}",
+            number(expected, 3),
+            settings.restitution_low,
+            settings.restitution_high,
+            settings.scatter
+        ));
     }
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
     if !strays.is_empty() {
@@ -234,6 +245,7 @@ pub(super) fn told(
         "regime": outcome.regime(),
         "in_gear": outcome.in_gear(),
         "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_expected": expected,
         "cycles_to_loss": outcome.time_to_loss(),
         "lock_phase_rad": outcome.lock_phase(),
         "speed_mm_s": outcome.speed() * 1e3,

@@ -20,6 +20,8 @@ pub use chaos::Chaos;
 #[cfg(any(test, feature = "unstable"))]
 pub use chaos::ChaosSearch;
 #[cfg(any(test, feature = "unstable"))]
+pub use gear::{GearPlanned, GearSearch};
+#[cfg(any(test, feature = "unstable"))]
 pub use kicks::Planned;
 pub use selection::Selection;
 pub use setpoint::{NoSetpoint, Target};

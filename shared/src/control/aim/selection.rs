@@ -20,7 +20,8 @@ pub struct Selection {
     lock: Option<LockWindow>,
     second: SecondTone,
     speed: Option<SpeedSearch>,
-    gear: Option<GearSearch>,
+    /// The search for the k at which the lot stays in gear, where that is the target.
+    pub gear: Option<GearSearch>,
     /// The search for the kicks that bring the parts onto the lock.
     pub search: Search,
     /// The search for chaos, where that is the target.
@@ -117,8 +118,8 @@ impl Selection {
         self.chaos.as_ref().and_then(ChaosSearch::found)
     }
 
-    /// What the plan for gear has found so far, where that is the target.
-    pub fn gear(&self) -> Option<&GearPlan> {
+    /// What the plan for gear has found so far.
+    pub fn gear_plan(&self) -> Option<&GearPlan> {
         self.gear.as_ref().and_then(GearSearch::plan)
     }
 

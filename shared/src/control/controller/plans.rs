@@ -1,8 +1,9 @@
 //! What one controller has searched for, told to another that asks the same.
 
 use super::Controller;
-use crate::control::aim::{Chaos, ChaosSearch, Planned};
+use crate::control::aim::{Chaos, ChaosSearch, GearPlanned, GearSearch, Planned};
 use crate::regime::capture::PlanSettings;
+use crate::regime::gear::GearPlanSettings;
 
 impl Controller {
     /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
@@ -20,6 +21,25 @@ impl Controller {
     #[must_use]
     pub fn planned(&self) -> Option<Planned> {
         self.selection.search.planned()
+    }
+
+    /// The plan for gear that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
+    #[must_use]
+    pub fn gear_asked(&self) -> Option<&GearPlanSettings> {
+        self.selection.gear.as_ref().and_then(GearSearch::asked)
+    }
+
+    /// Spares the search that [`Controller::gear_asked`] tells of, where another controller has done it.
+    pub fn gear_known(&mut self, known: GearPlanned) {
+        if let Some(gear) = &mut self.selection.gear {
+            gear.know(known);
+        }
+    }
+
+    /// The plan for gear that has come to its end for the present target.
+    #[must_use]
+    pub fn gear_planned(&self) -> Option<&GearPlanned> {
+        self.selection.gear.as_ref().and_then(GearSearch::planned)
     }
 
     /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.

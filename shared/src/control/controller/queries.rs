@@ -138,7 +138,7 @@ impl Controller {
     /// What the plan for gear has found so far; `None` for another target, and until a first k is found.
     #[must_use]
     pub fn gear(&self) -> Option<GearPlan> {
-        self.selection.gear().copied()
+        self.selection.gear_plan().copied()
     }
 
     /// Whether the setpoint for the target is known, or that it has none: the lock for a speed and the k for gear are
