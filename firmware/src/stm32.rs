@@ -37,16 +37,16 @@ use crate::log;
 
 /// Time in which neither switch of the half bridge conducts, in ns.
 const DEAD_TIME: u32 = 1_000;
-/// Share of a period that the bridge's duty keeps from either end, 3 us: its edges stay clear of the sample, and a
+/// Share of a period that the bridge's duty keeps from either end, 3.5 us: its edges stay clear of the sample, and a
 /// bootstrapped driver is charged in every period.
-const DUTY_END: f32 = 0.06;
+const DUTY_END: f32 = 0.07;
 /// Period of the independent watchdog as its prescaler and reload: 0.8 s at 32 kHz. A cycle at 5 Hz takes 0.2 s, so
 /// that each gets a chance to check in.
 const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
 /// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
 ///
-/// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %, of which 6..94 % are given. The voltage is
+/// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %, of which 7..93 % are given. The voltage is
 /// 0..3.3 V with the middle for 0, for an external amplifier. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,

@@ -12,4 +12,4 @@ pub mod states;
 pub mod tones;
 pub mod verdict;
 
-pub use kband_machines::{chip, emulator, images, probe, rig, root, terminal};
+pub use kband_machines::{chip, draw, emulator, hazards, images, probe, rig, root, terminal};

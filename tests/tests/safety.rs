@@ -1,64 +1,8 @@
 //! What no failure of a sensor, a link or a setting may do, in the closed loop over all that the settings accept.
 
 use kband::control::{Limits, Settings, State, Target};
-use kband::plant::{Change, ClosedLoop, Disturbance, Noise, Scene};
-
-/// Draws from ranges.
-struct Draw(Noise);
-
-impl Draw {
-    fn unit(&mut self) -> f32 {
-        (self.0.bits() >> 8) as f32 / 16_777_216.0
-    }
-
-    fn between(&mut self, low: f32, high: f32) -> f32 {
-        low + (high - low) * self.unit()
-    }
-
-    /// Evenly over the logarithm.
-    fn scale(&mut self, low: f32, high: f32) -> f32 {
-        low * (high / low).powf(self.unit())
-    }
-
-    fn below(&mut self, limit: u32) -> u32 {
-        self.0.bits() % limit
-    }
-}
-
-/// A machine at its resonance: 5 to 500 Hz, quality 5 to 200, gain 0.3 to 5 mm, limits within its reach, a sensor that
-/// fits.
-fn machine(draw: &mut Draw) -> Scene {
-    let mut scene = Scene::default();
-    scene.parts.clear();
-    let settings = &mut scene.settings;
-    settings.frequency = draw.scale(5.0, 500.0);
-    settings.resonance = settings.frequency;
-    settings.quality = draw.scale(5.0, 200.0);
-    settings.gain = draw.scale(0.3, 5.0);
-    settings.amplitude_limit = settings.gain * draw.scale(0.05, 0.9);
-    settings.soft_start = draw.scale(0.05, 1.0);
-    let limit = ceiling(settings);
-    settings.safe_amplitude = 0.05_f32.min(0.5e3 * limit);
-    let acceleration = limit * square(settings);
-    settings.sensitivity = (1.65 * 9.8 / (1.7 * acceleration)).clamp(0.001, 10.0);
-    scene.drive.resonance = settings.frequency;
-    scene.drive.quality = settings.quality;
-    scene.drive.gain = settings.gain;
-    // Some steps of the converter.
-    scene.sensor.noise = 2.0 * 3.3 / 4096.0 / settings.sensitivity * 9.8;
-    scene.seed = draw.0.bits().into();
-    settings.check().unwrap();
-    scene
-}
-
-fn square(settings: &Settings) -> f32 {
-    (core::f32::consts::TAU * settings.frequency).powi(2)
-}
-
-/// The hard limits in m.
-fn ceiling(settings: &Settings) -> f32 {
-    (settings.amplitude_limit * 1e-3).min(settings.acceleration_limit / square(settings))
-}
+use kband::plant::{Change, ClosedLoop, Disturbance, Scene};
+use kband_tests::draw::{Draw, ceiling, failure, machine, settled, square};
 
 fn disturb(scene: &mut Scene, changes: impl IntoIterator<Item = (f64, Change)>) {
     for (at, change) in changes {
@@ -82,55 +26,15 @@ fn run(scene: &Scene, seconds: f64, mut look: impl FnMut(f64, f32, &ClosedLoop))
     largest
 }
 
-/// Seconds in which such a machine is at its setpoint: the start, and eight time constants of its envelope.
-fn settled(settings: &Settings) -> f64 {
-    let envelope = settings.quality / (core::f32::consts::PI * settings.frequency);
-    f64::from(settings.soft_start + 8.0 * envelope + 60.0 / settings.frequency)
-}
-
 #[test]
 fn no_failure_of_the_sensor_raises_the_amplitude_beyond_its_limit() {
-    let mut draw = Draw(Noise::new(11));
+    let mut draw = Draw::new(11);
     let (mut worst, mut faults) = (0.0_f32, 0);
     for n in 0..200 {
-        let mut scene = machine(&mut draw);
-        let limit = ceiling(&scene.settings);
-        let share = draw.between(0.1, 1.0);
-        scene.target = Target::Amplitude(share * 1e3 * limit);
-        let ready = settled(&scene.settings);
-        let at = f64::from(draw.unit()) * 1.5 * ready;
-        let kind = draw.below(6);
-        let low = draw.unit() * draw.unit();
-        match kind {
-            0 => disturb(&mut scene, [(at, Change::SensorLost(true))]),
-            1 => disturb(&mut scene, [(at, Change::Sensitivity(low))]),
-            2 => disturb(&mut scene, [(at, Change::SensorInverted(true))]),
-            // A contact that bounces, for half a cycle to some cycles at a time.
-            3 => {
-                let period = f64::from(draw.scale(0.5, 20.0) / scene.settings.frequency);
-                let bounces = (0..32).map(|n| {
-                    let s = if n % 2 == 0 { low } else { 1.0 };
-                    (at + f64::from(n) * period, Change::Sensitivity(s))
-                });
-                disturb(&mut scene, bounces);
-            }
-            // It fades.
-            4 => {
-                let fading = (0..32).map(|n| {
-                    let s = 1.0 - (1.0 - low) * n as f32 / 31.0;
-                    (at + f64::from(n) * ready / 16.0, Change::Sensitivity(s))
-                });
-                disturb(&mut scene, fading);
-            }
-            _ => disturb(
-                &mut scene,
-                [
-                    (at, Change::SensorLost(true)),
-                    (at + 0.05, Change::SensorLost(false)),
-                    (at + 0.06, Change::Sensitivity(low)),
-                ],
-            ),
-        }
+        let failure = failure(&mut draw);
+        let mut scene = failure.scene.clone();
+        disturb(&mut scene, failure.changes.iter().copied());
+        let (limit, ready) = (ceiling(&scene.settings), failure.ready);
         let mut fault = None;
         let largest = run(&scene, 3.5 * ready, |_, _, closed| {
             fault = fault.or(closed.controller().report().fault);
@@ -139,9 +43,10 @@ fn no_failure_of_the_sensor_raises_the_amplitude_beyond_its_limit() {
         worst = worst.max(largest / limit);
         assert!(
             largest <= 1.3 * limit,
-            "{n}: failure {kind} to {low} at {at} s: {:.4} mm, limit {:.4} mm, {fault:?}: {:?}",
+            "{n}: {:.4} mm, limit {:.4} mm, {fault:?}: {:?}: {:?}",
             1e3 * largest,
             1e3 * limit,
+            failure.changes,
             scene.settings
         );
     }
@@ -150,7 +55,7 @@ fn no_failure_of_the_sensor_raises_the_amplitude_beyond_its_limit() {
 
 #[test]
 fn a_healthy_machine_reaches_its_setpoint_without_a_fault_at_any_frequency() {
-    let mut draw = Draw(Noise::new(12));
+    let mut draw = Draw::new(12);
     for n in 0..80 {
         let mut scene = machine(&mut draw);
         let limit = ceiling(&scene.settings);
@@ -180,7 +85,7 @@ fn a_healthy_machine_reaches_its_setpoint_without_a_fault_at_any_frequency() {
 
 #[test]
 fn a_lost_link_never_raises_the_amplitude() {
-    let mut draw = Draw(Noise::new(13));
+    let mut draw = Draw::new(13);
     for n in 0..80 {
         let mut scene = machine(&mut draw);
         let limit = ceiling(&scene.settings);
@@ -253,7 +158,7 @@ fn without_a_setpoint_nothing_moves() {
 
 #[test]
 fn every_accepted_band_of_tracking_starts_a_healthy_machine() {
-    let mut draw = Draw(Noise::new(14));
+    let mut draw = Draw::new(14);
     let mut started = 0;
     while started < 12 {
         let mut scene = machine(&mut draw);

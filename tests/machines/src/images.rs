@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, PoisonError};
 
+use object::{Object, ObjectSymbol};
+
 use crate::emulator::Machine;
 use crate::root;
 
@@ -70,6 +72,20 @@ pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
         .filter(|folder| folder.join(name).is_file())
         .max_by_key(|folder| written(folder).ok())
         .unwrap_or_else(|| panic!("no {name} in {}", builds.display()))
+}
+
+/// The address of a symbol of an image.
+///
+/// # Panics
+/// Where the file is no image, or has no such symbol.
+#[must_use]
+pub fn symbol(image: &Path, name: &str) -> u32 {
+    let bytes = std::fs::read(image).expect("the image is read");
+    let file = object::File::parse(&*bytes).expect("an ELF file");
+    let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
+    found
+        .unwrap_or_else(|| panic!("no {name} in {}", image.display()))
+        .address() as u32
 }
 
 /// Compiles one source file for `machine` and links it with these scripts, looked for in `folders` in

@@ -2,7 +2,9 @@
 //! images for them. The desk's tests use it as the tests that cross crates do; it knows of the desk nothing.
 
 pub mod chip;
+pub mod draw;
 pub mod emulator;
+pub mod hazards;
 pub mod images;
 pub mod probe;
 pub mod rig;

@@ -13,11 +13,14 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 use kband::plant::{Change, Scene};
-use kband::wire::{FRAME_MOST, Outgoing, Receiver, Request, Response, read_answer, write_request};
+use kband::wire::{
+    FRAME_MOST, Outgoing, Receiver, Request, Response, crc32, read_answer, write_request,
+};
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
 
 use crate::chip::clocks::{Cause, TICKS};
+use crate::chip::core::{Bus, STACK};
 use crate::chip::gpio::Wire;
 use crate::chip::world::{Seen, World};
 use crate::chip::{Chip, Hang, flash};
@@ -47,6 +50,14 @@ pub enum Act {
     Hang(Hang),
     /// A debugger halts the core.
     Halt,
+    /// The program goes on at another address.
+    Jump(u32),
+    /// The stack pointer is another.
+    Stack(u32),
+    /// A stray write of the program.
+    Store(u32, u32),
+    /// Share of its supply that the sensor has.
+    SensorSupply(f32),
 }
 
 /// Ticks of a time in seconds.
@@ -66,12 +77,14 @@ pub struct Rig {
     sequence: u8,
     /// Whether what no program may do is kept without a panic.
     pub tolerant: bool,
+    /// The low half of the schema that the board's image speaks, where it is not this desk's.
+    pub schema: Option<u16>,
 }
 
 /// What the start-up code paints the stack with.
 const PAINT: [u8; 4] = [0xcc; 4];
 /// Longest wait for an answer, in s.
-const PATIENCE: f64 = 2.0;
+const PATIENCE: f64 = 5.0;
 
 impl Rig {
     /// A chip on the rig, its supply still off: the scene's track, nothing wired but a cool thermal switch and an
@@ -87,6 +100,7 @@ impl Rig {
             read: 0,
             sequence: 0,
             tolerant: false,
+            schema: None,
         };
         rig.chip.power_off();
         rig.chip.board.now = 0;
@@ -171,6 +185,12 @@ impl Rig {
             }
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
+            Act::Jump(address) => self.chip.core.goes_on_at(*address),
+            Act::Stack(pointer) => self.chip.core.r[STACK] = *pointer,
+            Act::Store(address, value) => {
+                let _ = board.store(*address, 4, *value);
+            }
+            Act::SensorSupply(share) => board.world.sensor_supply = *share,
         }
         self.chip.board.refresh();
     }
@@ -241,15 +261,34 @@ impl Rig {
         4 * words.take_while(|word| *word == PAINT).count()
     }
 
-    /// The desk asks over the link, and the board answers.
+    /// The bytes of a request, as the board's image is spoken to.
     ///
     /// # Panics
-    /// Where it does not, within two seconds of its own.
-    pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+    /// Where the request does not fit a frame.
+    pub fn frame(&mut self, request: &Request<'_>) -> Vec<u8> {
         self.sequence = self.sequence % 255 + 1;
         let mut buffer = [0; FRAME_MOST];
         let frame = write_request(&mut buffer, self.sequence, request).expect("a short request");
-        self.act(&Act::Link(frame.to_vec()));
+        match self.schema {
+            None => frame.to_vec(),
+            Some(schema) => respoken(frame, schema),
+        }
+    }
+
+    /// The desk says something and waits for no answer but 10 ms.
+    pub fn tell(&mut self, request: &Request<'_>) -> &mut Self {
+        let frame = self.frame(request);
+        self.act(&Act::Link(frame));
+        self.run(self.time() + 0.01)
+    }
+
+    /// The desk asks over the link, and the board answers.
+    ///
+    /// # Panics
+    /// Where it does not, within five seconds of its own.
+    pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+        let frame = self.frame(request);
+        self.act(&Act::Link(frame));
         let mut receiver = Receiver::new();
         self.read = self.chip.board.serials[1].sent.len();
         let end = self.time() + PATIENCE;
@@ -286,6 +325,33 @@ impl Rig {
         let sent = self.chip.board.serials[1].sent.iter();
         sent.map(|(_, byte)| *byte).collect()
     }
+}
+
+/// A frame with another schema: version, schema, then the rest, under its check, stuffed (COBS) without zeros.
+fn respoken(frame: &[u8], schema: u16) -> Vec<u8> {
+    let mut inside = Vec::new();
+    let mut rest = frame;
+    while let [code, after @ ..] = rest
+        && *code > 0
+    {
+        let (run, more) = after.split_at(usize::from(*code) - 1);
+        inside.extend(run);
+        rest = more;
+        if *code < 255 && rest.first().is_some_and(|next| *next != 0) {
+            inside.push(0);
+        }
+    }
+    inside.truncate(inside.len() - 4);
+    inside[1..3].copy_from_slice(&schema.to_le_bytes());
+    let check = crc32(&inside).to_le_bytes();
+    inside.extend(check);
+    let mut stuffed = Vec::new();
+    for run in inside.split(|byte| *byte == 0) {
+        stuffed.push(run.len() as u8 + 1);
+        stuffed.extend(run);
+    }
+    stuffed.push(0);
+    stuffed
 }
 
 /// A chip without supply that holds an image.

@@ -332,6 +332,11 @@ impl Board {
         if came.trigger && self.converts {
             let (now, upper) = (self.now, self.upper());
             self.converter.trigger(now, upper);
+            if self.bridge.driven() {
+                let sampled = self.converter.samples(upper) / self.cycle.max(1);
+                let clear = self.bridge.clear(sampled as u32);
+                self.world.clear = self.world.clear.min(clear);
+            }
         }
     }
 

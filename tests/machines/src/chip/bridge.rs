@@ -279,6 +279,15 @@ impl Bridge {
             as f32
     }
 
+    /// Counts between the nearest edge of the outputs, the dead time included, and the first `sampled` counts after the
+    /// bottom; the compare value is that of the periods around it.
+    #[must_use]
+    pub fn clear(&self, sampled: u32) -> u32 {
+        let (_, compare, dead) = self.period();
+        let compare = compare.min(self.reload);
+        compare.saturating_sub(sampled.max(dead))
+    }
+
     /// The interrupts that are asked for: update, break.
     #[must_use]
     pub fn interrupts(&self) -> [bool; 2] {

@@ -89,6 +89,17 @@ impl Converter {
         u64::from((sampling + bits) * divider) * cycle
     }
 
+    /// Ticks from a trigger to the end of the first sample of the group: three of the converter's cycles for the trigger
+    /// (DS8626, table 67), then its time to sample.
+    #[must_use]
+    pub fn samples(&self, cycle: u64) -> u64 {
+        let channel = self.group().first().copied().unwrap_or(0);
+        let bits = 12 - 2 * (self.words[1] >> 24 & 3);
+        let divider = 2 * ((self.prescaler >> 16 & 3) + 1);
+        self.time(channel, cycle) + 3 * u64::from(divider) * cycle
+            - u64::from(bits * divider) * cycle
+    }
+
     /// Channels of the injected group, in order (13.13.12).
     fn group(&self) -> Vec<u32> {
         let word = self.words[0x38 / 4];

@@ -102,6 +102,8 @@ pub struct Flash {
     pub changed: bool,
     /// A sector was erased while the data cache kept it: what is read of it may be old.
     stale: Option<Range<usize>>,
+    /// Where the last operation works, and what was there before.
+    under_way: Option<(usize, Vec<u8>)>,
     keys: usize,
     option_keys: usize,
     access: u32,
@@ -127,6 +129,7 @@ impl Default for Flash {
             slow: false,
             changed: false,
             stale: None,
+            under_way: None,
             keys: 0,
             option_keys: 0,
             access: 0,
@@ -312,6 +315,7 @@ impl Flash {
             let Some(range) = sector(number) else {
                 return self.status |= WRONG_SEQUENCE;
             };
+            self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
             self.bytes[range.clone()].fill(0xff);
             self.erasures[number] += 1;
             self.stale = Some(range);
@@ -331,16 +335,21 @@ impl Flash {
         self.changed = true;
     }
 
-    /// What a supply that goes during the last operation leaves: of a word, of a sector, a part.
-    pub fn tear(&mut self, at: usize, size: usize, before: &[u8], seed: u64) {
-        let mut state = seed | 1;
-        for (index, place) in self.bytes[at..at + size].iter_mut().enumerate() {
+    /// The supply goes at `now`: an operation that is not at its end leaves each bit as it was or as it should be.
+    pub fn supply_goes(&mut self, now: u64) {
+        let Some((at, before)) = self.under_way.take().filter(|_| now < self.busy) else {
+            return;
+        };
+        let mut state = now | 1;
+        for (place, before) in self.bytes[at..].iter_mut().zip(before) {
             state = state
                 .wrapping_mul(6_364_136_223_846_793_005)
                 .wrapping_add(1);
             let mask = (state >> 33) as u8;
-            *place = *place & mask | before[index] & !mask;
+            *place = *place & mask | before & !mask;
         }
+        self.busy = 0;
+        self.changed = true;
     }
 
     /// Programs: bits go from 1 to 0 only.
@@ -358,6 +367,8 @@ impl Flash {
             _ => 0,
         };
         let value = (value | worn).to_le_bytes();
+        let before = &self.bytes[offset..offset + size as usize];
+        self.under_way = Some((offset, before.to_vec()));
         for (place, byte) in self.bytes[offset..]
             .iter_mut()
             .zip(value)
@@ -412,6 +423,21 @@ mod tests {
         assert_eq!(flash.bytes[8..12], [0xf0, 0, 0xff, 0]);
         flash.program(8, 1, 0, 0);
         assert_eq!(flash.register(0x0c, TICKS) & ERRORS, WRONG_SIZE);
+    }
+
+    #[test]
+    fn what_is_cut_short_is_torn_and_what_ended_is_not() {
+        let mut flash = open();
+        flash.set_register(0x10, PROGRAM | 2 << 8, 0);
+        flash.program(8, 4, 0, 0);
+        flash.supply_goes(WORD_TIME);
+        assert_eq!(flash.bytes[8..12], [0; 4]);
+        flash.set_register(0x10, ERASE_SECTOR | START_ERASING, WORD_TIME);
+        flash.bytes[..0x4000].fill(0xff);
+        flash.under_way = Some((0, vec![0; 0x4000]));
+        flash.supply_goes(WORD_TIME + 1);
+        let ones: u32 = flash.bytes[..0x4000].iter().map(|b| b.count_ones()).sum();
+        assert!((0x8000..0x1_8000).contains(&ones), "{ones}");
     }
 
     #[test]

@@ -124,6 +124,8 @@ pub struct Chip {
 pub enum Hang {
     /// Its thread goes on the spot; interrupts are handled.
     Thread,
+    /// The handler of the samples does, once it is entered.
+    Samples,
     /// Everything goes on the spot.
     Everything,
 }
@@ -217,6 +219,7 @@ impl Chip {
     /// Its supply goes.
     pub fn power_off(&mut self) {
         self.board.supplied = false;
+        self.board.flash.supply_goes(self.board.now);
         self.board.bridge.reset();
         self.board.voltage.reset();
         self.board.refresh();
@@ -483,7 +486,11 @@ impl Chip {
             self.core.forget();
         }
         if let Some(hang) = self.hangs
-            && (hang == Hang::Everything || self.core.exception == 0)
+            && match hang {
+                Hang::Thread => self.core.exception == 0,
+                Hang::Samples => self.core.exception == SAMPLE,
+                Hang::Everything => true,
+            }
         {
             self.core.instructions += 1;
             self.board.spend(3);

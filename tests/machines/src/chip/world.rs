@@ -32,6 +32,10 @@ pub struct World {
     angular: f32,
     /// When the track is stepped next.
     pub due: u64,
+    /// Share of its supply that the sensor has: signal and middle are parts of it.
+    pub sensor_supply: f32,
+    /// Cycles of the timer between an edge of the bridge and the time in which the converter samples: the fewest.
+    pub clear: u32,
     /// What the sensor gives now, in steps of a converter of 12 bits.
     pub reading: u16,
     /// What the other channels of the converter get.
@@ -68,6 +72,8 @@ impl World {
             step: phase_step(frequency),
             angular: std::f32::consts::TAU * frequency,
             due: STEP,
+            sensor_supply: 1.0,
+            clear: u32::MAX,
             reading: 2048,
             analogue: [0; 19],
             held: 0.0,
@@ -94,7 +100,8 @@ impl World {
         let mean = (self.sum / STEP as f64) as f32;
         self.sum = 0.0;
         self.bench.hold(mean, self.step);
-        self.reading = self.bench.sample().0;
+        let reading = f32::from(self.bench.sample().0);
+        self.reading = (reading * self.sensor_supply) as u16;
         self.bench.forget_strikes();
         let [x, _] = self.bench.plant().motion();
         self.peak = self.peak.max(x.abs());

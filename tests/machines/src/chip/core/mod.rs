@@ -176,6 +176,13 @@ impl Core {
         self.r[COUNTER] = entry & !1;
     }
 
+    /// It goes on with the instruction at another address.
+    pub fn goes_on_at(&mut self, address: u32) {
+        self.r[COUNTER] = address & !1;
+        self.block = 0;
+        self.waits = Waits::Not;
+    }
+
     /// Forgets what it knows of the code: the memory was changed.
     pub fn forget(&mut self) {
         self.known.clear();

@@ -1,0 +1,140 @@
+//! Machines drawn at random over what the settings accept, and sensors that fail.
+
+use kband::control::{Settings, Target};
+use kband::plant::{Change, Noise, Scene};
+
+/// Draws from ranges.
+#[derive(Clone, Debug)]
+pub struct Draw(Noise);
+
+impl Draw {
+    /// Draws of a seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self(Noise::new(seed))
+    }
+
+    /// From 0 to 1.
+    pub fn unit(&mut self) -> f32 {
+        (self.0.bits() >> 8) as f32 / 16_777_216.0
+    }
+
+    /// Evenly from `low` to `high`.
+    pub fn between(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.unit()
+    }
+
+    /// Evenly over the logarithm.
+    pub fn scale(&mut self, low: f32, high: f32) -> f32 {
+        low * (high / low).powf(self.unit())
+    }
+
+    /// A whole number below `limit`.
+    pub fn below(&mut self, limit: u32) -> u32 {
+        self.0.bits() % limit
+    }
+}
+
+/// A machine at its resonance: 5 to 500 Hz, quality 5 to 200, gain 0.3 to 5 mm, limits within its reach, a sensor that
+/// fits.
+///
+/// # Panics
+/// Never: its settings are accepted.
+#[must_use]
+pub fn machine(draw: &mut Draw) -> Scene {
+    let mut scene = Scene::default();
+    scene.parts.clear();
+    let settings = &mut scene.settings;
+    settings.frequency = draw.scale(5.0, 500.0);
+    settings.resonance = settings.frequency;
+    settings.quality = draw.scale(5.0, 200.0);
+    settings.gain = draw.scale(0.3, 5.0);
+    settings.amplitude_limit = settings.gain * draw.scale(0.05, 0.9);
+    settings.soft_start = draw.scale(0.05, 1.0);
+    let limit = ceiling(settings);
+    settings.safe_amplitude = 0.05_f32.min(0.5e3 * limit);
+    let acceleration = limit * square(settings);
+    settings.sensitivity = (1.65 * 9.8 / (1.7 * acceleration)).clamp(0.001, 10.0);
+    scene.drive.resonance = settings.frequency;
+    scene.drive.quality = settings.quality;
+    scene.drive.gain = settings.gain;
+    // Some steps of the converter.
+    scene.sensor.noise = 2.0 * 3.3 / 4096.0 / settings.sensitivity * 9.8;
+    scene.seed = draw.0.bits().into();
+    settings.check().expect("they fit each other");
+    scene
+}
+
+/// The square of the angular frequency.
+#[must_use]
+pub fn square(settings: &Settings) -> f32 {
+    (core::f32::consts::TAU * settings.frequency).powi(2)
+}
+
+/// The hard limits in m.
+#[must_use]
+pub fn ceiling(settings: &Settings) -> f32 {
+    (settings.amplitude_limit * 1e-3).min(settings.acceleration_limit / square(settings))
+}
+
+/// Seconds in which such a machine is at its setpoint: the start, and eight time constants of its envelope.
+#[must_use]
+pub fn settled(settings: &Settings) -> f64 {
+    let envelope = settings.quality / (core::f32::consts::PI * settings.frequency);
+    f64::from(settings.soft_start + 8.0 * envelope + 60.0 / settings.frequency)
+}
+
+/// A machine whose sensor fails.
+#[derive(Clone, Debug)]
+pub struct Failure {
+    /// The machine, at its target.
+    pub scene: Scene,
+    /// When it is at its setpoint, in s from its start.
+    pub ready: f64,
+    /// How its sensor fails, in s from its start: lost, weak, turned, a contact that bounces, fading, lost for a moment and
+    /// weak.
+    pub changes: Vec<(f64, Change)>,
+}
+
+/// A [`machine`] whose sensor fails at any time from its start on.
+#[must_use]
+pub fn failure(draw: &mut Draw) -> Failure {
+    let mut scene = machine(draw);
+    let limit = ceiling(&scene.settings);
+    let share = draw.between(0.1, 1.0);
+    scene.target = Target::Amplitude(share * 1e3 * limit);
+    let ready = settled(&scene.settings);
+    let at = f64::from(draw.unit()) * 1.5 * ready;
+    let kind = draw.below(6);
+    let low = draw.unit() * draw.unit();
+    let changes = match kind {
+        0 => vec![(at, Change::SensorLost(true))],
+        1 => vec![(at, Change::Sensitivity(low))],
+        2 => vec![(at, Change::SensorInverted(true))],
+        // For half a cycle to some cycles at a time.
+        3 => {
+            let period = f64::from(draw.scale(0.5, 20.0) / scene.settings.frequency);
+            let share = |n| if n % 2 == 0 { low } else { 1.0 };
+            (0..32)
+                .map(|n| (at + f64::from(n) * period, Change::Sensitivity(share(n))))
+                .collect()
+        }
+        4 => {
+            let share = |n| 1.0 - (1.0 - low) * n as f32 / 31.0;
+            let pace = ready / 16.0;
+            (0..32)
+                .map(|n| (at + f64::from(n) * pace, Change::Sensitivity(share(n))))
+                .collect()
+        }
+        _ => vec![
+            (at, Change::SensorLost(true)),
+            (at + 0.05, Change::SensorLost(false)),
+            (at + 0.06, Change::Sensitivity(low)),
+        ],
+    };
+    Failure {
+        scene,
+        ready,
+        changes,
+    }
+}

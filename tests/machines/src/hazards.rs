@@ -1,0 +1,320 @@
+//! What may go wrong with a machine, as it is played to an image on the emulated chip: the scenarios of `docs/safety.md`.
+
+use std::path::Path;
+
+use crate::chip::Hang;
+use crate::chip::world::Seen;
+use crate::draw::{Draw, failure};
+use crate::rig::{Act, Rig, holding};
+use kband::control::Settings;
+use kband::plant::{Change, Scene};
+use kband::wire::{Request, Target};
+
+/// When the enable input is given, in s: the board has its settings, and what its first start without them was is
+/// acknowledged.
+pub const ENABLED: f64 = 1.1;
+/// When something goes wrong, in s.
+const GOES_WRONG: f64 = 2.5;
+
+/// A scenario: a machine that works, then what goes wrong.
+#[derive(Clone, Debug)]
+pub struct Hazard {
+    /// Its name.
+    pub name: &'static str,
+    /// The machine, with the settings that the board is told.
+    pub scene: Scene,
+    /// The target that the board is told.
+    pub target: Target,
+    /// When the desk falls silent, in s.
+    pub heard: f64,
+    /// What goes wrong, and when, in s.
+    pub acts: Vec<(f64, Act)>,
+    /// When the first of it happens, in s.
+    pub from: f64,
+    /// The end, in s.
+    pub until: f64,
+}
+
+/// What came of it.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Amplitude of the track in mm where all was well still.
+    pub before: f64,
+    /// Largest displacement of the track in mm from then on.
+    pub largest: f64,
+    /// Amplitude at the end in mm.
+    pub after: f64,
+    /// When the bridge opened, in s after the first act.
+    pub opens: Option<f64>,
+    /// When the lamp FAULT came on, in s after it.
+    pub fault: Option<f64>,
+    /// When the lamp READY came on for the first time, in s.
+    pub ready: Option<f64>,
+    /// The board.
+    pub rig: Rig,
+}
+
+impl Hazard {
+    /// A machine of a frequency and its target, with no parts on the track and nothing that goes wrong.
+    #[must_use]
+    pub fn of(name: &'static str, frequency: f32, target: Target) -> Self {
+        let mut scene = Scene::default();
+        scene.parts.clear();
+        scene.settings.frequency = frequency;
+        scene.settings.resonance = frequency;
+        scene.drive.resonance = frequency;
+        Self {
+            name,
+            scene,
+            target,
+            heard: f64::INFINITY,
+            acts: Vec::new(),
+            from: GOES_WRONG,
+            until: 4.3,
+        }
+    }
+
+    fn with(mut self, change: impl FnOnce(&mut Scene)) -> Self {
+        change(&mut self.scene);
+        self
+    }
+
+    fn acts(mut self, acts: impl IntoIterator<Item = (f64, Act)>) -> Self {
+        self.acts = acts.into_iter().collect();
+        self.from = self.acts.first().map_or(self.from, |act| act.0);
+        self
+    }
+
+    fn from(mut self, seconds: f64) -> Self {
+        self.from = seconds;
+        self
+    }
+
+    fn until(mut self, seconds: f64) -> Self {
+        self.until = seconds;
+        self
+    }
+
+    /// The hard limits of the machine, as an amplitude in mm.
+    #[must_use]
+    pub fn limit(&self) -> f64 {
+        let Settings {
+            frequency,
+            amplitude_limit,
+            acceleration_limit,
+            ..
+        } = self.scene.settings;
+        let square = (core::f32::consts::TAU * frequency).powi(2);
+        f64::from(amplitude_limit.min(1e3 * acceleration_limit / square))
+    }
+
+    /// The board with an image, told of the machine, its settings saved; `schema`, where the image speaks another than
+    /// this desk.
+    #[must_use]
+    pub fn commission(&self, image: &Path, schema: Option<u16>) -> Rig {
+        let mut rig = Rig::with(holding(image), &self.scene);
+        rig.schema = schema;
+        rig.tolerant = schema.is_some();
+        rig.chip.power_on();
+        rig.run(0.3);
+        let told = self.scene.settings.values();
+        let defaults = Settings::default().values();
+        // Twice: a value may be refused until its partners are there.
+        for _ in 0..2 {
+            for ((key, value), default) in Settings::KEYS.iter().zip(told).zip(defaults) {
+                if value != default {
+                    rig.tell(&Request::Set {
+                        key: key.name,
+                        value,
+                    });
+                }
+            }
+        }
+        rig.tell(&Request::Target(self.target))
+            .tell(&Request::Save)
+            .run(1.0);
+        rig
+    }
+
+    /// Plays it to a board that was commissioned.
+    #[must_use]
+    pub fn play(&self, mut rig: Rig) -> Outcome {
+        let begins = rig.time();
+        let mut says = begins;
+        while says < self.heard.min(self.until) {
+            let frame = rig.frame(&Request::Alive);
+            rig.at(says, Act::Link(frame));
+            says += 0.3;
+        }
+        rig.at(ENABLED, Act::Enable(true));
+        for (time, act) in &self.acts {
+            rig.at(*time, act.clone());
+        }
+        rig.run(self.from);
+        let before = rig.amplitude();
+        rig.peak();
+        rig.run(self.until);
+        let fault = rig.seen_after(self.from, &Seen::Fault(true));
+        Outcome {
+            before,
+            largest: rig.peak(),
+            after: rig.amplitude(),
+            opens: rig.opens_after(self.from),
+            fault: fault.map(|time| time - self.from),
+            ready: rig.seen_after(ENABLED, &Seen::Ready(true)),
+            rig,
+        }
+    }
+}
+
+/// Steps of a converter of 12 bits in m/s^2, by the settings.
+fn steps(count: f32, settings: &Settings) -> f32 {
+    count * settings.converter_reference / 4096.0 / settings.sensitivity * 9.806_65
+}
+
+/// A strong drive with a narrow limit, as the one that was followed to 1.21 mm.
+fn strong(name: &'static str) -> Hazard {
+    Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
+        scene.settings.gain = 5.0;
+        scene.settings.amplitude_limit = 1.0;
+        scene.drive.gain = 5.0;
+    })
+}
+
+/// A machine of 500 Hz, k 0.41: steps of the converter are large against it.
+fn fast(name: &'static str) -> Hazard {
+    Hazard::of(name, 500.0, Target::K(0.41)).with(|scene| {
+        scene.settings.safe_amplitude = 0.005;
+        scene.sensor.noise = steps(1.5, &scene.settings);
+    })
+}
+
+fn plant(time: f64, change: Change) -> (f64, Act) {
+    (time, Act::Plant(change))
+}
+
+/// Sensor, its cable and its supply.
+#[must_use]
+pub fn of_the_sensor() -> Vec<Hazard> {
+    let bounces = (0..20).flat_map(|n| {
+        let time = GOES_WRONG + 0.065 * f64::from(n);
+        [
+            plant(time, Change::SensorLost(true)),
+            plant(time + 0.05, Change::SensorLost(false)),
+        ]
+    });
+    let fades = (0..=16).map(|n| {
+        let share = 1.0 - 0.8 * n as f32 / 16.0;
+        plant(GOES_WRONG + 0.06 * f64::from(n), Change::Sensitivity(share))
+    });
+    let no_step = steps(1.5, &Settings::default());
+    vec![
+        strong("sensitivity falls to 0.2").acts([plant(GOES_WRONG, Change::Sensitivity(0.2))]),
+        strong("sensitivity fades to 0.2").acts(fades).until(4.8),
+        strong("its cable bounces").acts(bounces),
+        strong("it is turned").acts([plant(GOES_WRONG, Change::SensorInverted(true))]),
+        strong("its supply falls to half").acts([(GOES_WRONG, Act::SensorSupply(0.5))]),
+        strong("its supply is gone").acts([(GOES_WRONG, Act::SensorSupply(0.0))]),
+        fast("it stands still, 500 Hz").acts([plant(GOES_WRONG, Change::SensorLost(true))]),
+        fast("it gives noise alone, 500 Hz").acts([
+            plant(GOES_WRONG, Change::Noise(no_step)),
+            plant(GOES_WRONG, Change::Sensitivity(0.0)),
+        ]),
+    ]
+}
+
+/// A machine drawn at random whose sensor fails; `None` where it takes longer than `seconds`.
+#[must_use]
+pub fn of_any_sensor(draw: &mut Draw, seconds: f64) -> Option<Hazard> {
+    let failure = failure(draw);
+    let until = ENABLED + 3.0 * failure.ready;
+    if until > seconds {
+        return None;
+    }
+    let mut hazard = Hazard::of("a machine at random", 50.0, failure.scene.target.into());
+    hazard.scene = failure.scene;
+    (hazard.from, hazard.until) = (ENABLED, until);
+    let changes = failure.changes.into_iter();
+    hazard.acts = changes
+        .map(|(time, change)| plant(ENABLED + time, change))
+        .collect();
+    Some(hazard)
+}
+
+/// Link, setpoint and sweep: what may not raise the amplitude.
+#[must_use]
+pub fn of_the_setpoint() -> Vec<Hazard> {
+    let silent = |mut hazard: Hazard| {
+        hazard.scene.settings.link_timeout = 0.8;
+        (hazard.heard, hazard.from) = (2.2, 2.3);
+        hazard.until = 5.6;
+        hazard
+    };
+    vec![
+        silent(Hazard::of(
+            "link lost, target 0",
+            50.0,
+            Target::Amplitude(0.0),
+        )),
+        silent(Hazard::of("link lost, 120 Hz", 120.0, Target::K(0.41))),
+        silent(
+            // As large as is accepted here.
+            Hazard::of("link lost, 300 Hz", 300.0, Target::K(0.41))
+                .with(|scene| scene.settings.safe_amplitude = 0.033),
+        ),
+        Hazard::of("no setpoint", 50.0, Target::Speed(900.0)),
+        strong("sweep of a strong drive")
+            .with(|scene| {
+                scene.settings.amplitude_limit = 0.25;
+                scene.settings.tracking = 2.0;
+            })
+            .from(1.2)
+            .until(6.0),
+    ]
+}
+
+/// Healthy machines that are to start with any `tracking` that is accepted. A search of 7 and 8 Hz at 50 Hz takes 20 s, of
+/// which the first are played; the same share of 200 Hz is searched to its end.
+#[must_use]
+pub fn bands() -> Vec<Hazard> {
+    let band = |name, half_width: f32| {
+        Hazard::of(name, 200.0, Target::K(0.41))
+            .with(|scene| {
+                scene.settings.tracking = half_width;
+                scene.settings.safe_amplitude = 0.005;
+            })
+            .from(1.2)
+    };
+    let slow = |name, half_width: f32| {
+        Hazard::of(name, 50.0, Target::Amplitude(0.23))
+            .with(|scene| {
+                scene.settings.tracking = half_width;
+                scene.settings.safe_amplitude = 0.03;
+            })
+            .from(1.2)
+    };
+    vec![
+        slow("tracking 7 Hz", 7.0).until(12.0),
+        slow("tracking 8 Hz", 8.0).until(3.0),
+        band("tracking 32 Hz of 200", 32.0).until(6.0),
+    ]
+}
+
+/// A program that goes astray: by the addresses of a function that panics and of its stack's far end.
+#[must_use]
+pub fn of_the_program(panics: u32, stack: u32) -> Vec<(&'static str, Act)> {
+    // The converter's interrupt in the enable register of the NVIC, the converter itself, the timer.
+    const MASKED: Act = Act::Store(0xe000_e180, 1 << 18);
+    const CONVERTER_OFF: Act = Act::Store(0x4001_2008, 0);
+    const TIMER_OFF: Act = Act::Store(0x4001_0000, 0);
+    const ERASED: u32 = 0x080f_0000;
+    vec![
+        ("a panic", Act::Jump(panics)),
+        ("a jump into erased flash", Act::Jump(ERASED)),
+        ("the stack overflows", Act::Stack(stack + 4)),
+        ("the samples' handler hangs", Act::Hang(Hang::Samples)),
+        ("the samples' interrupt is masked", MASKED),
+        ("the converter is switched off", CONVERTER_OFF),
+        ("the timer stands", TIMER_OFF),
+    ]
+}

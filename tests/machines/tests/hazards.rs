@@ -1,0 +1,511 @@
+//! The table of `docs/safety.md` on the flashed image: each hazard is played to it, and ends with less, or with the bridge
+//! open. What the image of before did in the same scenario is told beside it; `replay` plays it again.
+
+use std::path::PathBuf;
+
+use kband::wire::{Kept, Request, Response, Target, crc32};
+use kband_machines::chip::clocks::Cause;
+use kband_machines::chip::gpio::Mode;
+use kband_machines::chip::world::Seen;
+use kband_machines::chip::{Chip, Hang, flash};
+use kband_machines::draw::Draw;
+use kband_machines::emulator::Machine;
+use kband_machines::hazards::{
+    Hazard, Outcome, bands, of_any_sensor, of_the_program, of_the_sensor, of_the_setpoint,
+};
+use kband_machines::images;
+use kband_machines::rig::{Act, Rig};
+
+fn image() -> PathBuf {
+    images::build("kband-firmware", "feeder", Machine::CortexM4F)
+}
+
+fn play(hazard: &Hazard) -> Outcome {
+    let outcome = hazard.play(hazard.commission(&image(), None));
+    println!(
+        "{}: {:.4} mm before, {:.4} mm at most of {:.4} allowed, {:.4} mm after; bridge opens {:?} s, FAULT {:?} s",
+        hazard.name,
+        outcome.before,
+        outcome.largest,
+        hazard.limit(),
+        outcome.after,
+        outcome.opens,
+        outcome.fault,
+    );
+    assert_eq!(outcome.rig.resets().len(), 1, "{}", hazard.name);
+    outcome
+}
+
+/// A board that runs at an amplitude of 0.2 mm, at 3 s.
+fn running() -> Rig {
+    let hazard = Hazard::of("running", 50.0, Target::Amplitude(0.2));
+    let mut rig = hazard.commission(&image(), None);
+    rig.done(&Request::Set {
+        key: "link_timeout",
+        value: 0.0,
+    });
+    rig.done(&Request::Save);
+    rig.at(1.7, Act::Enable(true)).run(3.0);
+    assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
+    rig
+}
+
+/// Before: of these eight, weaker, fading, bouncing and half the supply never opened the bridge, at up to 1.21 mm; at
+/// 500 Hz it opened after 96 ms at 1.68 times the limit.
+#[test]
+fn no_sensor_raises_the_amplitude() {
+    for hazard in of_the_sensor() {
+        let outcome = play(&hazard);
+        assert!(outcome.before > 0.002, "{}: it ran", hazard.name);
+        assert!(outcome.largest <= 0.6 * hazard.limit(), "{}", hazard.name);
+        assert!(
+            outcome.opens.is_some_and(|time| time < 2.0),
+            "{}",
+            hazard.name
+        );
+        assert!(outcome.fault.is_some(), "{}", hazard.name);
+        assert!(outcome.after < 0.1 * hazard.limit(), "{}", hazard.name);
+    }
+}
+
+#[test]
+fn no_sensor_raises_the_amplitude_of_any_machine() {
+    let mut draw = Draw::new(21);
+    let mut played = 0;
+    while played < 6 {
+        let Some(hazard) = of_any_sensor(&mut draw, 5.0) else {
+            continue;
+        };
+        played += 1;
+        let outcome = play(&hazard);
+        assert!(
+            outcome.largest <= 1.3 * hazard.limit(),
+            "{:?}: {:?}",
+            hazard.acts,
+            hazard.scene.settings
+        );
+    }
+}
+
+/// Before: 0 -> 0.0500, 0.0420 -> 0.0501, 0.0067 -> 0.0331, no setpoint at 0.0500 mm; the sweep at 1.06 times the limit.
+#[test]
+fn less_is_done_where_it_is_not_known_what_is_wanted() {
+    for hazard in of_the_setpoint() {
+        let outcome = play(&hazard);
+        if hazard.name.starts_with("sweep") {
+            let safe = f64::from(hazard.scene.settings.safe_amplitude);
+            assert!(outcome.largest < 1.1 * safe, "{}", hazard.name);
+        } else {
+            assert!(
+                outcome.largest <= 1.02 * outcome.before + 1e-5,
+                "{}",
+                hazard.name
+            );
+        }
+        assert_eq!(outcome.fault, None, "{}", hazard.name);
+    }
+}
+
+/// Before: fault 4 at 7 Hz after 10.4 s and at 8 Hz after 0.7 s.
+#[test]
+fn a_search_for_the_resonance_is_no_fault() {
+    for hazard in bands() {
+        let outcome = play(&hazard);
+        assert_eq!(outcome.fault, None, "{}", hazard.name);
+        assert_eq!(outcome.opens, None, "{}", hazard.name);
+        if hazard.name.contains("200") {
+            assert!(outcome.ready.is_some(), "{}", hazard.name);
+            assert!((outcome.after / 0.0152 - 1.0).abs() < 0.03);
+        }
+    }
+}
+
+/// Before: 25 ms of the enable input withdrawn acknowledged a dead sensor, and the bridge was on 40 ms later.
+#[test]
+fn a_fault_is_acknowledged_deliberately_and_not_for_ever() {
+    use kband::plant::Change::SensorLost;
+    let lost = |time, lost| (time, Act::Plant(SensorLost(lost)));
+    let mut hazard = Hazard::of("bounce of enable", 50.0, Target::Amplitude(0.2));
+    let withdrawn = |from, to| [(from, Act::Enable(false)), (to, Act::Enable(true))];
+    hazard.acts = [
+        vec![lost(2.5, true), lost(2.8, false)],
+        withdrawn(3.0, 3.025).to_vec(),
+        withdrawn(3.5, 4.1).to_vec(),
+        vec![lost(5.0, true), lost(5.3, false)],
+        withdrawn(5.4, 6.0).to_vec(),
+        vec![lost(6.9, true), lost(7.2, false)],
+        withdrawn(7.3, 8.5).to_vec(),
+    ]
+    .concat();
+    hazard.until = 9.5;
+    let rig = play(&hazard).rig;
+    let closes = |from| rig.seen_after(from, &Seen::Bridge(true));
+    assert!(rig.opens_after(2.5).is_some_and(|time| time < 0.2));
+    let first = closes(2.7).expect("half a second acknowledges");
+    assert!((4.1..4.2).contains(&first), "{first}");
+    assert!(rig.opens_after(5.0).is_some_and(|time| time < 0.2));
+    assert!(closes(5.2).is_some_and(|time| (6.0..6.1).contains(&time)));
+    assert!(rig.opens_after(6.9).is_some_and(|time| time < 0.2));
+    assert_eq!(closes(7.1), None, "three faults in a minute lock it out");
+}
+
+/// Before: READY from 0.99 s on, before any part was there, and for 0.4 s after an over-current.
+#[test]
+fn ready_is_the_wanted_regime_and_nothing_else() {
+    let mut hazard = Hazard::of("lock without a part", 50.0, Target::Locked(1));
+    hazard.until = 4.0;
+    let outcome = play(&hazard);
+    assert!(outcome.after > 0.2, "it shakes: {}", outcome.after);
+    assert_eq!(outcome.ready, None);
+    let mut hazard = Hazard::of("over-current", 50.0, Target::Amplitude(0.2));
+    hazard.acts = vec![(2.5, Act::OverCurrent(true))];
+    hazard.until = 2.6;
+    let rig = play(&hazard).rig;
+    assert!(rig.opens_after(2.5).is_some_and(|time| time < 1e-4));
+    let dark = rig.seen_after(2.5, &Seen::Ready(false)).unwrap();
+    let fault = rig.seen_after(2.5, &Seen::Fault(true)).unwrap();
+    assert!(dark < 2.522 && fault < 2.522, "{dark} {fault}");
+}
+
+/// A desk that takes over a board in service, and a converter of 13 bits. Before: both were accepted.
+#[test]
+fn the_link_takes_no_machine_out_of_service() {
+    let mut rig = running();
+    let refused = |rig: &mut Rig, request: &Request<'_>| {
+        rig.ask(request, |response| matches!(response, Response::Refused(_)))
+    };
+    let start = kband::wire::Start::Ordinary;
+    let simulate = Request::Simulate {
+        target: Target::K(0.4),
+        start,
+    };
+    assert!(refused(&mut rig, &simulate), "while it drives");
+    assert!((rig.amplitude() - 0.2).abs() < 0.01);
+    let converter_bits = Request::Set {
+        key: "converter_bits",
+        value: 13.0,
+    };
+    rig.act(&Act::Enable(false));
+    rig.run(4.2);
+    assert!(refused(&mut rig, &converter_bits));
+    rig.done(&Request::Set {
+        key: "converter_bits",
+        value: 12.0,
+    });
+}
+
+/// Before: a panic and a hard fault were as fast; what stops the samples took 0.55 to 1.5 s.
+#[test]
+fn a_program_that_goes_astray_lets_go_of_the_bridge() {
+    let image = image();
+    let panics = images::symbol(&image, "_defmt_panic");
+    let stack = images::symbol(&image, "_stack_end");
+    let rig = running();
+    for (name, act) in of_the_program(panics, stack) {
+        let mut rig = rig.clone();
+        rig.tolerant = true;
+        rig.at(3.0, act).run(3.2);
+        let opens = rig.opens_after(3.0);
+        println!("{name}: bridge open after {opens:?} s");
+        assert!(opens.is_some_and(|time| time <= 5e-3), "{name}: {opens:?}");
+        // It comes back, shows a fault, and waits.
+        rig.run(4.5);
+        assert!(rig.resets().len() > 1, "{name}: {:?}", rig.resets());
+        assert!(rig.seen_after(3.0, &Seen::Fault(true)).is_some(), "{name}");
+        let again = rig.seen_after(3.0 + 5e-3, &Seen::Bridge(true));
+        assert_eq!(again, None, "{name}");
+        if name == "a panic" {
+            rig.act(&Act::Enable(false));
+            let told = rig.ask(&Request::LastWords, |response| match response {
+                Response::LastWords(words) => words.map(str::to_owned),
+                other => panic!("{other:?}"),
+            });
+            assert!(told.is_some_and(|words| words.contains("panic")));
+        }
+    }
+}
+
+/// The independent watchdog's oscillator at both ends of its spread (DS8626, table 40). Before: the bridge was driven all
+/// the time until then.
+#[test]
+fn tasks_that_hang_are_a_reset_at_any_clock_of_the_watchdog() {
+    let rig = running();
+    for (clock, from, to) in [(17e3, 1.3, 1.6), (47e3, 0.45, 0.6)] {
+        let mut rig = rig.clone();
+        rig.chip.board.watchdog.clock = clock;
+        rig.run(3.0 + 1.7);
+        rig.at(4.7, Act::Hang(Hang::Thread)).run(4.7 + to);
+        let open = rig.opens_after(4.7);
+        assert!(open.is_some_and(|time| time < 0.1), "{clock}: {open:?}");
+        let reset = rig.resets().get(1).copied();
+        println!("watchdog at {clock} Hz: bridge open after {open:?} s, {reset:?}");
+        assert!(
+            reset.is_some_and(|(time, cause)| cause == Cause::Watchdog
+                && (from - 0.2..to).contains(&(time - 4.7))),
+            "{clock}: {reset:?}"
+        );
+    }
+}
+
+/// What a pin does that the machine's wiring has to bear: all of them float until the program has them.
+#[test]
+fn outputs_float_in_reset_and_are_off_from_the_start_on() {
+    let image = image();
+    let mut rig = Rig::boot(&image);
+    let floats = |chip: &Chip| {
+        let ports = &chip.board.ports;
+        let inputs = [(0, 4), (0, 8), (1, 10), (1, 11), (1, 13)];
+        chip.board.voltage.output().is_none()
+            && inputs
+                .iter()
+                .all(|(port, pin)| ports[*port].mode(*pin) == Mode::Input)
+    };
+    assert!(floats(&rig.chip));
+    rig.run(0.5);
+    assert!(!floats(&rig.chip));
+    let output = rig.chip.board.voltage.output();
+    assert_eq!(output, Some(0.5), "an external amplifier gets its middle");
+    assert_eq!(rig.chip.board.ports[1].output(10), Some(false), "READY");
+    assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
+    // A reset lets go of them again.
+    rig.chip.reset(Cause::Window);
+    assert!(floats(&rig.chip));
+}
+
+/// Before: a period of 8398 counts, 238 ppm fast, and at large outputs an edge within the sample.
+#[test]
+fn samples_keep_clear_of_the_edges_and_their_rate_is_the_crystals() {
+    // Beyond its reach: the output is at its end.
+    let mut hazard = Hazard::of("a drive too weak", 50.0, Target::Amplitude(0.9));
+    hazard.scene.settings.gain = 1.0;
+    hazard.scene.drive.gain = 0.7;
+    hazard.until = 2.5;
+    let mut rig = play(&hazard).rig;
+    let (period, _, dead) = rig.chip.board.bridge.period();
+    assert_eq!((period, dead), (8400, 168));
+    let clear = rig.chip.board.world.clear;
+    println!("nearest edge of the bridge to a sample: {clear} cycles of 168 MHz");
+    assert!((40..1000).contains(&clear), "{clear}");
+    let before = rig.chip.sampling.count;
+    rig.run(3.5);
+    let samples = rig.chip.sampling.count - before;
+    assert!((19_999..=20_001).contains(&samples), "{samples}");
+    for frequency in [5.0, 50.0, 60.0, 123.4, 500.0_f32] {
+        let step = f64::from(kband::control::phase_step(frequency));
+        let given = step * 20_000.0 / 2_f64.powi(32);
+        let error = given / f64::from(frequency) - 1.0;
+        assert!(error.abs() < 1e-6, "{frequency} Hz: {error:e}");
+    }
+}
+
+/// A supply that sags at any instruction, from power-on to the running drive, to any level, for any time.
+#[test]
+fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
+    let mut draw = Draw::new(31);
+    let sag = |draw: &mut Draw| {
+        let volts = f64::from(draw.between(0.0, 2.85));
+        (volts, f64::from(draw.scale(1e-6, 2e-2)))
+    };
+    let off = Hazard::of("sags", 50.0, Target::Amplitude(0.2)).commission(&image(), None);
+    let mut seen = [0; 4];
+    for n in 0..16 {
+        let mut rig = off.clone();
+        let (volts, time) = sag(&mut draw);
+        // Power comes with the enable input given, and sags while the program starts.
+        let at = 1.2 + f64::from(draw.unit()) * 0.1;
+        rig.at(1.1, Act::Enable(true))
+            .at(1.1, Act::Volts(0.0))
+            .at(1.2, Act::Volts(3.3))
+            .at(at, Act::Volts(volts))
+            .at(at + time, Act::Volts(3.3))
+            .run(1.6);
+        assert_eq!(rig.chip.board.world.outside, 0, "{n}: {volts} V at {at}");
+        let driven = rig.seen_after(1.0, &Seen::Bridge(true));
+        assert_eq!(driven, None, "{n}: {volts} V at {at} s for {time} s");
+        // It is alive.
+        seen[rig.resets().len().min(3)] += 1;
+        rig.done(&Request::Alive);
+    }
+    println!("sags at the start: {seen:?} boards with so many resets");
+    let running = running();
+    for n in 0..10 {
+        let mut rig = running.clone();
+        let (volts, time) = sag(&mut draw);
+        let at = 3.0 + f64::from(draw.unit()) * 0.02;
+        rig.at(at, Act::Volts(volts))
+            .at(at + time, Act::Volts(3.3))
+            .run(3.5);
+        assert_eq!(rig.chip.board.world.outside, 0, "{n}: {volts} V at {at}");
+        let opens = rig.opens_after(at);
+        assert!(opens.is_some_and(|time| time < 1e-4), "{n}: {opens:?}");
+        let again = rig.seen_after(at + 1e-4, &Seen::Bridge(true));
+        assert_eq!(again, None, "{n}: {volts} V at {at} s for {time} s");
+        rig.done(&Request::Alive);
+    }
+}
+
+/// Where the settings lie, the size of their record and of a bank of records.
+const SETTINGS: usize = 0x080c_0000 - flash::START as usize;
+const RECORD: usize = 256;
+const BANK: usize = 512;
+
+/// A board with its settings saved, and the records of its first bank filled up to `records` with that one.
+fn worn(records: usize) -> Rig {
+    let mut rig = Hazard::of("settings", 50.0, Target::Amplitude(0.2)).commission(&image(), None);
+    rig.act(&Act::Volts(0.0));
+    let flash = rig.chip.flash_mut();
+    let first = (0..BANK).find(|n| flash[SETTINGS + n * RECORD] != 0xff);
+    assert_eq!(first, Some(0), "the record that was saved");
+    let record = flash[SETTINGS..SETTINGS + RECORD].to_vec();
+    for number in 0..records {
+        let place = SETTINGS + number * RECORD;
+        let mut record = record.clone();
+        record[..4].copy_from_slice(&(number as u32).to_le_bytes());
+        let check = crc32(&record[..RECORD - 12]);
+        record[RECORD - 12..RECORD - 8].copy_from_slice(&check.to_le_bytes());
+        flash[place..place + RECORD].copy_from_slice(&record);
+    }
+    rig.run(1.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(1.4);
+    rig
+}
+
+fn kept(rig: &mut Rig) -> Kept {
+    rig.ask(&Request::SelfTest, |response| match response {
+        Response::SelfTest(test) => test.settings,
+        other => panic!("{other:?}"),
+    })
+}
+
+/// Soft start and soft stop as the board has them, in ms.
+fn pair(rig: &mut Rig) -> [u32; 2] {
+    ["soft_start", "soft_stop"].map(|key| {
+        rig.ask(&Request::Get(key), |response| match response {
+            Response::Setting(setting) => (setting.value * 1e3).round() as u32,
+            other => panic!("{other:?}"),
+        })
+    })
+}
+
+fn set_pair(rig: &mut Rig, values: [f32; 2]) {
+    for (key, value) in ["soft_start", "soft_stop"].into_iter().zip(values) {
+        rig.done(&Request::Set { key, value });
+    }
+}
+
+/// Before: a save of 22 keys was 22 records, and a cut left a mix of two machines.
+#[test]
+fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
+    let mut old_or_new = [0; 2];
+    // Within a bank, and where the next bank is begun and this one erased.
+    for records in [7, BANK] {
+        let mut rig = worn(records);
+        assert_eq!(kept(&mut rig), Kept::InUse, "{records}");
+        let old = pair(&mut rig);
+        set_pair(&mut rig, [0.7, 0.9]);
+        let mut whole = rig.clone();
+        let before = whole.chip.operations();
+        whole.done(&Request::Save);
+        let operations = whole.chip.operations() - before;
+        let wanted = RECORD as u64 / 4 + u64::from(records == BANK);
+        assert_eq!(operations, wanted);
+        let cuts = (1..=operations).filter(|n| n % 8 == 1 || n + 4 > operations);
+        for cut in cuts {
+            let mut rig = rig.clone();
+            rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
+            rig.tell(&Request::Save);
+            rig.run(rig.time() + 0.05);
+            assert!(!rig.chip.board.supplied, "{records}, {cut}: it was cut");
+            rig.act(&Act::Volts(0.0));
+            rig.run(rig.time() + 0.01);
+            rig.act(&Act::Volts(3.3));
+            rig.run(rig.time() + 0.25);
+            assert_eq!(kept(&mut rig), Kept::InUse, "{records}, {cut}");
+            let now = pair(&mut rig);
+            let new = now == [700, 900];
+            assert!(new || now == old, "{records}, {cut}: {now:?}");
+            old_or_new[usize::from(new)] += 1;
+            // The next save is not hindered by what the cut left.
+            if cut == 1 || cut == operations {
+                set_pair(&mut rig, [1.1, 1.3]);
+                rig.done(&Request::Save);
+                assert_eq!(
+                    (kept(&mut rig), pair(&mut rig)),
+                    (Kept::InUse, [1100, 1300])
+                );
+            }
+        }
+    }
+    println!("cut saves: {old_or_new:?} old, new");
+    assert!(old_or_new.iter().all(|count| *count > 2));
+}
+
+/// Before: from two thirds of a page of 6553 records on, each save was a reset by the watchdog, for ever.
+#[test]
+fn a_full_area_of_settings_is_saved_to_in_time() {
+    let mut rig = worn(BANK - 1);
+    // The slowest flash and the fastest watchdog that the data sheets allow.
+    rig.chip.board.flash.slow = true;
+    rig.chip.board.watchdog.clock = 47e3;
+    let resets = rig.resets().len();
+    let mut times = Vec::new();
+    for n in 0..4 {
+        set_pair(&mut rig, [0.5 + 0.1 * n as f32, 0.7]);
+        let before = rig.time();
+        let frame = rig.frame(&Request::Save);
+        let answers = rig.sent().len();
+        rig.act(&Act::Link(frame));
+        while rig.sent().len() == answers {
+            rig.run(rig.time() + 1e-3);
+            assert!(rig.time() < before + 5.0, "{n}");
+        }
+        times.push(rig.time() - before);
+        assert_eq!(kept(&mut rig), Kept::InUse, "{n}");
+    }
+    println!("saves at the end of a bank took {times:.3?} s, erasures of 2 s among them");
+    let erases = |time: &&f64| **time > 1.0;
+    assert_eq!(times.iter().filter(erases).count(), 1, "{times:?}");
+    assert!(
+        times
+            .iter()
+            .all(|time| *time < 0.1 || (2.0..2.2).contains(time))
+    );
+    assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
+    // The start reads all of it within its watchdog.
+    rig.act(&Act::Volts(0.0));
+    rig.run(rig.time() + 0.01);
+    rig.act(&Act::Volts(3.3));
+    let (on, begun) = (rig.time(), rig.chip.sampling.count);
+    while rig.chip.sampling.count == begun {
+        rig.run(rig.time() + 1e-3);
+        assert!(rig.time() < on + 1.0);
+    }
+    println!("first sample {:.3} s after power", rig.time() - on);
+    assert_eq!(rig.resets().len(), resets + 1, "power-on alone");
+}
+
+/// What the firmware's stack takes, by a start, new settings, a lock that is planned and a fault.
+#[test]
+fn the_stack_of_the_image_is_what_the_manual_says() {
+    let mut hazard = Hazard::of("stack", 50.0, Target::Locked(1));
+    hazard.scene.parts = kband::plant::Scene::default().parts;
+    hazard.acts = vec![(6.0, Act::Cool(false))];
+    hazard.until = 6.3;
+    let rig = play(&hazard).rig;
+    let image = image();
+    let bounds = ["_stack_end", "_stack_start"].map(|name| images::symbol(&image, name));
+    let size = (bounds[1] - bounds[0]) as usize;
+    let used = (size - rig.stack_free()) as f64 / 1024.0;
+    println!("stack: {used:.1} KiB of {} used", size / 1024);
+    assert!(rig.stack_free() > size / 3, "a third of it stays free");
+    let manual = std::fs::read_to_string(kband_machines::root().join("docs/wiring.md")).unwrap();
+    let said = manual
+        .split_once(" KiB of it are used")
+        .and_then(|(before, _)| before.rsplit(' ').next()?.parse::<f64>().ok())
+        .expect("the manual's figure");
+    assert!(
+        (said - 8.0..=said).contains(&used),
+        "{used:.1} KiB are used, the manual says {said}"
+    );
+}
