@@ -14,9 +14,9 @@ _stack_start = ADDR(.stack) + SIZEOF(.stack);
 ASSERT(__sheap - ORIGIN(RAM) <= 76K, \"kband: stack and static data exceed 76 KiB of RAM\");
 ";
 
-/// The flash that the board's image may use. The emulated one carries the plant as well.
+/// The flash that the board's image may use, below the settings of any board. The emulated one carries the plant as well.
 const BUDGET: &str = "\
-ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 256K, \"kband: the image exceeds 256 KiB of flash\");
+ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 384K, \"kband: the image exceeds 384 KiB of flash\");
 ";
 
 /// Marks the emulated board's image: it asks a debugger for everything, alone it would hang.

@@ -129,6 +129,11 @@ extern "C" fn hard_fault_report(stack: u32) -> ! {
 /// An exception or interrupt that has no handler.
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
+    unexpected(number)
+}
+
+/// The drive off, the exception kept as the last words, and the end of the run.
+pub fn unexpected(number: i16) -> ! {
     cortex_m::interrupt::disable();
     kband_drive_off();
     keep(format_args!("{IDENTITY}: unexpected interrupt {number}"));

@@ -2,6 +2,8 @@
 //!
 //! The pins are the same on every board, so that one page of wiring serves them all.
 
+use core::hint::black_box;
+use core::ptr::{read_volatile, write_volatile};
 use core::sync::atomic::{AtomicU8, Ordering};
 
 use cortex_m::peripheral::DWT;
@@ -26,8 +28,6 @@ use embassy_stm32::timer::simple_pwm::PwmPin;
 use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
 use embedded_io_async::{Read, Write};
-use embedded_storage::nor_flash as sync;
-use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
 use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE};
 
 use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
@@ -165,7 +165,8 @@ fn broken() -> bool {
     pac::TIM1.sr().read().bif(0)
 }
 
-fn forget_break() {
+/// Forgets what opened the bridge.
+pub fn forget_break() {
     // Flags are cleared by a zero, and left alone by a one.
     pac::TIM1
         .sr()
@@ -340,7 +341,7 @@ impl Window {
 }
 
 /// What the window watchdog's control register is written with to feed and to start it.
-pub const WINDOW_FED: u32 = 0x80 | (LAST_COUNT + BITES - 1) as u32;
+const WINDOW_FED: u32 = 0x80 | (LAST_COUNT + BITES - 1) as u32;
 
 #[inline]
 fn feed_window() {
@@ -403,42 +404,49 @@ impl Line for Serial {
     }
 }
 
-/// Flash whose work ends before its call returns, for the memory of the settings.
+/// The flash's controller works; it is to begin (the same bits of all STM32F4 and STM32G4).
+const FLASH_BUSY: u32 = 1 << 16;
+const FLASH_START: u32 = 1 << 16;
+/// Control register of the window watchdog: it runs; its count, and the one from which on it is fed in an erasure, half
+/// way to its bite.
+const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
+const WINDOW_RUNS: u32 = 0x80;
+const WINDOW_COUNT: u32 = 0x7f;
+const HALF_WAY: u32 = 0x58;
+
+/// Erases a page of the flash, with interrupts off: `page` in the control register chooses it. What the program would
+/// fetch from that flash meanwhile stands still, up to 4 s; the end is waited for in RAM, where the window watchdog is fed.
 ///
-/// The drive is off while a page is erased, and the watchdog is given the time.
-pub struct Pages<F>(pub F);
+/// # Safety
+/// The addresses are those of the registers of the flash's controller, which is unlocked and not busy.
+pub unsafe fn erase_page(status: *const u32, control: *mut u32, page: u32) {
+    // Called by its address: it lies farther than a branch reaches.
+    let erase: unsafe fn(*const u32, *mut u32, u32) = black_box(erase);
+    // SAFETY: interrupts are off, and the registers are the controller's, as the caller guarantees.
+    cortex_m::interrupt::free(|_| unsafe { erase(status, control, page) });
+}
+
+/// # Safety
+/// As [`erase_page`]; nothing may run from or read the flash meanwhile.
+#[unsafe(link_section = ".data.erase")]
+#[inline(never)]
+unsafe fn erase(status: *const u32, control: *mut u32, page: u32) {
+    // SAFETY: registers of the flash and of the window watchdog; the caller has them to itself.
+    unsafe {
+        write_volatile(control, page);
+        write_volatile(control, page | FLASH_START);
+        while read_volatile(status) & FLASH_BUSY != 0 {
+            let window = read_volatile(WINDOW);
+            if window & WINDOW_RUNS != 0 && window & WINDOW_COUNT <= HALF_WAY {
+                write_volatile(WINDOW, WINDOW_FED);
+            }
+        }
+        write_volatile(control, 0);
+    }
+}
 
 /// Time that the watchdog is given for the erasure of a page, as its prescaler and reload: 32 s.
 const ERASURE: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
-
-impl<F: sync::ErrorType> sync::ErrorType for Pages<F> {
-    type Error = F::Error;
-}
-
-impl<F: sync::NorFlash> ReadNorFlash for Pages<F> {
-    const READ_SIZE: usize = F::READ_SIZE;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
-        self.0.read(offset, bytes)
-    }
-
-    fn capacity(&self) -> usize {
-        self.0.capacity()
-    }
-}
-
-impl<F: sync::NorFlash> NorFlash for Pages<F> {
-    const WRITE_SIZE: usize = F::WRITE_SIZE;
-    const ERASE_SIZE: usize = F::ERASE_SIZE;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
-        with_patience(|| self.0.erase(from, to))
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
-        self.0.write(offset, bytes)
-    }
-}
 
 /// While `work` is done the independent watchdog is given 32 s: an erasure of 128 KiB takes up to 4 s.
 pub fn with_patience<T>(work: impl FnOnce() -> T) -> T {

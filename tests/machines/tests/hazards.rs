@@ -174,7 +174,7 @@ fn the_link_takes_no_machine_out_of_service() {
     let refused = |rig: &mut Rig, request: &Request<'_>| {
         rig.ask(request, |response| matches!(response, Response::Refused(_)))
     };
-    let start = kband::wire::Start::Ordinary;
+    let start = kband::wire::StartCause::Ordinary;
     let simulate = Request::Simulate {
         target: Target::K(0.4),
         start,

@@ -2,7 +2,7 @@
 
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
-use embassy_stm32::flash::{Bank2Region, Blocking, Flash};
+use embassy_stm32::flash::Flash;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
@@ -11,8 +11,13 @@ use kband::wire::SetUp;
 use kband_firmware::chip::{Chip, ChipClocks};
 use kband_firmware::cortex::remembers_running;
 use kband_firmware::start::Signs;
-use kband_firmware::stm32::{Pages, Window};
+use kband_firmware::stm32::Window;
 use kband_firmware::store::{Records, StoreFailed};
+
+use flash::Pages;
+
+#[path = "stm32g474re/flash.rs"]
+mod flash;
 
 /// The supply monitor's highest level, 2.9 V (DS12288, table 21).
 const HIGHEST_LEVEL: u8 = 6;
@@ -21,7 +26,7 @@ const HIGHEST_LEVEL: u8 = 6;
 pub struct Board;
 
 impl Chip for Board {
-    type Memory = Records<Pages<Bank2Region<'static, Blocking>>>;
+    type Memory = Records<Pages>;
 
     const CORE_CLOCK: u32 = 170_000_000;
 

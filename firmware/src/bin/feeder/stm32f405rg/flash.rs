@@ -3,14 +3,11 @@
 //! The chip has one bank: while a sector is erased, up to 4 s, nothing can be fetched from any other. The erasure is
 //! waited for from RAM, with interrupts off, where the window watchdog is fed; the drive is off.
 
-use core::hint::black_box;
-use core::ptr::{read_volatile, write_volatile};
-
 use embassy_stm32::flash::{Bank1Region3, Blocking, Error};
 use embassy_stm32::pac;
 use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use kband_firmware::stm32::{WINDOW_FED, with_patience};
+use kband_firmware::stm32::{erase_page, with_patience};
 
 /// The first sector of 128 KiB, and the size of each.
 const FIRST: u32 = 5;
@@ -19,17 +16,10 @@ const SIZE: u32 = 128 * 1024;
 /// Revision of the chip from which its flash can be fetched from ahead: 1, 2, Y, Z (ES0182).
 const FETCHES_AHEAD: u16 = 0x1001;
 
-/// Registers that the RAM's function uses, by their addresses: calls of others would lie in the flash.
+/// Registers of the flash's controller (RM0090, 3.9).
 const STATUS: *const u32 = 0x4002_3c0c as *const u32;
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
-const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
-const BUSY: u32 = 1 << 16;
 const ERASE_SECTOR: u32 = 1 << 1;
-const START: u32 = 1 << 16;
-/// The window watchdog runs; its count, and the one from which on it is fed in an erasure: half way to its bite.
-const RUNS: u32 = 0x80;
-const COUNT: u32 = 0x7f;
-const HALF_WAY: u32 = 0x58;
 
 /// Has the flash read ahead and remember: at 168 MHz each fetch would cost five wait states.
 pub fn read_ahead() {
@@ -58,27 +48,6 @@ fn forget() {
         access.set_dcrst(false);
     });
     access.write_value(before);
-}
-
-/// Erases a sector and waits for its end.
-///
-/// # Safety
-/// Nothing may run from or read the flash meanwhile: interrupts are off. The flash is unlocked.
-#[unsafe(link_section = ".data.erase")]
-#[inline(never)]
-unsafe fn erase(sector: u32) {
-    // SAFETY: registers of the flash and of the window watchdog; the caller has them to itself.
-    unsafe {
-        write_volatile(CONTROL, ERASE_SECTOR | sector << 3);
-        write_volatile(CONTROL, ERASE_SECTOR | sector << 3 | START);
-        while read_volatile(STATUS) & BUSY != 0 {
-            let window = read_volatile(WINDOW);
-            if window & RUNS != 0 && window & COUNT <= HALF_WAY {
-                write_volatile(WINDOW, WINDOW_FED);
-            }
-        }
-        write_volatile(CONTROL, 0);
-    }
 }
 
 /// The sectors of 128 KiB.
@@ -120,10 +89,8 @@ impl NorFlash for Sectors {
             with_patience(|| {
                 pac::FLASH.keyr().write_value(0x4567_0123);
                 pac::FLASH.keyr().write_value(0xcdef_89ab);
-                // Called by its address: it lies farther than a branch reaches.
-                let erase: unsafe fn(u32) = black_box(erase);
-                // SAFETY: interrupts are off, and the flash is unlocked.
-                cortex_m::interrupt::free(|_| unsafe { erase(FIRST + sector) });
+                // SAFETY: the registers are this chip's, and the flash is unlocked.
+                unsafe { erase_page(STATUS, CONTROL, ERASE_SECTOR | (FIRST + sector) << 3) };
                 pac::FLASH.cr().modify(|control| control.set_lock(true));
                 forget();
             });

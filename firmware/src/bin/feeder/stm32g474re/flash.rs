@@ -1,0 +1,126 @@
+//! The pages of the second bank, whose words carry a code: what a loss of power tore is an NMI where it is read.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m::asm::dsb;
+use cortex_m_rt::exception;
+use embassy_stm32::flash::{Bank2Region, Blocking, Error};
+use embassy_stm32::pac;
+use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use kband_firmware::cortex::unexpected;
+use kband_firmware::stm32::{erase_page, forget_break, with_patience};
+
+/// Size of a page with the flash in two banks.
+const SIZE: u32 = 2 * 1024;
+/// Registers of the flash's controller (RM0440, 3.7): a page of the second bank is erased.
+const STATUS: *const u32 = 0x4002_2010 as *const u32;
+const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
+const ERASE_PAGE: u32 = 1 << 1;
+const SECOND_BANK: u32 = 1 << 11;
+/// Errors of the status register, cleared by a one: an erasure does not begin with one of them.
+const ERRORS: u32 = 0xc3fa;
+/// The NMI's exception number.
+const NMI: i16 = -14;
+
+/// The pages are read by the program, and a word that was read has two wrong bits.
+static READS: AtomicBool = AtomicBool::new(false);
+static TORN: AtomicBool = AtomicBool::new(false);
+
+/// Two wrong bits in a word of the flash (RM0440, 3.3.7). In the pages of the settings that is what a loss of power left of
+/// a record, and its check tells; anywhere else it is the program itself.
+#[exception]
+unsafe fn NonMaskableInt() {
+    let seen = pac::FLASH.eccr().read();
+    if !(seen.eccd() || seen.eccd2()) || !READS.load(Ordering::Relaxed) {
+        unexpected(NMI);
+    }
+    // Cleared by a one.
+    pac::FLASH.eccr().write_value(seen);
+    TORN.store(true, Ordering::Relaxed);
+}
+
+/// The pages of the second bank.
+pub struct Pages(pub Bank2Region<'static, Blocking>);
+
+impl ErrorType for Pages {
+    type Error = Error;
+}
+
+impl ReadNorFlash for Pages {
+    const READ_SIZE: usize = 1;
+
+    /// What is torn is given as it is read, but never as erased.
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
+        TORN.store(false, Ordering::Relaxed);
+        READS.store(true, Ordering::Relaxed);
+        let read = self.0.read(offset, bytes);
+        dsb();
+        READS.store(false, Ordering::Relaxed);
+        if TORN.load(Ordering::Relaxed) {
+            // It opened the bridge, which is open at rest: no over-current.
+            forget_break();
+            if let Some(first) = bytes.first_mut().filter(|first| **first == 0xff) {
+                *first = 0;
+            }
+        }
+        read
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl NorFlash for Pages {
+    const WRITE_SIZE: usize = 8;
+    const ERASE_SIZE: usize = SIZE as usize;
+
+    /// Refused while the bridge is closed.
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
+        if pac::TIM1.bdtr().read().moe() {
+            return Err(Error::Prog);
+        }
+        if !from.is_multiple_of(SIZE) || !to.is_multiple_of(SIZE) {
+            return Err(Error::Unaligned);
+        }
+        if from > to || to > self.0.capacity() as u32 {
+            return Err(Error::Size);
+        }
+        for page in from / SIZE..to / SIZE {
+            with_patience(|| {
+                pac::FLASH.keyr().write_value(0x4567_0123);
+                pac::FLASH.keyr().write_value(0xcdef_89ab);
+                pac::FLASH.sr().write_value(pac::flash::regs::Sr(ERRORS));
+                // SAFETY: the registers are this chip's, and the flash is unlocked.
+                unsafe { erase_page(STATUS, CONTROL, ERASE_PAGE | SECOND_BANK | page << 3) };
+                pac::FLASH.cr().modify(|control| control.set_lock(true));
+                forget();
+            });
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
+        self.0.write(offset, bytes)
+    }
+}
+
+/// Forgets what was read of a page that is erased. A cache is reset while it is off (RM0440, 3.3.5).
+fn forget() {
+    let access = pac::FLASH.acr();
+    let before = access.read();
+    access.modify(|access| {
+        access.set_icen(false);
+        access.set_dcen(false);
+    });
+    access.modify(|access| {
+        access.set_icrst(true);
+        access.set_dcrst(true);
+    });
+    access.modify(|access| {
+        access.set_icrst(false);
+        access.set_dcrst(false);
+    });
+    access.write_value(before);
+}
