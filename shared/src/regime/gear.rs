@@ -2,6 +2,7 @@
 //! the time one does whose restitution scatters (docs/theory-real-parts.md#t10.1).
 
 mod draw;
+mod limits;
 mod plan;
 mod rider;
 
@@ -13,6 +14,7 @@ use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
 
+pub use limits::{GearLimits, peaks};
 pub use plan::{GearPlan, GearPlanSettings, GearPlanner};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.

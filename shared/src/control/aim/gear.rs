@@ -4,11 +4,11 @@
 use heapless::Vec;
 
 use super::setpoint::{Choice, Level, NoSetpoint};
-use crate::control::drive::Scale;
+use crate::control::drive::{Answer, Scale, SecondTone};
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::regime::band;
-use crate::regime::gear::{GearPlan, GearPlanSettings, GearPlanner};
+use crate::regime::gear::{GearLimits, GearPlan, GearPlanSettings, GearPlanner};
 
 /// Impacts that one slice computes.
 const SLICE: u32 = 64;
@@ -72,6 +72,13 @@ impl GearSearch {
             scatter: settings.scatter,
             order: u32::from(order),
             k: [reached.max((LOWEST / turns) as f32), high],
+            second_tone: settings.second_tone,
+            limits: GearLimits {
+                displacement: scale.k(settings.amplitude_limit * 1e-3),
+                acceleration: scale.normal_gravity / settings.acceleration_limit,
+                output: scale.k(settings.output_maximum * scale.strength),
+                overtone: scale.strength / libm::sqrtf(Answer::at(settings).second.norm_sqr()),
+            },
         };
         Ok(Ok(Self {
             planner: GearPlanner::new(asked)?,
@@ -128,10 +135,14 @@ impl GearSearch {
 
     /// The choice so far.
     pub fn choice(&self) -> Choice {
-        Choice::level(match self.plan() {
-            Some(plan) => Level::K(f64::from(plan.k)),
-            None => Level::Sought,
-        })
+        let Some(plan) = self.plan() else {
+            return Choice::level(Level::Sought);
+        };
+        let [ratio, phase] = plan.second;
+        Choice {
+            second: SecondTone { ratio, phase },
+            ..Choice::level(Level::K(f64::from(plan.k)))
+        }
     }
 
     /// What is being searched; `None` once it is known or found.

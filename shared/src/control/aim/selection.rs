@@ -136,7 +136,8 @@ impl Selection {
             && !gear.is_over()
         {
             let more = gear.step();
-            self.level = gear.choice().level;
+            let choice = gear.choice();
+            (self.level, self.second) = (choice.level, choice.second);
             return more;
         }
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)

@@ -17,6 +17,7 @@ mod scale;
 mod second;
 
 pub use amplitude::AmplitudeLoop;
+pub use answer::Answer;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;

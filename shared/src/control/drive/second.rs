@@ -1,6 +1,6 @@
 //! The second tone of the track's motion: an output at twice the drive's frequency, held in amplitude and phase.
 
-use core::f32::consts::{PI, TAU};
+use core::f32::consts::TAU;
 
 use num_complex::Complex32 as Complex;
 
@@ -9,6 +9,7 @@ use crate::arithmetic::sine_cosine_single;
 use crate::control::angle::phase_of;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, accept};
+use crate::regime::gear;
 
 /// Cycles from a command to the middle of the first cycle that shows it: one in which it is computed, one that is
 /// driven, half of averaging.
@@ -69,30 +70,10 @@ impl SecondTone {
         Complex::new(cosine, sine) * self.ratio
     }
 
-    /// Largest displacement of the track over b, and largest acceleration over b w^2: max |S| and max |S''|, from 64
-    /// places of the turn, with what may lie between them.
+    /// Largest displacement of the track over b, and largest acceleration over b w^2.
     #[must_use]
     pub fn peaks(&self) -> [f32; 2] {
-        const PLACES: u32 = 64;
-        let Complex {
-            re: along,
-            im: across,
-        } = self.phasor();
-        let (mut displacement, mut acceleration) = (0.0_f32, 0.0_f32);
-        for n in 0..PLACES {
-            let at = crate::arithmetic::Phase::from_bits(n << 26);
-            let (sine, cosine) = sine_cosine_single(at);
-            let second = 2.0 * sine * cosine * along + (cosine - sine) * (cosine + sine) * across;
-            displacement = displacement.max((sine + second).abs());
-            acceleration = acceleration.max((sine + 4.0 * second).abs());
-        }
-        // Half a step from the nearest place, squared, times half the largest second derivative.
-        let half = PI / PLACES as f32;
-        let between = 0.5 * half * half;
-        [
-            displacement + between * (1.0 + 4.0 * self.ratio),
-            acceleration + between * (1.0 + 16.0 * self.ratio),
-        ]
+        gear::peaks([self.ratio, self.phase])
     }
 }
 

@@ -3,92 +3,66 @@
 use super::Gear;
 use super::draw::Draw;
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::impact::{Kernel, LATE, Single, SingleState};
+use crate::feeder::OutOfRange;
+use crate::impact::{LATE, Landing, SingleState, Tone, WaveKernel, WaveSingle};
 
-/// A flight and how fast it ends.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flown {
-    /// Its duration in steps of 2^-32 turns of the drive; 0 where the part stays.
-    pub steps: i64,
-    /// Arrival speed (symbol s) in `b w`.
-    pub arrival: f32,
-}
+/// A second tone as its amplitude over the first (symbol e) and its angle (symbol th) in rad.
+pub type Second = [f32; 2];
 
 /// A track in single precision, as a part that is followed on it meets it.
-pub trait Surface: Copy {
-    /// The flight of a part that leaves at a phase with a velocity in `b w`.
-    fn flight(&self, phase: Phase, velocity: f32) -> Flown;
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    map: WaveSingle,
+    k: f32,
+    /// Amplitude of the second tone, and its angle.
+    ratio: f32,
+    angle: Phase,
+}
+
+impl Surface {
+    /// The track of a second tone at a k; the refusal names what is out of range.
+    pub fn at(k: f32, [ratio, angle]: Second) -> Result<Self, OutOfRange> {
+        let second = Tone {
+            amplitude: f64::from(ratio),
+            angle: f64::from(angle),
+        };
+        Ok(Self {
+            map: WaveSingle::on_tones([second, Tone::default()], f64::from(k), 1.0)?,
+            k,
+            ratio,
+            angle: Phase::from_radians(f64::from(angle)),
+        })
+    }
 
     /// How much gravity exceeds the track's downward acceleration at a phase (symbol k - A), and the slope of that
     /// acceleration.
-    fn pull(&self, phase: Phase) -> (f32, f32);
-
-    /// Steps of the phase until the track throws a part that rests at a phase; `None` where it never does.
-    fn wait(&self, phase: Phase) -> Option<u32>;
-}
-
-/// A track of one tone.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OneTone {
-    map: Single,
-    k: f32,
-    /// Where a part at rest leaves, and the steps from there to where none leaves any more; no steps where k is 1 or
-    /// more.
-    lift_off: u32,
-    hump: u32,
-}
-
-impl OneTone {
-    /// The track at a k in 0.005..=4; `None` outside.
-    pub fn at(k: f32) -> Option<Self> {
-        let wide = f64::from(k);
-        // Restitution 1: what is left of the arrival speed is the part's own affair.
-        let map = Single::build(wide, 1.0).ok()?;
-        let (lift_off, hump) = if wide < 1.0 {
-            let angle = libm::asin(wide) + LATE;
-            let lift_off = Phase::from_radians(angle).bits();
-            (lift_off, (1_u32 << 31).saturating_sub(2 * lift_off))
-        } else {
-            (0, 0)
-        };
-        Some(Self {
-            map,
-            k,
-            lift_off,
-            hump,
-        })
-    }
-}
-
-impl Surface for OneTone {
-    #[inline]
-    fn flight(&self, phase: Phase, velocity: f32) -> Flown {
-        let landing = self.map.land(SingleState { phase, velocity });
-        Flown {
-            steps: landing.steps,
-            arrival: landing.next.velocity,
-        }
-    }
-
     #[inline]
     fn pull(&self, phase: Phase) -> (f32, f32) {
         let (sine, cosine) = sine_cosine_single(phase);
-        (self.k - sine, cosine)
+        if self.ratio == 0.0 {
+            return (self.k - sine, cosine);
+        }
+        let twice = Phase::from_bits(phase.bits().wrapping_mul(2)) + self.angle;
+        let (second, slope) = sine_cosine_single(twice);
+        (
+            self.k - (sine + 4.0 * self.ratio * second),
+            cosine + 8.0 * self.ratio * slope,
+        )
     }
 
+    /// Steps of the phase until the track throws a part that rests at a phase; `None` where it never does.
     #[inline]
     fn wait(&self, phase: Phase) -> Option<u32> {
-        if self.hump == 0 {
-            return None;
+        if self.map.throws(phase) {
+            return Some(0);
         }
-        let since = phase.bits().wrapping_sub(self.lift_off);
-        Some(if since < self.hump {
-            0
-        } else {
-            since.wrapping_neg()
-        })
+        let lift_off = self.map.lift_off(phase)?;
+        Some((lift_off - phase).bits().wrapping_add(AFTER))
     }
 }
+
+/// A lift-off is taken so much after it began, in steps of 2^-32 turns, as in every arithmetic coarser than f64.
+const AFTER: u32 = (LATE * Phase::STEPS_PER_RADIAN) as u32;
 
 /// Velocity in `b w` below which a chatter is closed to rest by its series.
 const CHATTER: f32 = 0.01;
@@ -153,7 +127,7 @@ impl Rider {
     }
 
     /// One flight, and the rest before it; whether the end is reached.
-    pub fn step(&mut self, surface: &impl Surface) -> bool {
+    pub fn step(&mut self, surface: &Surface) -> bool {
         if self.rests {
             let Some(wait) = surface.wait(self.phase) else {
                 return true;
@@ -162,18 +136,22 @@ impl Rider {
             self.velocity = 0.0;
             self.rests = false;
         }
-        let flown = surface.flight(self.phase, self.velocity);
-        if flown.steps <= 0 {
+        let launch = SingleState {
+            phase: self.phase,
+            velocity: self.velocity,
+        };
+        let Landing { steps, next, .. } = surface.map.land_at(launch, self.draw.draw());
+        if steps <= 0 {
             // A hop of no step: it stays, and time goes on.
             self.rest();
             self.go_on(STAYS);
             return self.time >= self.span.end;
         }
-        self.go_on(flown.steps);
-        let added = self.gear.flight(flown.steps);
+        self.go_on(steps);
+        let added = self.gear.flight(steps);
         let from = (self.time - added).max(self.span.begin);
         self.in_gear += (self.time.min(self.span.end) - from).max(0);
-        self.velocity = flown.arrival * self.draw.draw();
+        self.velocity = next.velocity;
         if self.velocity < CHATTER {
             self.close(surface);
         }
@@ -192,7 +170,7 @@ impl Rider {
 
     /// Sums the chatter of a slow part whose pull outlasts it (as [`Follow`](crate::regime::capture::Follow) does), and
     /// leaves it at rest.
-    fn close(&mut self, surface: &impl Surface) {
+    fn close(&mut self, surface: &Surface) {
         let (pull, slope) = surface.pull(self.phase);
         let x = 2.0 * self.velocity / (pull * (1.0 - self.draw.mean()));
         if pull <= 0.0 || x * slope.abs() > 0.1 * pull {
