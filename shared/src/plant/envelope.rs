@@ -10,17 +10,18 @@ use super::drive::Swing;
 use super::feeder::{STRIKES, mean_displacement, parts_at_rest, set_restitution, set_scatter};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
-use super::part::{Part, Strike, Track, turned};
+use super::part::{Part, Strike, Track, WaveCache, turned};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
+use super::second::SecondEnvelope;
 use super::sense::Sense;
 use crate::arithmetic::Phase;
 use crate::control::{
     Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, Standard, phase_step,
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-use crate::impact::TangentialSettings;
+use crate::impact::{Contact, TangentialSettings, Wave, WaveContact, WaveMap};
 
 /// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_CYCLE: usize = 200;
@@ -36,6 +37,10 @@ const WAITING: usize = 2 * HEARD_PER_CYCLE;
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
     drive: Recurrence,
+    /// Where the drive has a second tone or a second mode: these, and the shape that they make.
+    second: Option<SecondEnvelope>,
+    waves: WaveCache,
+    two_toned: bool,
     gain: f32,
     sensor: SensorModel,
     sense: Sense,
@@ -82,6 +87,13 @@ impl EnvelopePlant {
         };
         let mut plant = Self {
             drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
+            second: SecondEnvelope::build(
+                &scene.drive,
+                f64::from(settings.frequency),
+                settings.second_tone > 0.0,
+            ),
+            waves: WaveCache::default(),
+            two_toned: settings.second_tone > 0.0,
             gain: 1.0,
             sensor: scene.sensor,
             readings: Readings::new(&scene.sensor, &sense),
@@ -127,17 +139,27 @@ impl EnvelopePlant {
         };
     }
 
-    /// Runs one drive cycle at an output amplitude (share of full) and a step of the phase.
+    /// Runs one drive cycle as it is told.
     /// `next` is what the signal path is told for the cycle after it: what it is to fold, and to leave out.
-    pub(crate) fn cycle(&mut self, output: f32, step: u32, next: &Command) -> Cycle {
+    pub(crate) fn cycle(&mut self, told: &Command, next: &Command) -> Cycle {
+        let (output, step) = (told.amplitude, told.step);
         self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
-        self.drive
-            .begin(self.output(f64::from(output), step, middle), step);
+        let driven = self.output(f64::from(output), step, middle);
+        self.drive.begin(driven, step);
+        if let Some(second) = &mut self.second {
+            let overtone = Complex::new(
+                f64::from(told.overtone.sine),
+                f64::from(told.overtone.cosine),
+            );
+            second.begin(driven, overtone * f64::from(self.gain), step.max(1));
+        }
         let samples = self.drive.samples();
         self.move_parts();
+        let added = self.second.as_ref().map_or(0.0, SecondEnvelope::loudest);
         let loudest = self.drive.loudest();
-        let clipped = loudest + self.ringing() + 4.0 * self.sense.noise > self.sense.headroom;
+        let clipped =
+            loudest + added + self.ringing() + 4.0 * self.sense.noise > self.sense.headroom;
         let mut cycle = Cycle {
             samples: samples as u16,
             ..Cycle::default()
@@ -146,13 +168,21 @@ impl EnvelopePlant {
         let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
         let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
-        let found = self.drive.end();
+        let mut found = self.drive.end();
+        if let Some(second) = &mut self.second {
+            let [[cosine, sine], double] = second.end(samples);
+            found.in_phase += cosine;
+            found.quadrature += sine;
+            if self.two_toned && !self.lost {
+                cycle.second = double.map(|part| part as f32);
+            }
+        }
         let heeded = 1.0 - self.onset.blanked(samples);
         let found = readings.unwrap_or(Demodulated {
             in_phase: found.in_phase + struck.re / heeded,
             quadrature: found.quadrature + struck.im / heeded,
         });
-        self.read(&mut cycle, found, loudest, middle);
+        self.read(&mut cycle, found, loudest + added, middle);
         self.tell(&mut cycle, samples);
         self.readings.finish(next.fold, step, &mut cycle);
         self.onset.keep_whole(next.whole);
@@ -192,7 +222,13 @@ impl EnvelopePlant {
 
     /// The track's swing at a time of the parts.
     fn swing(&self, time: u64) -> Swing {
-        self.drive.swing(time as i64 - self.time)
+        let ticks = time as i64 - self.time;
+        let swing = self.drive.swing(ticks);
+        let Some(second) = &self.second else {
+            return swing;
+        };
+        let phase = Phase::from_bits(self.drive.phase().wrapping_add(ticks as u32));
+        second.complete(swing, ticks as f64 * self.drive.per_step(), phase)
     }
 
     /// Time up to which this cycle moves the parts.
@@ -203,18 +239,23 @@ impl EnvelopePlant {
     /// Lets the parts fly, strike and rest up to the end of the cycle.
     fn move_parts(&mut self) {
         let end = self.end();
+        let mut waves = self.waves;
         let track = Track {
             normal_gravity: self.normal_gravity,
             angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             tangential: self.watched.then_some(self.settings),
+            wave: None,
         };
         for index in 0..self.parts.len() {
             let mut part = self.parts[index];
             let mut from = self.time.max(0) as u64;
             for _ in 0..EVENTS_PER_CYCLE {
                 let Some(next) = part.next() else {
-                    match self.thrown(&track, from, end) {
-                        Some((swing, time)) => part.throw(swing, &track, time),
+                    match self.thrown(&track, &mut waves, from, end) {
+                        Some((swing, time)) => {
+                            let wave = waves.shape(swing.second);
+                            part.throw(swing, &Track { wave, ..track }, time);
+                        }
                         None => break,
                     }
                     if part.rests() {
@@ -227,7 +268,8 @@ impl EnvelopePlant {
                 }
                 from = next;
                 let swing = self.swing(next);
-                if let Some(strike) = part.event(swing, &track) {
+                let wave = waves.shape(swing.second);
+                if let Some(strike) = part.event(swing, &Track { wave, ..track }) {
                     // What is too much is not remembered.
                     let _ = self.strikes.push(Strike {
                         part: index as u8,
@@ -237,17 +279,36 @@ impl EnvelopePlant {
             }
             self.parts[index] = part;
         }
+        self.waves = waves;
         if self.parts.len() > 1 {
             self.strikes.sort_unstable_by_key(|strike| strike.time);
         }
     }
 
     /// Where in `from..=end` the track first throws a resting part.
-    fn thrown(&self, track: &Track, from: u64, end: u64) -> Option<(Swing, u64)> {
+    fn thrown(
+        &self,
+        track: &Track<'_>,
+        waves: &mut WaveCache,
+        from: u64,
+        end: u64,
+    ) -> Option<(Swing, u64)> {
         let k = |swing: &Swing| {
             track.normal_gravity / (f64::from(swing.amplitude) * track.angular * track.angular)
         };
         let began = self.swing(from);
+        if self.two_toned {
+            let after = |swing: Swing, waves: &mut WaveCache| {
+                let phase = began.phase.radians();
+                let wait = throw(waves.shape(swing.second), k(&swing), phase)?;
+                let time = from + (wait / TAU * Phase::TURN) as u64;
+                (time <= end).then_some(time)
+            };
+            // Where the swing that is now throws no part, the one at the end of the cycle may.
+            let time = after(began, waves).or_else(|| after(self.swing(end), waves))?;
+            let time = after(self.swing(time), waves)?;
+            return Some((self.swing(time), time));
+        }
         let phase = began.phase.radians();
         if libm::sin(phase) > k(&began) {
             return Some((began, from));
@@ -349,6 +410,12 @@ impl EnvelopePlant {
         let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
         cycle.in_phase = (in_phase * turned) as f32;
         cycle.quadrature = (quadrature * turned) as f32;
+        if self.two_toned {
+            for part in &mut cycle.second {
+                let found = f64::from(*part) + scatter * f64::from(self.noise.gauss());
+                *part = (found * turned) as f32;
+            }
+        }
         if cycle.saturated == 0 {
             let code = |acceleration: f64| {
                 let code = zero + acceleration / floor + 0.5;
@@ -381,6 +448,7 @@ impl EnvelopePlant {
     fn read_each(&mut self, cycle: &mut Cycle) -> Demodulated {
         let of = Read {
             drive: &self.drive,
+            second: self.second.as_ref(),
             sensor: &self.sensor,
             sense: &self.sense,
             strikes: &self.strikes,
@@ -466,6 +534,17 @@ impl EnvelopePlant {
             _ => {}
         }
         self.sense();
+    }
+}
+
+/// The wait in rad until a track throws a part that rests at a phase; `None` where it never does.
+fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
+    match wave {
+        Some(wave) => {
+            let map = WaveMap::on(*wave, k, 1.0).ok()?;
+            WaveContact::new(&map).throw(phase).map(|(wait, _)| wait)
+        }
+        None => Contact::build(k, 1.0).ok()?.wait(phase),
     }
 }
 

@@ -86,6 +86,7 @@ impl EnvelopeLoop {
         self.pending = self.controller.command();
         if self.pending.immediate {
             self.running.amplitude = self.pending.amplitude;
+            self.running.overtone = self.pending.overtone;
         }
         for _ in 0..PLAN_SLICES {
             if !self.controller.plan_step() {
@@ -99,10 +100,7 @@ impl EnvelopeLoop {
         let [before, samples] = self.plant.samples();
         // What happens in the first half of a cycle counts for the whole of it.
         self.happen(before + samples / 2);
-        let Command {
-            amplitude, step, ..
-        } = self.running;
-        let cycle = self.plant.cycle(amplitude, step, &self.pending);
+        let cycle = self.plant.cycle(&self.running, &self.pending);
         self.happen(self.plant.samples()[0] - 1);
         cycle
     }

@@ -4,12 +4,12 @@ use core::f64::consts::TAU;
 
 use heapless::Vec;
 
-use super::drive::{Resonator, Ringing, Swing};
+use super::drive::{Resonator, Ringing, SecondMode, Swing, TonesApart, sum};
 use super::noise::Noise;
-use super::part::{Part, Strike, Track};
+use super::part::{Part, Strike, Track, WaveCache};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::control::{AdcCode, SAMPLE_RATE, phase_step};
+use crate::control::{AdcCode, SAMPLE_RATE, SecondTone, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::{Scatter, TangentialSettings};
 
@@ -25,6 +25,11 @@ pub struct Plant {
     drive: Resonator,
     /// Static displacement for full output in m.
     force: f32,
+    /// A second mode and its static displacement.
+    mode: Option<(Resonator, f32)>,
+    /// Where the drive affords a second tone: what of the motion that is, and the shape that it makes.
+    apart: Option<TonesApart>,
+    waves: WaveCache,
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
@@ -59,8 +64,19 @@ impl Plant {
         let track = settings.track()?;
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
         let volts = settings.converter_reference / (full + 1.0);
+        let drive = Resonator::new(&scene.drive);
+        let mode = SecondMode::of(&scene.drive, f64::from(settings.frequency)).map(|mode| {
+            (
+                Resonator::of(mode.frequency, mode.quality, mode.force),
+                mode.force as f32,
+            )
+        });
+        let tones = settings.second_tone > 0.0;
         Ok(Self {
-            drive: Resonator::new(&scene.drive),
+            apart: tones.then(|| TonesApart::new(drive, mode.map(|(mode, _)| mode))),
+            waves: WaveCache::default(),
+            mode,
+            drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
             gain: 1.0,
             ringing: Ringing::new(
@@ -101,6 +117,9 @@ impl Plant {
         let mut acceleration = self.drive.acceleration(self.gain * self.output, self.force)
             + self.ringing.acceleration()
             + noise;
+        if let Some((mode, force)) = &self.mode {
+            acceleration += mode.acceleration(self.gain * self.output, *force);
+        }
         if self.sensor.hum > 0.0 {
             acceleration += self.sensor.hum * sine_cosine_single(self.mains).0;
         }
@@ -125,14 +144,25 @@ impl Plant {
         self.mains += Phase::from_bits(self.mains_step);
         self.output = output;
         self.step = step;
-        self.drive.step(self.gain * output);
-        self.ringing.step();
         let now = self.time + u64::from(step);
+        self.drive.step(self.gain * output);
+        if let Some((mode, _)) = &mut self.mode {
+            mode.step(self.gain * output);
+        }
+        if let Some(apart) = &mut self.apart {
+            apart.step(self.gain * output, Phase::from_bits(now as u32), step);
+        }
+        self.ringing.step();
         self.time = now;
-        let [x, v] = self.drive.motion();
+        let [x, v] = self.motion();
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
         // Downward acceleration of the track over gravity, as the harmonic motion has it.
-        let thrown = f64::from(x) * angular * angular > self.normal_gravity;
+        let mut pushed = f64::from(x);
+        if let Some(apart) = &self.apart {
+            let [second, _] = apart.motion();
+            pushed += 3.0 * f64::from(second);
+        }
+        let thrown = pushed * angular * angular > self.normal_gravity;
         for index in 0..self.parts.len() {
             let due = match self.parts[index].next() {
                 Some(next) => next <= now,
@@ -145,12 +175,13 @@ impl Plant {
     }
 
     fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
+        let swing = self.swing(motion, angular as f32);
         let track = Track {
             normal_gravity: self.normal_gravity,
             angular,
             tangential: self.tangential,
+            wave: self.waves.shape(swing.second),
         };
-        let swing = Swing::through(motion, angular as f32);
         let part = &mut self.parts[index];
         if part.next().is_none() {
             part.throw(swing, &track, now);
@@ -161,8 +192,8 @@ impl Plant {
             };
             let late = now - next;
             let then = Swing {
-                amplitude: swing.amplitude,
                 phase: swing.phase - Phase::from_bits(late as u32),
+                ..swing
             };
             if let Some(strike) = part.event(then, &track) {
                 // What is too much is not remembered.
@@ -180,7 +211,27 @@ impl Plant {
     /// Displacement of the track in m and its velocity in m/s.
     #[must_use]
     pub fn motion(&self) -> [f32; 2] {
-        self.drive.motion()
+        sum(
+            self.drive.motion(),
+            self.mode.as_ref().map(|(mode, _)| mode),
+        )
+    }
+
+    /// The track's swing at an angular frequency in rad/s that makes this motion.
+    fn swing(&self, [x, v]: [f32; 2], angular: f32) -> Swing {
+        let Some(apart) = &self.apart else {
+            return Swing::through([x, v], angular);
+        };
+        let [second_x, second_v] = apart.motion();
+        Swing::through([x - second_x, v - second_v], angular).with([second_x, second_v], angular)
+    }
+
+    /// Amplitude b of the track's first tone in m, and its second tone.
+    #[must_use]
+    pub fn tones(&self) -> (f32, SecondTone) {
+        let angular = f64::from(self.step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
+        let swing = self.swing(self.motion(), angular as f32);
+        (swing.amplitude, swing.second)
     }
 
     /// Impacts since [`Plant::forget_strikes`], at most 96.

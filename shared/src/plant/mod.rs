@@ -24,8 +24,11 @@ mod powers;
 mod readings;
 mod recurrence;
 mod scene;
+mod second;
 mod sense;
 mod timeline;
+#[cfg(test)]
+mod two_tones;
 
 pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Moment, Sample};

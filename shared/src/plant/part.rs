@@ -4,9 +4,11 @@ use core::f64::consts::TAU;
 
 use super::drive::Swing;
 use crate::arithmetic::Phase;
+use crate::control::SecondTone;
 use crate::feeder::OutOfRange;
 use crate::impact::{
-    Contact, Impact, Kernel, Map, Release, Scatter, State, Tangential, TangentialSettings,
+    Contact, Event, Impact, Kernel, Map, Next, Release, Scatter, State, Tangential,
+    TangentialSettings, Tone, Wave, WaveMap, WavePart,
 };
 
 /// A part's motion between two events.
@@ -60,13 +62,57 @@ pub struct Part {
 
 /// What a part needs to know of the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Track {
+pub struct Track<'a> {
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
     pub normal_gravity: f64,
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
     /// The motion along the track; `None` where nobody watches it.
     pub tangential: Option<TangentialSettings>,
+    /// The shape of its motion, where that is more than a sine.
+    pub wave: Option<&'a Wave>,
+}
+
+/// The shape of the track's motion, kept while it changes too little to matter.
+#[derive(Clone, Copy, Debug)]
+pub struct WaveCache {
+    tone: SecondTone,
+    wave: Wave,
+}
+
+/// Change of a second tone that matters to no part, in the first tone's amplitude: a tenth of what the impacts of a locked
+/// part scatter by in phase where its restitution scatters by 0.001.
+const SAME: f32 = 2e-4;
+/// Second tone below which there is none: nothing but rounding.
+const NO_TONE: f32 = 1e-6;
+
+impl Default for WaveCache {
+    fn default() -> Self {
+        Self {
+            tone: SecondTone::NONE,
+            wave: Wave::sine(),
+        }
+    }
+}
+
+impl WaveCache {
+    /// The shape with this second tone; `None` where that is none, and the track moves as a sine.
+    pub fn shape(&mut self, tone: SecondTone) -> Option<&Wave> {
+        if tone.ratio < NO_TONE {
+            return None;
+        }
+        let turned = (tone.phase - self.tone.phase).abs();
+        if (tone.ratio - self.tone.ratio).abs() > SAME || turned * tone.ratio > SAME {
+            let second = Tone {
+                // Only a track whose first tone has hardly begun is shaken more by its second.
+                amplitude: f64::from(tone.ratio.min(0.5)),
+                angle: f64::from(tone.phase),
+            };
+            self.wave = Wave::build(second, Tone::default()).ok()?;
+            self.tone = tone;
+        }
+        Some(&self.wave)
+    }
 }
 
 impl Part {
@@ -131,9 +177,13 @@ impl Part {
 
     /// Throws a resting part where the track's downward acceleration exceeds gravity; `swing` is the
     /// track at `time`.
-    pub fn throw(&mut self, swing: Swing, track: &Track, time: u64) {
+    pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
+        if let Some(wave) = track.wave {
+            self.throw_on_tones(wave, k, swing, track, time);
+            return;
+        }
         let Some(map) = self.map(k) else {
             return;
         };
@@ -153,7 +203,7 @@ impl Part {
 
     /// Takes the event that is due: the strike, if it is one, and the part's next motion. `swing` is
     /// the track at the event.
-    pub fn event(&mut self, swing: Swing, track: &Track) -> Option<Strike> {
+    pub fn event(&mut self, swing: Swing, track: &Track<'_>) -> Option<Strike> {
         let (time, arrival, displacement, along) = match self.motion {
             Motion::Resting => return None,
             Motion::Chattering { .. } => {
@@ -181,6 +231,12 @@ impl Part {
         self.rested = false;
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
+        if let Some(wave) = track.wave {
+            let velocity = self.restitution.draw() * arrival / (amplitude * track.angular);
+            let state = State { phase, velocity };
+            self.go_on_on_tones(wave, k, state, amplitude, track, time);
+            return Some(strike);
+        }
         let Some(map) = self.map(k) else {
             self.motion = Motion::Resting;
             return Some(strike);
@@ -210,13 +266,113 @@ impl Part {
         Some(strike)
     }
 
+    /// As [`Part::throw`], on a track of several tones.
+    fn throw_on_tones(&mut self, wave: &Wave, k: f64, swing: Swing, track: &Track<'_>, time: u64) {
+        /// How far in rad the throw may lie back: a sample at 500 Hz.
+        const BACK: f64 = 0.2;
+        let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
+            return;
+        };
+        let mut part = WavePart::resting_at(1.0, swing.phase.radians() - BACK);
+        let Some(Next::Contact(Event::LiftOff { wait, .. })) = part.next(&map) else {
+            return;
+        };
+        let Some(Next::Flight(launch)) = part.next(&map) else {
+            return;
+        };
+        // It may lie ahead as far, where the amplitude changed since it was looked for.
+        if wait > 2.0 * BACK {
+            return;
+        }
+        let ticks = ((wait - BACK) / TAU * Phase::TURN) as i64;
+        let impact = map.impact(launch);
+        self.along = 0.0;
+        self.rested = true;
+        let amplitude = f64::from(swing.amplitude);
+        self.fly_on_tones(
+            &map,
+            launch.phase,
+            &impact,
+            amplitude,
+            track,
+            time.saturating_add_signed(ticks),
+        );
+    }
+
+    /// The part's next motion after an impact on a track of several tones.
+    fn go_on_on_tones(
+        &mut self,
+        wave: &Wave,
+        k: f64,
+        state: State,
+        amplitude: f64,
+        track: &Track<'_>,
+        time: u64,
+    ) {
+        // The map of a part that loses nothing tells its speed of arrival.
+        let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
+            self.motion = Motion::Resting;
+            return;
+        };
+        match WavePart::new(self.restitution.mean(), state).next(&map) {
+            Some(Next::Contact(Event::Rest { chatter, .. })) => {
+                self.motion = Motion::Chattering {
+                    until: time + (chatter / TAU * Phase::TURN) as u64,
+                };
+            }
+            Some(Next::Flight(_)) => {
+                let impact = map.impact(state);
+                if impact.flight <= 0.0 {
+                    self.motion = Motion::Resting;
+                } else {
+                    self.fly_on_tones(&map, state.phase, &impact, amplitude, track, time);
+                }
+            }
+            _ => self.motion = Motion::Resting,
+        }
+    }
+
+    /// As [`Part::fly`], on a track of several tones and by the map of a part that loses nothing.
+    fn fly_on_tones(
+        &mut self,
+        map: &WaveMap,
+        phase: f64,
+        impact: &Impact<State>,
+        amplitude: f64,
+        track: &Track<'_>,
+        start: u64,
+    ) {
+        self.began = start;
+        let unit = amplitude * track.angular;
+        let launch = State {
+            phase,
+            velocity: 0.0,
+        };
+        let along = track
+            .tangential
+            .and_then(|settings| Tangential::build(map.k(), settings).ok());
+        let (displacement, along) = along.map_or((0.0, 0.0), |tangential| {
+            let velocity = self.along / unit;
+            (
+                tangential.distance_on(map.wave(), launch, impact, velocity),
+                tangential.after_on(map.wave(), launch, impact, velocity),
+            )
+        });
+        self.motion = Motion::Flying {
+            until: start + (impact.flight / TAU * Phase::TURN) as u64,
+            arrival: impact.next.velocity * unit,
+            displacement: displacement * amplitude,
+            along: along * unit,
+        };
+    }
+
     fn fly(
         &mut self,
         map: &Map,
         phase: f64,
         impact: &Impact<State>,
         amplitude: f64,
-        track: &Track,
+        track: &Track<'_>,
         start: u64,
     ) {
         self.began = start;

@@ -8,6 +8,7 @@ use super::noise::Noise;
 use super::part::Strike;
 use super::recurrence::{Demodulated, Recurrence};
 use super::scene::SensorModel;
+use super::second::SecondEnvelope;
 use super::sense::Sense;
 use crate::arithmetic::Phase;
 use crate::control::{Cycle, Fold, OnsetDetector};
@@ -27,6 +28,7 @@ pub(super) struct Readings {
 /// A cycle to be read.
 pub(super) struct Read<'a> {
     pub drive: &'a Recurrence,
+    pub second: Option<&'a SecondEnvelope>,
     pub sensor: &'a SensorModel,
     pub sense: &'a Sense,
     pub strikes: &'a [Strike],
@@ -84,9 +86,12 @@ impl Readings {
                 self.ringing.strike(height as f32, late.min(1.0) as f32);
                 strikes.next();
             }
-            let reading = drive.acceleration(n)
+            let mut reading = drive.acceleration(n)
                 + f64::from(self.ringing.acceleration())
                 + sense.noise * f64::from(noise.gauss());
+            if let Some(second) = of.second {
+                reading += second.acceleration(f64::from(n), drive.phase_at(n).radians());
+            }
             self.ringing.step();
             let code = sense.zero + reading * codes + 0.5;
             let kept = libm::floor(code.clamp(0.0, sense.full));

@@ -2,6 +2,7 @@
 
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
+use crate::impact::tones::Wave;
 
 /// What the motion along the track depends on besides k.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,6 +116,52 @@ impl Tangential {
         let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
         let shaken = sine * versine(d) + cosine * d * sagitta(d);
         d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.gravity))
+    }
+
+    /// As [`Tangential::distance`], on a track of several tones: the motion along it is `eta` times the normal one, led by
+    /// gamma as a whole, `eta S(t + gamma)`.
+    #[must_use]
+    pub fn distance_on(
+        &self,
+        wave: &Wave,
+        launch: State,
+        impact: &Impact<State>,
+        velocity: f64,
+    ) -> f64 {
+        let d = impact.flight;
+        let lead = launch.phase + self.settings.phase_lead;
+        let shaken: f64 = wave
+            .tones()
+            .map(|(n, tone)| {
+                let (sine, cosine) = libm::sincos(n * lead + tone.angle);
+                let x = n * d;
+                n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
+            })
+            .sum();
+        d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.gravity))
+    }
+
+    /// As [`Tangential::after`], on a track of several tones.
+    #[must_use]
+    pub fn after_on(
+        &self,
+        wave: &Wave,
+        launch: State,
+        impact: &Impact<State>,
+        velocity: f64,
+    ) -> f64 {
+        let d = impact.flight;
+        let lead = launch.phase + self.settings.phase_lead;
+        let change: f64 = wave
+            .tones()
+            .map(|(n, tone)| {
+                let half = 0.5 * n * d;
+                let middle = n * lead + tone.angle + half;
+                -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
+            })
+            .sum();
+        self.settings.restitution
+            * (velocity - self.settings.amplitude_ratio * change - self.gravity * d)
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).

@@ -104,6 +104,19 @@ impl WavePart {
         }
     }
 
+    /// A part that rests at a phase in rad.
+    #[must_use]
+    pub fn resting_at(restitution: f64, phase: f64) -> Self {
+        let state = State {
+            phase: in_turn(phase),
+            velocity: 0.0,
+        };
+        Self {
+            state,
+            ..Self::at_rest(restitution)
+        }
+    }
+
     /// What it does next on the track of `map`; `None` at rest for ever.
     pub fn next(&mut self, map: &WaveMap) -> Option<Next> {
         Some(match self.stage {

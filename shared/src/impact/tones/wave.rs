@@ -142,6 +142,15 @@ impl Wave {
         self.third
     }
 
+    /// Its tones, each with its number; the first has amplitude 1 and angle 0.
+    pub(crate) fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
+        let first = Tone {
+            amplitude: 1.0,
+            angle: 0.0,
+        };
+        [(1.0, first), (2.0, self.second), (3.0, self.third)].into_iter()
+    }
+
     /// Whether it is the sine alone.
     #[must_use]
     pub fn is_sine(&self) -> bool {

@@ -1,0 +1,292 @@
+//! The closed loop on a drive of two tones, in both fidelities.
+
+use std::vec::Vec;
+
+use super::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+use crate::control::{Event, Limits, Report, SecondTone, Settings, State, Target};
+
+const TOLD: SecondTone = SecondTone {
+    ratio: 0.15,
+    phase: 2.356,
+};
+
+/// The default feeder with a drive that affords a second tone, and what is told of it true.
+fn scene(change: impl Fn(&mut Settings)) -> Scene {
+    let mut scene = Scene {
+        target: Target::Tones {
+            k: 0.35,
+            second: TOLD,
+        },
+        ..Scene::default()
+    };
+    scene.settings.second_tone = 0.25;
+    change(&mut scene.settings);
+    scene.drive.resonance = scene.settings.resonance;
+    scene.drive.quality = scene.settings.quality;
+    scene.drive.gain = scene.settings.gain;
+    scene.drive.second_gain = scene.settings.second_gain;
+    scene.drive.second_lag = scene.settings.second_lag;
+    scene.drive.second_quality = scene.settings.quality;
+    scene
+}
+
+/// Distance of two second tones in the amplitude of the first.
+fn apart(a: SecondTone, b: SecondTone) -> f32 {
+    let part = |tone: SecondTone| {
+        [
+            tone.ratio * libm::cosf(tone.phase),
+            tone.ratio * libm::sinf(tone.phase),
+        ]
+    };
+    let ([x, y], [u, v]) = (part(a), part(b));
+    libm::hypotf(x - u, y - v)
+}
+
+/// What a scene of drives of all kinds has in common.
+fn drives() -> [(&'static str, Scene); 6] {
+    [
+        ("a second mode at twice the frequency", scene(|_| ())),
+        ("one below it", scene(|s| s.second_lag = 30.0)),
+        (
+            "one that moves against it",
+            scene(|s| s.second_lag = -150.0),
+        ),
+        (
+            "springs far above",
+            scene(|s| {
+                (s.quality, s.resonance, s.gain) = (3.0, 150.0, 2.0);
+                s.second_gain = 0.0;
+            }),
+        ),
+        (
+            "a voice coil",
+            scene(|s| {
+                (s.quality, s.resonance, s.gain) = (1.0, 10.0, 30.0);
+                s.second_gain = 0.0;
+            }),
+        ),
+        (
+            "300 Hz",
+            scene(|s| {
+                (s.frequency, s.resonance) = (300.0, 300.0);
+                (s.gain, s.second_gain, s.safe_amplitude) = (0.03, 0.015, 0.005);
+                s.acceleration_limit = 300.0;
+            }),
+        ),
+    ]
+}
+
+#[test]
+fn every_drive_holds_the_second_tone_in_both_fidelities() {
+    for (name, scene) in drives() {
+        let mut closed = ClosedLoop::build(&scene).unwrap();
+        let mut envelope = EnvelopeLoop::build(&scene).unwrap();
+        let mut most = 0.0_f32;
+        for n in 0..400 {
+            let (slow, fast) = (closed.cycle().report, envelope.cycle().report);
+            let (amplitude, made) = closed.plant().tones();
+            if n > 20 {
+                most = most.max(made.ratio);
+            }
+            if n < 300 {
+                continue;
+            }
+            // In e: 0.3 % of the first tone's amplitude, four times what the noise of a reading moves.
+            assert!(
+                apart(slow.second, TOLD) < 3e-3,
+                "{name} {n}: {:?}",
+                slow.second
+            );
+            assert!(
+                apart(fast.second, TOLD) < 3e-3,
+                "{name} {n}: {:?}",
+                fast.second
+            );
+            // Springs far above the frequency pass the held output's steps on to the accelerometer: it reads a stiff drive
+            // late, by (w0/w)^2 w h/2.
+            let stiff = scene.settings.resonance / scene.settings.frequency;
+            let late = 0.5 * core::f32::consts::TAU * scene.settings.frequency / 20e3;
+            let late = if stiff > 1.0 {
+                1.5 * stiff * stiff * late
+            } else {
+                0.0
+            };
+            assert!(
+                apart(made, TOLD) < 3e-3 + 0.15 * 1.1 * late,
+                "{name} {n}: {made:?}"
+            );
+            assert!((amplitude / slow.amplitude - 1.0).abs() < 0.06, "{name}");
+            assert_eq!(
+                (slow.state, slow.limits),
+                (State::Holding, Limits::default())
+            );
+        }
+        assert!(most < 1.06 * TOLD.ratio, "{name}: {most}");
+    }
+}
+
+/// A drive that is told wrong by a factor and by an angle in degrees: the cycle of the event that says so, the largest
+/// ratio on the way, and the last report.
+fn told_wrong(factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
+    let mut scene = scene(|_| ());
+    scene.drive.second_gain *= factor;
+    scene.drive.second_lag += degrees;
+    let mut closed = ClosedLoop::build(&scene).unwrap();
+    let (mut noted, mut most) = (None, 0.0_f32);
+    for n in 0..400 {
+        let report = closed.cycle().report;
+        if noted.is_none() && report.events.iter().any(|e| e == Event::SecondToneUnlike) {
+            noted = Some(n);
+        }
+        if n > 20 {
+            most = most.max(closed.plant().tones().1.ratio);
+        }
+    }
+    (noted, most, closed.controller().report())
+}
+
+#[test]
+fn a_drive_told_wrong_is_noticed_and_learnt_and_small_errors_are_only_learnt() {
+    for (factor, degrees, noticed) in [
+        (1.0, 0.0, false),
+        (1.2, 8.0, false),
+        (0.8, -8.0, false),
+        (2.0, 0.0, true),
+        (0.5, 0.0, true),
+        (1.0, 30.0, true),
+        (1.0, -30.0, true),
+        (2.0, 30.0, true),
+        (0.5, -30.0, true),
+    ] {
+        let (noted, most, report) = told_wrong(factor, degrees);
+        assert_eq!(noted.is_some(), noticed, "{factor} {degrees}: {noted:?}");
+        assert!(
+            noted.is_none_or(|n| n < 150),
+            "{factor} {degrees}: {noted:?}"
+        );
+        assert!(
+            apart(report.second, TOLD) < 5e-3,
+            "{factor} {degrees}: {:?}",
+            report.second
+        );
+        assert!(report.limits.is_empty());
+        // While it is learnt, e may be larger; the peak acceleration is watched.
+        assert!(most < 1.5 * TOLD.ratio, "{factor} {degrees}: {most}");
+    }
+    // Beyond what the loop's margins bear the second tone is given up, and that holds the drive back.
+    let (noted, _, report) = told_wrong(1.0, -150.0);
+    assert!(noted.is_some() && report.limits.contains(Limits::SECOND_TONE));
+    assert!(report.second.ratio < 0.01, "{:?}", report.second);
+}
+
+#[test]
+fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
+    let last = |scene: &Scene, cycles: usize| {
+        let mut closed = ClosedLoop::build(scene).unwrap();
+        let (mut outputs, mut pushes) = (0.0_f32, 0.0_f32);
+        for n in 0..cycles {
+            let shown = closed.cycle_shown(|sample| outputs = outputs.max(sample.output.abs()));
+            let (amplitude, tone) = closed.plant().tones();
+            if n > 20 {
+                let [_, push] = tone.peaks();
+                pushes = pushes.max(push * amplitude * 98_696.0);
+            }
+            let _ = shown;
+        }
+        (closed.controller().report(), outputs, pushes)
+    };
+    // Output: the first tone takes what it needs, the second what is left.
+    let mut weak = scene(|s| (s.output_maximum, s.second_gain) = (0.35, 0.5));
+    let (report, most, _) = last(&weak, 300);
+    assert!(report.limits.contains(Limits::SECOND_TONE), "{report:?}");
+    assert!(!report.limits.contains(Limits::OUTPUT));
+    assert!(
+        most <= 0.35 && (report.k - 0.35).abs() < 0.005,
+        "{most} {report:?}"
+    );
+    assert!(
+        (0.05..0.14).contains(&report.second.ratio),
+        "{:?}",
+        report.second
+    );
+    // Acceleration: 28 m/s^2 with one tone, 43 with both.
+    weak = scene(|s| s.acceleration_limit = 36.0);
+    let (report, _, push) = last(&weak, 300);
+    assert!(report.limits.contains(Limits::SECOND_TONE) && (report.k - 0.35).abs() < 0.005);
+    assert!(
+        (0.03..0.14).contains(&report.second.ratio),
+        "{:?}",
+        report.second
+    );
+    assert!(push < 36.0 * 1.03, "{push}");
+    // Link lost: there is none, at once, before the amplitude has gone down.
+    let mut lost = scene(|s| s.link_timeout = 0.5);
+    lost.disturbances = core::iter::once(Disturbance {
+        at: 4.0,
+        change: Change::Link(false),
+    })
+    .collect();
+    let (report, _, _) = last(&lost, 275);
+    assert!(
+        report.limits.contains(Limits::LINK_LOST) && report.second.ratio < 0.02,
+        "{report:?}"
+    );
+    // A fault: no output of either kind.
+    let mut hot = scene(|_| ());
+    hot.disturbances = core::iter::once(Disturbance {
+        at: 4.0,
+        change: Change::OverTemperature(true),
+    })
+    .collect();
+    let (report, _, _) = last(&hot, 210);
+    assert_eq!(report.state, State::Fault);
+    assert_eq!(
+        (report.command.amplitude, report.command.overtone),
+        (0.0, Default::default())
+    );
+}
+
+#[test]
+fn parts_go_into_gear_from_rest_on_two_tones_and_do_the_same_in_both_fidelities() {
+    let mut scene = scene(|_| ());
+    scene.target = Target::Tones {
+        k: 0.35,
+        second: TOLD,
+    };
+    // docs/theory-real-parts.md: one amplitude for the whole sort.
+    scene.parts = [0.15, 0.2, 0.25, 0.3].into_iter().collect();
+    let mut closed = ClosedLoop::build(&scene).unwrap();
+    let mut envelope = EnvelopeLoop::build(&scene).unwrap();
+    for n in 0..600 {
+        closed.cycle();
+        envelope.advance();
+        if n < 500 {
+            continue;
+        }
+        let mut strikes = [Vec::new(), Vec::new()];
+        for (list, from) in strikes
+            .iter_mut()
+            .zip([closed.plant().strikes(), envelope.plant().strikes()])
+        {
+            list.extend(
+                from.iter()
+                    .map(|strike| (strike.part, strike.phase, strike.speed)),
+            );
+            list.sort_by_key(|(part, ..)| *part);
+        }
+        // Each part strikes once a cycle.
+        assert_eq!(strikes[0].len(), 4, "{n}: {strikes:?}");
+        for (a, b) in strikes[0].iter().zip(&strikes[1]) {
+            assert!(
+                (a.1 - b.1).abs() < 0.05 && (a.2 / b.2 - 1.0).abs() < 0.02,
+                "{n}: {a:?} {b:?}"
+            );
+        }
+    }
+    // They are conveyed alike.
+    let (a, b) = (
+        closed.plant().displacement(),
+        envelope.plant().displacement(),
+    );
+    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
+}
