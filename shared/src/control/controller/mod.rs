@@ -12,7 +12,7 @@ use num_complex::Complex32 as Complex;
 use crate::control::drive::{
     AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone,
 };
-use crate::control::hear::{Cycle, Listener};
+use crate::control::hear::{Cycle, Ear, GearHearing, Listener};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::report::{Inputs, Report, StartCause};
 use crate::control::settings::Settings;
@@ -140,7 +140,11 @@ impl Controller {
             amplitude,
             selection: Selection::at(target, settings, &scale)?,
             machine: StateMachine::begin(start, settings.frequency, settings.capture_attempts),
-            listener: Listener::build()?,
+            listener: Listener::build(GearHearing::new(
+                settings.restitution_low,
+                settings.restitution_high,
+                settings.scatter,
+            ))?,
             identifier: Identifier::new(),
             lead: 0.0,
             news: Events::default(),
@@ -234,8 +238,15 @@ impl Controller {
                     self.scale.most_output(self.expected[0]),
                 );
                 let wanted = self.machine.listens_for_chaos();
+                let ear = Ear {
+                    count: self.count,
+                    lead,
+                    order: self.order().unwrap_or(1),
+                    k: self.scale.k(measured),
+                    second: self.seen.second,
+                };
                 self.listener
-                    .cycle(cycle, self.count, lead, self.selection.lock(), wanted);
+                    .cycle(cycle, &ear, self.selection.lock(), wanted);
                 self.follow_resonance(measured);
                 self.make_second_tone(&motion, &mut events);
             }

@@ -1,13 +1,13 @@
 //! What the parts are heard to do: the lock, and the regime.
 
-use super::gear::GearHearing;
+use super::gear::{Ear, GearHearing};
 use super::margin::Margin;
 use super::phases::PhaseStatistics;
 use super::signal::Cycle;
 use crate::arithmetic::Phase;
 use crate::control::hear::LockWindow;
 use crate::feeder::OutOfRange;
-use crate::regime::classify::{Classifier, HearingSettings, Verdict};
+use crate::regime::classify::{Classifier, HearingSettings, Regime, Verdict};
 
 /// Cycles from one look at the regime to the next: its search for periods is the costliest part of a cycle.
 const LOOK: u32 = 8;
@@ -28,10 +28,10 @@ pub struct Listener {
 
 impl Listener {
     /// Nothing heard yet.
-    pub fn build() -> Result<Self, OutOfRange> {
+    pub fn build(gear: GearHearing) -> Result<Self, OutOfRange> {
         Ok(Self {
             hearing: PhaseStatistics::default(),
-            gear: GearHearing::default(),
+            gear,
             classifier: Classifier::build(HearingSettings::EAR)?,
             regime: None,
             watched: true,
@@ -53,17 +53,10 @@ impl Listener {
         self.regime = None;
     }
 
-    /// Takes what was heard in cycle number `count`; `wanted` is whether the regime decides something.
-    pub fn cycle(
-        &mut self,
-        cycle: &Cycle,
-        count: u32,
-        lead: Phase,
-        lock: Option<&LockWindow>,
-        wanted: bool,
-    ) {
-        let order = lock.map_or(1, |lock| lock.order);
-        self.gear.cycle(cycle, count, lead, order);
+    /// Takes what was heard in a cycle; `wanted` is whether the regime decides something.
+    pub fn cycle(&mut self, cycle: &Cycle, ear: &Ear, lock: Option<&LockWindow>, wanted: bool) {
+        let Ear { count, lead, .. } = *ear;
+        self.gear.cycle(cycle, ear);
         let lock = lock.map(|lock| (lock.phase, lock.width));
         self.hearing.cycle(cycle, lead, lock);
         for heard in &cycle.heard {
@@ -74,13 +67,24 @@ impl Listener {
         }
         self.classifier.cycle(count);
         if count.is_multiple_of(LOOK) && (self.watched || wanted) {
-            self.regime = Some(self.classifier.verdict());
+            self.regime = Some(self.judged(self.classifier.verdict()));
+        }
+    }
+
+    /// A verdict, but for parts that strike as regularly as a lock where none strikes: they hop, chatter unheard and rest.
+    fn judged(&self, verdict: Verdict) -> Verdict {
+        match verdict.regime {
+            Regime::Locked { order } if !self.gear.may_lock_at(self.hearing.phase()) => Verdict {
+                regime: Regime::HopAndRest { cycles: order },
+                ..verdict
+            },
+            _ => verdict,
         }
     }
 
     /// How far the parts are from losing gear; `None` before enough was heard.
     pub fn margin(&self) -> Option<Margin> {
-        None
+        self.gear.margin()
     }
 
     /// Confidence that the parts are in a lock, 0..1.

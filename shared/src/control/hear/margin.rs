@@ -3,7 +3,7 @@
 /// What the parts' phases say of their gear, without the setpoint being moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Margin {
-    /// Trace of the tangent map of the parts' orbit (symbol tr J), over one impact.
+    /// Trace of the tangent map of one impact (symbol tr J), `1 + R^2 - A (1 + R)^2/k`, with A averaged over the impacts.
     pub trace: f32,
     /// Restitution (symbol R) as heard, 0..1.
     pub restitution: f32,
@@ -13,6 +13,6 @@ pub struct Margin {
     pub scatter: f32,
     /// Distance of the trace from the doubling of the period, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
     pub flip: f32,
-    /// Expected drive cycles until gear is lost; infinite where that is beyond 10^6.
+    /// Expected drive cycles until gear is lost: those in gear over its losses and one, so that it is a least where none was heard.
     pub to_loss: f32,
 }
