@@ -105,7 +105,7 @@ impl Engine<'_> {
                 let controller = closed.controller();
                 let amplitude = controller.amplitude();
                 Ok(Glance {
-                    time: closed.plant().seconds(),
+                    time: closed.seconds(),
                     state: controller.state(),
                     events: controller.events(),
                     amplitude,
@@ -145,7 +145,7 @@ impl Engine<'_> {
     /// Impacts of the last cycle.
     pub fn strikes(&self) -> &[Strike] {
         match self {
-            Self::Envelope(closed) => closed.plant().strikes(),
+            Self::Envelope(closed) => closed.strikes(),
             Self::Whole(Whole::Waveform(closed), _) => closed.plant().strikes(),
             Self::Whole(Whole::Board(closed), _) => closed.plant().strikes(),
             Self::Whole(Whole::Given(_, strikes), _) => strikes,

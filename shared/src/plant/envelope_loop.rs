@@ -2,12 +2,13 @@
 
 use super::closed_loop::Moment;
 use super::envelope::EnvelopePlant;
+use super::part::Strike;
 use super::scene::{Change, Scene};
 use super::timeline::Timeline;
 use crate::control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
 use crate::feeder::OutOfRange;
 
-/// Controller and [`EnvelopePlant`], joined as [`ClosedLoop`](super::ClosedLoop) joins controller,
+/// Controller and a plant that goes from cycle to cycle, joined as [`ClosedLoop`](super::ClosedLoop) joins controller,
 /// signal path and plant: what the controller commands at the end of a cycle drives the cycle after next.
 ///
 /// ```
@@ -154,10 +155,16 @@ impl EnvelopeLoop {
         &mut self.controller
     }
 
-    /// The plant.
+    /// Impacts of the last cycle.
     #[must_use]
-    pub fn plant(&self) -> &EnvelopePlant {
-        &self.plant
+    pub fn strikes(&self) -> &[Strike] {
+        self.plant.strikes()
+    }
+
+    /// Time since the start in s.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.plant.seconds()
     }
 }
 

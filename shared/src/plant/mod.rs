@@ -32,7 +32,6 @@ mod two_tones;
 
 pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Moment, Sample};
-pub use envelope::EnvelopePlant;
 pub use envelope_loop::EnvelopeLoop;
 pub use feeder::Plant;
 pub use noise::Noise;

@@ -367,7 +367,7 @@ impl Kernel for Hybrid {
             shape: Shape::new(&set_up),
             threshold: Fixed::<30>::nearest(k.min(1.0)),
             excess: (k - 1.0).max(0.0) as f32,
-            half_turn_fall: Fixed::<48, i64>::nearest(k * core::f64::consts::PI),
+            half_turn_fall: Fixed::<48, i64>::nearest_positive(k * core::f64::consts::PI),
             restitution: Fixed::<32, u32>::nearest(restitution),
         })
     }

@@ -120,6 +120,7 @@ impl<K: Kernel> Follow<K> {
 
     /// Cycles since the start of the kick.
     #[must_use]
+    #[cfg(feature = "unstable")]
     pub fn time(&self) -> f32 {
         self.time
     }

@@ -10,7 +10,10 @@ mod kick;
 mod lag;
 mod plan;
 
+#[cfg(feature = "unstable")]
 pub use follow::{Follow, Outcome, Trial};
+#[cfg(not(feature = "unstable"))]
+use follow::{Follow, Outcome, Trial};
 pub use kick::{Kick, KickSettings};
 pub(crate) use lag::Envelope;
 pub use lag::{DriveLag, DriveLagSettings};

@@ -25,6 +25,7 @@ pub struct Lot {
 impl Lot {
     /// Part number `index` of the lot: the four corners of restitution and amplitude error first, then
     /// an evenly filling sequence (Roberts' R2, additive recurrence of the plastic number).
+    #[cfg_attr(not(feature = "unstable"), doc(hidden))]
     #[must_use]
     pub fn part(&self, index: u32) -> Trial {
         let (a, b) = match index {
