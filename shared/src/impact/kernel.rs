@@ -144,7 +144,13 @@ pub trait WaveKernel: Kernel {
 pub(super) fn accept_phase(phase: f64) -> Result<(), OutOfRange> {
     const MOST: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
     let accepted = "-1.3e7..1.3e7 rad: 2^21 turns, 2^53 steps of the phase";
-    accept("phase", phase, (-MOST..=MOST).contains(&phase), accepted).map(|_| ())
+    // The bits of positive numbers are in their order, NaN's beyond: software f64 takes far longer to compare.
+    let accepts = libm::fabs(phase).to_bits() <= MOST.to_bits();
+    if accepts {
+        Ok(())
+    } else {
+        accept("phase", phase, accepts, accepted).map(|_| ())
+    }
 }
 
 #[cfg(test)]

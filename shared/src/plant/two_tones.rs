@@ -266,7 +266,7 @@ fn parts_go_into_gear_from_rest_on_two_tones_and_do_the_same_in_both_fidelities(
         let mut strikes = [Vec::new(), Vec::new()];
         for (list, from) in strikes
             .iter_mut()
-            .zip([closed.plant().strikes(), envelope.plant().strikes()])
+            .zip([closed.plant().strikes(), envelope.strikes()])
         {
             list.extend(
                 from.iter()
@@ -286,7 +286,7 @@ fn parts_go_into_gear_from_rest_on_two_tones_and_do_the_same_in_both_fidelities(
     // They are conveyed alike.
     let (a, b) = (
         closed.plant().displacement(),
-        envelope.plant().displacement(),
+        envelope.moment().displacement,
     );
     assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }
