@@ -517,7 +517,7 @@ mod tests {
                 if cycle == SETTLED {
                     watch.begin(cycle as f64 * TAU);
                 }
-                for strike in closed.plant().strikes() {
+                for strike in closed.strikes() {
                     let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
                     let flight = f64::from(strike.flight) * TAU;
                     if strike.rested {
