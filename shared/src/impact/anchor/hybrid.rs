@@ -313,13 +313,24 @@ fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64
 }
 
 impl Flight for Ballistic<'_> {
+    // Each tried at other values over 420 000 launches, 60 000 of them grazing.
+    //
+    // Half of it doubles the errors of slow flights, and 2 more launches next to the top of the track are wrong; twice as
+    // much halves them, at a longer way for flights that a node decides as well.
     const SHORT: f32 = 0.06;
+    // From 0.06 to 1 no impact is wrong or flagged that is not now: from here on it is settled with all digits.
     const LEAP: f32 = 0.25;
+    // From 1e-4 to 1e-2 the same.
     const SLOW: f32 = 1e-3;
     const FINAL: bool = false;
+    // What is left is its cube: from 2e-4 on the same errors, at 5e-3 a seventh more near lift-off.
     const NEAR: f32 = 1e-3;
+    // Two steps of 2^-30.
     const PULL: f32 = 2e-9;
+    // Eleven steps of 2^-30. With 3e-9 none more of the 60 000 is wrong, with 1e-9 321.
     const ROUNDING: f32 = 1e-8;
+    // What the rounding of the velocity at launch moves the height by. Without it none more is wrong; it flags 62 of the
+    // 60 000.
     const DRIFT: f32 = 3e-11;
 
     fn local(&self, node: i32) -> Local {

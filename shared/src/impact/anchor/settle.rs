@@ -2,6 +2,31 @@
 
 use super::flight::{Flight, Local, abs, larger, root, smaller};
 
+// Each of these chooses between two ways to the same impact. Measured over 420 000 launches: none more is wrong, nor more
+// than 2 flagged, within what is said of it.
+
+/// The farthest from a node at which its expansion is used, in rad: what it leaves out, `d^5/120`, is then below
+/// 2e-10. From 0.02 to 1 no impact changes: hardly any first step leads so far.
+const FARTHEST: f32 = 0.03;
+
+/// The longest step in rad of the careful way. The search came nearer than this, but where three roots nearly meet
+/// within rounding: such an impact is flagged. At 0.003 1300 more are, at 0.3 no fewer.
+const LONGEST_STEP: f32 = 0.02;
+
+/// Largest `b2 u0` over the slope's square, and longest last step in rad, of a root that Newton's step with its
+/// quadratic correction settles: it leaves `2 SIMPLE^2` of the step, 1.6e-8 rad. From 1e-5 to 0.02 each.
+const SIMPLE: f32 = 2e-3;
+
+/// Largest cubic correction of Cauchy's step, as a share of it: beyond, the cubic is not small. From 0 to 10.
+const CORRECTION: f32 = 0.25;
+
+/// The longest last step of Cauchy's, in rad: it leaves its square over the distance of the two roots. At 0.02 the
+/// errors of touching flights are three times as large, at 2e-5 six touches more of 60 000 are told in f32.
+const LAST_STEP: f32 = 2e-4;
+
+/// Steps after which it ends where it is: with 2 one touch more is missed in f32, from 4 to 16 none.
+const ROUNDS: u32 = 8;
+
 /// A settled impact: offset from its node in rad, and the arrival speed less minus the node's slope.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settled {
@@ -39,8 +64,7 @@ pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Se
     if left < 0.0 {
         return Some(settled);
     }
-    // So near to the node the expansion holds.
-    if abs(settled.offset) < 0.03 {
+    if abs(settled.offset) < FARTHEST {
         let (settled, left) = settle_once::<F>(k, local, settled.offset);
         return (left < 0.0).then_some(settled);
     }
@@ -87,14 +111,12 @@ pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 /// The first root from `offset` near a node, also where two roots nearly meet; and whether it is doubtful.
 #[inline(never)]
 pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settled, bool) {
-    // The search came nearer than this, but where three roots nearly meet within rounding.
-    const LONGEST_STEP: f32 = 0.02;
     let mut doubtful = false;
     let mut round = 0;
     loop {
         let (height, gain, b2) = expand(k, &local, offset);
         let slope = local.slope + gain;
-        let simple = slope < 0.0 && abs(height * b2) < 2e-3 * slope * slope;
+        let simple = slope < 0.0 && abs(height * b2) < SIMPLE * slope * slope;
         let (mut e, square) = if simple {
             let newton = height / slope;
             (-newton * (1.0 + b2 * newton / slope), 0.0)
@@ -103,7 +125,7 @@ pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settle
         };
         if square > 0.0 {
             let cubic = e * e * e * local.surge * (1.0 / 6.0) / square;
-            if abs(cubic) < 0.25 * abs(e) {
+            if abs(cubic) < CORRECTION * abs(e) {
                 e += cubic;
             }
         }
@@ -112,7 +134,7 @@ pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settle
             doubtful = true;
         }
         round += 1;
-        if (simple && abs(e) < 2e-3) || abs(e) < 2e-4 || round >= 8 {
+        if (simple && abs(e) < SIMPLE) || abs(e) < LAST_STEP || round >= ROUNDS {
             return (finished(&local, offset, gain, b2, e), doubtful);
         }
         offset += e;

@@ -26,7 +26,7 @@ pub(crate) struct Shape {
 
 impl Shape {
     pub fn new(set_up: &SetUp) -> Self {
-        // How far into a hump the cubic of [`Shape::clears`] holds.
+        // How far into a hump the cubic of [`Shape::clears`] holds: `k x / (4 c)` is 0.12 and `x^2 / 20` 0.08 there.
         let reach = (0.48 * set_up.lift_off_cosine / set_up.k).min(1.26);
         Self {
             k: set_up.k as f32,
@@ -49,7 +49,8 @@ impl Shape {
     }
 
     /// Whether a down-crossing `steps` after launch at `phase` comes before the end of the next hump, and
-    /// not so soon that it may be launch itself or is settled with more digits as a short hop.
+    /// not so soon that it may be launch itself or is settled with more digits as a short hop: a fifth below
+    /// the longest of these, for a candidate is only nearly the impact. Between 0 and half of them nothing changes.
     #[inline(always)]
     pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
@@ -68,6 +69,8 @@ impl Shape {
         let to_lift_off = self.lift_off.wrapping_sub(launch.phase).wrapping_sub(1);
         let x = to_lift_off as f32 * RADIANS_PER_STEP;
         let v = launch.velocity + launch.cosine;
+        // Less and more than rounding makes them. Without the first, 41 of 420 000 launches in f32 are not flagged
+        // that touch within rounding; ten times as much changes none.
         let height = x * (v - self.half_k * x) - launch.pull - 1e-4;
         let fall = larger(self.lift_off_cosine + self.k * x - v, 0.0) + 1e-5;
         height > 0.0

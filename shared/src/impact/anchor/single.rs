@@ -102,6 +102,8 @@ impl Single {
             };
         }
         let mut pull = self.shape.k - sine;
+        // There the difference has lost its digits. From 1e-5 to 1e-2 the same are right; at 0.05, where the cubic about
+        // the end of the hump ends, 10 of 420 000 are not.
         if pull < 1e-3 && pull > -1e-3 {
             pull = self.shape.pull_near_ends(phase);
         }
@@ -276,13 +278,25 @@ struct Ballistic {
 }
 
 impl Flight for Ballistic {
+    // Each tried at other values over 420 000 launches, 60 000 of them grazing.
+    //
+    // At half of it flights next to the top of the track have five times the error, at a quarter and at four times of it
+    // 58 and 53 more of the 420 000 are wrong.
     const SHORT: f32 = 0.25;
+    // The last step of an approach leaves its cube: at twice of it slow flights have twice the error, at half 5 % less.
     const LEAP: f32 = 0.03;
+    // At a third of it the errors of slow flights grow by a sixth and 245 fewer are flagged; from there to ten times it
+    // the same are.
     const SLOW: f32 = 0.015;
     const FINAL: bool = true;
+    // From a fifth to twenty times of it no error changes: the careful way takes over.
     const NEAR: f32 = 5e-3;
+    // An ulp of 1. Without it 76 launches next to lift-off are not flagged.
     const PULL: f32 = 1.2e-7;
+    // Some eighty ulps, the roundings of a height at 60 b w. `grazing_flights_are_decided_down_to_rounding` promises it; a
+    // tenth flags 6700 fewer of the 60 000 and none more of them is wrong by more than a thousandth of its flight.
     const ROUNDING: f32 = 1e-5;
+    // Eight ulps for each rad. Without it 1300 fewer are flagged.
     const DRIFT: f32 = 1e-6;
 
     #[inline(always)]

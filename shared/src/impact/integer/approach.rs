@@ -20,7 +20,7 @@ const SPACING: Fixed<17> = Fixed::<17>::of(node::SPACING);
 /// Nodes in a radian.
 const NODES_PER_RADIAN: Fixed<6> = Fixed::<6>::of(node::COUNT as f64 / TAU);
 /// The longest last step, in rad: from there on it is settled with all digits.
-const LAST: Fixed<16> = Fixed(2600);
+const LAST: Fixed<16> = Fixed::<16>::of(0.03967);
 
 /// The node nearest to a time in turns, and how late it is.
 #[inline(always)]

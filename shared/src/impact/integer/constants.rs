@@ -6,13 +6,14 @@ use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, node};
 use crate::impact::set_up::SetUp;
 
-/// An arrival that is slower may be a graze within rounding.
+/// An arrival that is slower may be a graze within rounding: its squares are taken with all digits.
 pub(super) const SLOW: Fixed<26> = Fixed::<26>::of(1.0 / 64.0);
 /// A flight of 1/16 rad in steps of a phase: shorter ones have a form that keeps every digit.
 pub(super) const SHORT: i64 = (Phase::STEPS_PER_RADIAN / 16.0) as i64;
 /// Half a rad in steps of a phase.
 pub(super) const HALF: i64 = 8 * SHORT;
-/// The farthest that the expansion about a node is used, in rad.
+/// The farthest that the expansion about a node is used, in rad: a little over the distance of two nodes, and within
+/// the 2^-5 that the powers hold.
 pub(super) const REACH: Fixed<34> = Fixed::<34>::at_most(1.0 / 40.0);
 /// Distance of two nodes in rad.
 pub(super) const SPACING: Fixed<34> = Fixed::<34>::of(node::SPACING);

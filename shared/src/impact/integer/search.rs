@@ -54,6 +54,7 @@ impl Ballistic<'_> {
             (height, slope) = self.at_begin(begin);
         }
         let mut grazes = false;
+        // With 4, 2500 more of 420 000 are given up and flagged; with 6 none.
         for _ in 0..16 {
             if height <= Fixed::<30>::ZERO {
                 let low = begin - (Phase::STEPS - i64::from(constants.hump));
@@ -192,9 +193,13 @@ impl Ballistic<'_> {
         let d = Fixed((left.0 + right.0) / 2);
         let powers = Powers::of(d);
         let height = self.height(&local, d, &powers);
-        // The cosine at launch, rounded to 4e-9, moves the height by that times the flight.
+        // Steps that the height's products round by. With 6 no more of 60 000 grazing flights are wrong, with 3 34 more,
+        // with 0 458.
+        const ROUNDED: u32 = 11;
+        // The cosine at launch, rounded to 4e-9, moves the height by that times the flight: 5 steps of 2^-30 for each
+        // radian. With a sixteenth of it 2 more are wrong, without it 11.
         let drift = (self.steps_to(node) >> 27) as u32;
-        let touches = height.unsigned_abs().0 < 11 + drift;
+        let touches = height.unsigned_abs().0 < ROUNDED + drift;
         let turns: Fixed<32> = d.times(TURNS_PER_RADIAN);
         let place = (self.steps_to(node) + i64::from(turns.0)).clamp(begin, end);
         (

@@ -76,6 +76,7 @@ impl NearLaunch {
             }
             round += 1;
             // Or the steps go around the root by the resolution of a small pull.
+            // With 6 rounds 41 of 420 000 are wrong, with 10 none.
             if step.unsigned_abs() <= d.to::<22>().unsigned_abs().scaled() || round == 24 {
                 // u' = -d (d G)' / 2 at the root; half a step rounds.
                 let slope = slope - 2 * (high(self.third, step.0) >> 2);
@@ -102,7 +103,8 @@ impl NearLaunch {
         let (mean, _) = self.mean_and_slope(d);
         if self.twice >= wide_signed(d.0, mean) {
             // So near to the throw d G has its greatest value, at 3 pull / (2 cos), before the right end,
-            // and 2 psi is above it.
+            // and 2 psi is above it. At 1/24 of the cosine 16 more of 420 000 are wrong, at 1/64 9 fewer, at 1/256 the
+            // search no longer finds its bracket.
             let clears = self.down == 0 && self.pull > 0 && self.pull < self.cosine >> 5;
             return if clears {
                 ShortFlight::Clears {
@@ -207,6 +209,7 @@ impl Ballistic<'_> {
         let first = Fixed::<34>(first as i32);
         // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
         let bend: Fixed<30> = reciprocal.times(Fixed::<30>(near.third).times::<34, 32>(first));
+        // Larger, the first terms say nothing; from 1/4 on the start may overflow.
         if bend.abs() < Fixed::<30>::of(1.0 / 16.0) {
             let square: Fixed<30> = bend.times(bend);
             near.hop(first + first.times(bend + square + square))
