@@ -17,7 +17,7 @@ pub struct Trial {
 
 impl Trial {
     /// Every trial.
-    pub const ALL: [Self; 2] = [
+    pub const ALL: [Self; 3] = [
         Self {
             name: "default",
             cycles: 500,
@@ -27,6 +27,11 @@ impl Trial {
             name: "eventful",
             cycles: 500,
             scene: eventful,
+        },
+        Self {
+            name: "scattering",
+            cycles: 250,
+            scene: scattering,
         },
     ];
 
@@ -90,6 +95,22 @@ fn powered() -> Scene {
             .collect(),
         ..Scene::default()
     }
+}
+
+/// Parts whose restitution scatters, the second more than the first, and both more from 3 s on.
+fn scattering() -> Scene {
+    let mut scene = powered();
+    scene.target = Target::K(0.43);
+    scene.parts = [0.2, 0.3].into_iter().collect();
+    scene.scatter = [0.05, 0.1].into_iter().collect();
+    // Loud enough to be seen in the amplitude that is measured.
+    scene.sensor.ringing = 100.0;
+    let more = Disturbance {
+        at: 3.0,
+        change: Change::Scatter(0.15),
+    };
+    scene.disturbances.extend([more]);
+    scene
 }
 
 /// The default scene with livelier parts.

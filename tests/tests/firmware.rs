@@ -65,6 +65,22 @@ fn an_eventful_scene_is_the_desks_bit_for_bit() {
     trace_is_the_desks("eventful");
 }
 
+#[test]
+fn parts_that_scatter_are_the_desks_bit_for_bit() {
+    trace_is_the_desks("scattering");
+    // The trace tells the parts' impacts: without scatter it is another.
+    let scattering = Trial::named("scattering").unwrap().scene();
+    let mut constant = scattering.clone();
+    constant.scatter.clear();
+    constant.disturbances.truncate(2);
+    let rows = |scene: &Scene| {
+        let mut desk = ClosedLoop::build(scene).unwrap();
+        let row = |_| trial::TraceRow(&desk.cycle().report).to_string();
+        (0..250).map(row).collect::<Vec<_>>()
+    };
+    assert_ne!(rows(&scattering), rows(&constant));
+}
+
 /// Runs into trouble: the drive goes off before anything else is said, and after the reset the last
 /// words are still there.
 fn trouble(word: &'static str, last_words: &str) {

@@ -138,9 +138,13 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         phases = phases.level(expected, "lock");
     }
     let settings = &outcome.file().scene.settings;
-    let picture = Picture::new("A feeder under control")
+    let mut told = String::new();
+    if outcome.file().scatters() {
+        told = format!(", restitution scatters: {}", outcome.regime());
+    }
+    let mut picture = Picture::new("A feeder under control")
         .caption(format!(
-            "{} Hz, incline {}°, R {}..{}, Q {}, target {}",
+            "{} Hz, incline {}°, R {}..{}, Q {}, target {}{told}",
             settings.frequency,
             settings.incline,
             settings.restitution_low,
@@ -151,6 +155,16 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .panel(amplitude)
         .panel(throw)
         .panel(phases);
+    if outcome.file().scatters() {
+        let share = Axis::new("share of time in gear", Unit::NONE, 0.0, 1.05);
+        let mut gear = Panel::new(time(), share)
+            .height(140.0)
+            .line("heard", 0, sketch.in_gear());
+        if let Some(share) = outcome.in_gear() {
+            gear = gear.level(share, "true, mean");
+        }
+        picture = picture.panel(gear);
+    }
     Some(picture)
 }
 

@@ -325,6 +325,7 @@ pub struct Sketch {
     amplitude: Curve,
     reference: Curve,
     k: Curve,
+    in_gear: Curve,
     /// References of the last two cycles: each is for the cycle after next.
     ahead: [f32; 2],
     states: Vec<(f64, State)>,
@@ -347,6 +348,7 @@ impl Sketch {
             amplitude: Curve::default(),
             reference: Curve::default(),
             k: Curve::default(),
+            in_gear: Curve::default(),
             ahead: [0.0; 2],
             states: Vec::new(),
             time: 0.0,
@@ -362,10 +364,16 @@ impl Sketch {
         self.reference.take(time, f64::from(self.ahead[1]));
         self.ahead = [glance.reference, self.ahead[0]];
         self.k.take(time, f64::from(glance.k));
+        self.in_gear.take(time, f64::from(glance.in_gear));
         self.within += 1;
         if self.within == self.stretch {
             self.within = 0;
-            for curve in [&mut self.amplitude, &mut self.reference, &mut self.k] {
+            for curve in [
+                &mut self.amplitude,
+                &mut self.reference,
+                &mut self.k,
+                &mut self.in_gear,
+            ] {
                 curve.end_stretch();
             }
         }
@@ -417,6 +425,12 @@ impl Sketch {
     #[must_use]
     pub fn k(&self) -> Vec<(f64, f64)> {
         self.k.drawn()
+    }
+
+    /// Share of time in gear as heard, over time.
+    #[must_use]
+    pub fn in_gear(&self) -> Vec<(f64, f64)> {
+        self.in_gear.drawn()
     }
 
     /// The states one after the other, each with the time from which it was held.

@@ -327,6 +327,45 @@ mod tests {
         assert_ne!(one.runs[0], large.runs[0]);
     }
 
+    /// R = 0.3, s = 0.05 at k = 0.45: in gear for 0.811 of the time by an independent program (regime/gear.rs), in the
+    /// plant of either fidelity, and the same bits for any number of threads.
+    #[test]
+    fn parts_that_scatter_are_in_gear_as_the_map_says_in_both_fidelities() {
+        let text = super::super::DEFAULT
+            .replace("restitution = [0.18, 0.22]", "restitution = 0.3")
+            .replace(
+                "# scatter = 0.04",
+                "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #",
+            );
+        let mut file = SceneFile::parse(&text).unwrap();
+        file.scene.target = Target::K(0.45);
+        file.duration = 60.0;
+        for fidelity in Fidelity::ALL {
+            let run = |threads| {
+                let desk = Desk::new(Some(threads)).unwrap();
+                Runs::run("", &file, 3, fidelity, &desk).unwrap()
+            };
+            let runs = run(1);
+            assert_eq!(runs, run(3));
+            // 18 parts for 2750 periods each, gear lost every 27 of them: the error of the mean is 0.01.
+            let share = runs.in_gear().unwrap();
+            assert!((share - 0.811).abs() < 0.03, "{fidelity:?}: {share}");
+            assert!(runs.runs[0].in_gear != runs.runs[1].in_gear);
+            assert!(
+                runs.runs[0].regime.starts_with("in gear 0.8"),
+                "{:?}",
+                runs.runs[0]
+            );
+        }
+        // Without scatter it is the lock or nothing; in lock, always.
+        file.scene.scatter.clear();
+        file.scene.target = Target::Locked { order: 1 };
+        file.duration = 10.0;
+        let desk = Desk::new(Some(1)).unwrap();
+        let runs = Runs::run("", &file, 1, Fidelity::Envelope, &desk).unwrap();
+        assert!(runs.in_gear().unwrap() > 0.9, "{runs:?}");
+    }
+
     #[test]
     fn the_interval_of_a_share_holds_it_and_stays_within_0_and_1() {
         let run = |reached| Run {

@@ -350,6 +350,21 @@ mod tests {
                 "actual = [0.2, -1]",
                 &["part.actual = -1"],
             ),
+            (
+                "# scatter = 0.04",
+                "scatter = 0.31 #",
+                &["part.scatter = 0.31", "0..0.3", "0.03 to 0.15"],
+            ),
+            (
+                "# scatter = 0.04",
+                "scatter = [0.03, 0.05] #",
+                &["part.scatter = [0.03, 0.05]", "one for each of the 1 parts"],
+            ),
+            (
+                "# scatter = 0.04",
+                "scatter = \"some\" #",
+                &["part.scatter = \"some\""],
+            ),
             ("duration = 10.0", "", &["duration = (missing)"]),
             (
                 "duration = 10.0",
@@ -415,6 +430,7 @@ mod tests {
             ("at = 20.0\ngain = 0.7", "disturbance 1.at = 20"),
             ("at = 2.0\ngain = -1", "disturbance 1.gain = -1"),
             ("at = 2.0\nenable = 1", "disturbance 1.enable = 1"),
+            ("at = 2.0\nscatter = 0.5", "disturbance 1.scatter = 0.5"),
             ("gain = 0.7", "disturbance 1.at = (missing)"),
         ] {
             let message = refusal(&with(text));
