@@ -6,7 +6,8 @@
 use std::path::PathBuf;
 
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{Tone, Wave};
+use kband::impact::{Scatter, Tone, Wave};
+use kband::plant::Noise;
 
 use crate::file::Destination;
 use crate::picture::{Picture, Theme};
@@ -145,6 +146,54 @@ pub struct DriveArguments {
     /// Incline of the track in degrees, positive where parts climb.
     #[arg(long, value_name = "DEG", default_value = "3", value_parser = within(-60.0, 60.0, "degrees"))]
     pub incline: f64,
+}
+
+/// Restitution that scatters from impact to impact.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ScatterArguments {
+    /// Standard deviation of the restitution from impact to impact (s); that of bodies that tumble is 0.05 to 0.15.
+    #[arg(long, value_name = "S", default_value = "0", value_parser = within(0.0, 0.3, ""))]
+    pub scatter: f64,
+
+    /// Seed of the scatter.
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub seed: u64,
+}
+
+impl ScatterArguments {
+    /// The restitutions of orbit number `stream` about a mean; `None` where nothing scatters.
+    pub fn stream(self, mean: f64, stream: u64) -> Result<Option<Scatter>, OutOfRange> {
+        if self.scatter == 0.0 {
+            return Ok(None);
+        }
+        // Each orbit has a stream of its own: neighbouring numbers give unrelated ones.
+        let mut seeds = Noise::new(self.seed.rotate_left(32).wrapping_add(stream));
+        let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
+        Scatter::build(mean, self.scatter, seed).map(Some)
+    }
+}
+
+/// Refuses restitution that scatters, for a question that has no answer then.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct NoScatter {
+    /// Only 0: what this verb tells is that of one restitution.
+    #[arg(long, value_name = "S", hide = true, value_parser = within(0.0, 0.3, ""))]
+    scatter: Option<f64>,
+}
+
+impl NoScatter {
+    /// Refused where something scatters; `why` there is no answer, and what asks instead.
+    pub fn check(self, why: &str, next: &str) -> Result<(), Refusal> {
+        match self.scatter {
+            Some(scatter) if scatter > 0.0 => Err(Refusal::value(
+                "--scatter",
+                scatter,
+                format!("0: {why}"),
+                next,
+            )),
+            _ => Ok(()),
+        }
+    }
 }
 
 impl DriveArguments {

@@ -1,20 +1,50 @@
 //! Where an orbit of the exact map ends.
 
 mod followed;
+mod gears;
 mod memory;
 
 use std::f64::consts::TAU;
+use std::sync::OnceLock;
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{Event, Kernel, Map, Orbit, State};
 use kband::regime::HIGHEST_ORDER;
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
+use kband::regime::{exponent, gear};
 
 use followed::Followed;
+pub use gears::{Gears, InGear};
 
 use crate::picture::Fill;
 use crate::refusal::Refusal;
+
+/// Impacts after which every verb gives up an orbit that neither closed nor came to rest, where the user says nothing else.
+pub const FOLLOWED: usize = 20_000;
+
+/// Impacts for which a part from rest is followed until it rests again: one orbit for all that rest once, so that it may
+/// be a long one.
+const RELAUNCHED: usize = 200_000;
+
+/// Impacts for which irregular flights next to the period-1 orbit of an order must stay in gear before any of that order
+/// are called chaos.
+const HELD: usize = 100_000;
+
+/// Impacts left out at the start of those.
+const SETTLING: usize = 1000;
+
+/// Orders of gear in which chaos is told.
+const ORDERS: usize = 8;
+
+/// What a regime is called where it is told of an orbit that was followed for so many impacts.
+#[must_use]
+pub fn told(regime: Regime, followed: usize) -> String {
+    match regime {
+        Regime::Undecided => format!("undecided after {followed} impacts"),
+        other => name(other),
+    }
+}
 
 /// What a regime is called in tables and legends.
 #[must_use]
@@ -74,6 +104,8 @@ pub struct Endings {
     /// past is left.
     after_rest: Regime,
     impacts: usize,
+    /// Whether irregular flights in gear stay there, by order from 1.
+    held: [OnceLock<bool>; ORDERS],
 }
 
 impl Endings {
@@ -94,12 +126,9 @@ impl Endings {
             locks,
             after_rest: Regime::Rest,
             impacts,
+            held: Default::default(),
         };
-        if let Some(cycles) = relaunch(&map, impacts) {
-            endings.after_rest = Regime::HopAndRest { cycles };
-        } else if k < 1.0 {
-            endings.after_rest = endings.follow(Orbit::from_rest(&map));
-        }
+        endings.after_rest = endings.relaunched();
         Ok(endings)
     }
 
@@ -143,7 +172,7 @@ impl Endings {
             if let Some((index, start)) = waiting.next()
                 && block.put(lane, &self.map, *start).is_ok()
             {
-                *flying = Some((index, Followed::new()));
+                *flying = Some((index, Followed::new(self.impacts)));
             }
         };
         for (lane, flying) in flying.iter_mut().enumerate() {
@@ -173,7 +202,7 @@ impl Endings {
     }
 
     fn follow(&self, orbit: Orbit<'_>) -> Regime {
-        let mut followed = Followed::new();
+        let mut followed = Followed::new(self.impacts);
         for event in orbit {
             match event {
                 Event::Impact(impact) => {
@@ -185,33 +214,49 @@ impl Endings {
                 Event::LiftOff { .. } => {}
             }
         }
-        followed.verdict()
+        self.after_rest
     }
-}
 
-/// Drive cycles from one lift-off to the next of a part that starts from rest, where it comes to rest
-/// again within so many impacts.
-fn relaunch(map: &Map, impacts: usize) -> Option<u32> {
-    let mut time = 0.0;
-    let mut count = 0;
-    let mut lifted = false;
-    for event in Orbit::from_rest(map) {
-        match event {
-            Event::Impact(impact) => {
-                time += impact.flight;
-                count += 1;
-                if count > impacts {
-                    return None;
+    /// Where a part thrown off from rest ends: if at rest again, after so many drive cycles from one lift-off to the next.
+    fn relaunched(&self) -> Regime {
+        let mut followed = Followed::new(self.impacts.max(RELAUNCHED));
+        let mut time = 0.0;
+        let mut lifted = false;
+        for event in Orbit::from_rest(&self.map) {
+            match event {
+                Event::Impact(impact) => {
+                    time += impact.flight;
+                    if let Some(end) = followed.take(self, &impact) {
+                        return end;
+                    }
                 }
+                Event::Rest { chatter, .. } => time += chatter,
+                Event::LiftOff { wait, .. } if lifted => {
+                    let cycles = ((time + wait) / TAU).round() as u32;
+                    return Regime::HopAndRest { cycles };
+                }
+                Event::LiftOff { .. } => lifted = true,
             }
-            Event::Rest { chatter, .. } => time += chatter,
-            Event::LiftOff { wait, .. } if lifted => {
-                return Some(((time + wait) / TAU).round() as u32);
-            }
-            Event::LiftOff { .. } => lifted = true,
         }
+        Regime::Rest
     }
-    None
+
+    /// Whether irregular flights in gear of an order stay there: told by one orbit from beside the period-1 orbit, as a
+    /// gear has one attractor at a time. Long transients are not held: all of them leave gear sooner or later.
+    fn holds(&self, order: u32) -> bool {
+        let known = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
+        known.is_some_and(|held| *held.get_or_init(|| self.is_held(order)))
+    }
+
+    fn is_held(&self, order: u32) -> bool {
+        let period = TAU * f64::from(order);
+        let mut orbit = Orbit::new(&self.map, exponent::start(&self.map, order));
+        (0..HELD).all(|n| match orbit.next() {
+            Some(Event::Impact(impact)) => n < SETTLING || gear::is_in_gear(impact.flight, period),
+            Some(Event::LiftOff { .. }) => n == 0,
+            Some(Event::Rest { .. }) | None => false,
+        })
+    }
 }
 
 #[cfg(test)]

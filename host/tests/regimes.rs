@@ -119,6 +119,199 @@ fn an_exponent_has_its_error_and_rest_is_no_chaos() {
     assert_eq!(rest[0]["motion"], "rest");
 }
 
+/// The same question, asked of each verb that answers it: where a part ends that starts from rest, and one that starts
+/// in flight.
+#[test]
+fn every_verb_gives_the_same_answer() {
+    for (k, restitution, expected) in [
+        ("0.43", "0.2", "hops and rests"),
+        ("0.405", "0.2", "locked, r = 1"),
+        ("0.35", "0.2", "chaotic"),
+        // Irregular for thousands of impacts, and then at rest: no chaos.
+        ("0.4", "0.7", "hops and rests"),
+        ("0.05", "0.9", ""),
+        ("1.2", "0.5", "rests for ever"),
+    ] {
+        let at = ["--k", k, "--restitution", restitution];
+        let basins = json(&[&["basins", "--grid", "2"][..], &at].concat());
+        let from_rest = basins["from_rest"].as_str().expect("words").to_string();
+        assert!(
+            from_rest.starts_with(expected),
+            "{k} {restitution}: {from_rest}"
+        );
+        let transport = json(&[&["transport", "--starts", "2"][..], &at].concat());
+        let rows = transport["rows"].as_array().expect("rows").iter();
+        let rested: Vec<_> = rows.filter(|row| row["from_rest"] == true).collect();
+        assert_eq!(rested.len(), 1);
+        assert_eq!(rested[0]["regime"], from_rest.as_str());
+        let beside = format!("{k}..{}:2", k.parse::<f64>().expect("a number") + 0.01);
+        let diagram = json(&[
+            "diagram",
+            "--k",
+            &beside,
+            "--restitution",
+            restitution,
+            "--starts",
+            "rest",
+        ]);
+        assert_eq!(diagram["regimes"][0]["regime"], from_rest.as_str());
+        // The middles of the cells of a grid of 2 by 2.
+        let (status, csv, _) =
+            kband(&[&["basins", "--grid", "2", "--format", "csv"][..], &at].concat());
+        assert_eq!(status, 0);
+        for line in csv.lines().skip(1) {
+            let mut cells = line.splitn(3, ',');
+            let (phase, velocity) = (
+                cells.next().expect("phase"),
+                cells.next().expect("velocity"),
+            );
+            let ending = cells.next().expect("regime").trim_matches('"');
+            let start = ["--phase", phase, "--velocity", velocity, "--impacts", "320"];
+            let exponent = json(&[&["exponent"][..], &at, &start].concat());
+            assert_eq!(exponent[0]["regime"], ending, "{k} {restitution} {line}");
+        }
+    }
+}
+
+#[test]
+fn what_has_not_settled_is_undecided_with_how_long_it_was_followed() {
+    let few = [
+        "basins",
+        "--k",
+        "0.05",
+        "--restitution",
+        "0.9",
+        "--grid",
+        "4",
+        "--impacts",
+        "100",
+    ];
+    let basins = json(&few);
+    let shares = basins["shares"].as_array().expect("shares");
+    assert!(
+        shares
+            .iter()
+            .any(|one| one["regime"] == "undecided after 100 impacts"),
+        "{shares:?}"
+    );
+    assert!(shares.iter().all(|one| one["regime"] != "chaotic"));
+}
+
+#[test]
+fn scatter_is_seeded_and_refused_where_nothing_is_left_to_tell() {
+    let impacts = |seed: &'static str, scatter: &'static str| {
+        let orbit = [
+            "impacts",
+            "--k",
+            "0.43",
+            "--restitution",
+            "0.3",
+            "--phase",
+            "0.5",
+            "--velocity",
+            "0.4",
+            "--count",
+            "30",
+        ];
+        let (status, out, err) =
+            kband(&[&orbit[..], &["--scatter", scatter, "--seed", seed]].concat());
+        assert_eq!(status, 0, "{err}");
+        out
+    };
+    assert_eq!(impacts("3", "0.05"), impacts("3", "0.05"));
+    assert_ne!(impacts("3", "0.05"), impacts("4", "0.05"));
+    assert_eq!(impacts("3", "0"), impacts("4", "0"));
+    // docs/theory-real-parts.md#t10.1: gear at k = 0.45 for 0.81 of the time, none at 0.523.
+    let over = [
+        "diagram",
+        "--restitution",
+        "0.3",
+        "--k",
+        "0.45..0.523:2",
+        "--starts",
+        "rest",
+        "--scatter",
+        "0.05",
+    ];
+    let diagram = json(&over);
+    assert_eq!(diagram["regimes"][0]["regime"], "in gear about 0.8, r = 1");
+    let transport = json(&[
+        "transport",
+        "--restitution",
+        "0.3",
+        "--k",
+        "0.45",
+        "--scatter",
+        "0.05",
+        "--impacts",
+        "2000",
+    ]);
+    close(&transport["rows"][0]["in_gear"], 0.811, 0.05);
+    // At the end of the cascade of R = 0.2, 0.3587, scatter makes chaos of what doubles without it.
+    let exponent = |scatter| {
+        let at = [
+            "exponent",
+            "--restitution",
+            "0.2",
+            "--k",
+            "0.362",
+            "--scatter",
+            scatter,
+            "--impacts",
+            "50000",
+        ];
+        json(&at)[0]["exponent"].as_f64().expect("a number")
+    };
+    assert!(exponent("0") < -0.01 && exponent("0.01") > 0.0);
+    for (arguments, words) in [
+        (
+            &[
+                "basins",
+                "--k",
+                "0.43",
+                "--restitution",
+                "0.2",
+                "--scatter",
+                "0.05",
+            ][..],
+            "kband gear --scatter",
+        ),
+        (
+            &["cascade", "--scatter", "0.05"],
+            "kband exponent --scatter",
+        ),
+        (
+            &[
+                "transport",
+                "--k",
+                "0.05",
+                "--restitution",
+                "0.9",
+                "--show",
+                "intervals",
+                "--scatter",
+                "0.1",
+            ],
+            "--show",
+        ),
+        (&["exponent", "--band", "--scatter", "0.05"], "--band"),
+        (
+            &["exponent", "--restitution", "0", "--scatter", "0.05"],
+            "0.000001..1",
+        ),
+        (&["exponent", "--scatter", "0.4"], "0..0.3"),
+        (&["diagram", "--scatter", "0.31"], "0..0.3"),
+        (
+            &["impacts", "--from", "x.csv", "--scatter", "0.1"],
+            "--from",
+        ),
+    ] {
+        let (status, out, err) = kband(arguments);
+        assert_eq!((status, out.as_str()), (2, ""), "{arguments:?}: {err}");
+        assert!(err.contains(words), "{arguments:?}: {err}");
+    }
+}
+
 #[test]
 fn a_capture_prints_what_it_cost_and_is_the_same_for_any_number_of_threads() {
     let arguments = [

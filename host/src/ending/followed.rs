@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Impact, State};
 use kband::regime::classify::Regime;
+use kband::regime::gear;
 
 use super::Endings;
 use super::memory::{MEMORY, Memory};
@@ -11,9 +12,17 @@ use super::memory::{MEMORY, Memory};
 /// Distance in rad and units of `b w` at which an attracting period-1 orbit holds what comes near it.
 const AT_THE_LOCK: f64 = 1e-5;
 
+/// Impacts after which what did not close is weighed by its last ones, again and again.
+const WEIGHED: usize = 6000;
+
 /// An orbit on its way to its ending.
 pub(super) struct Followed {
     count: usize,
+    /// Impacts after which it is given up.
+    limit: usize,
+    /// Impacts after which its last ones are weighed next.
+    weigh_next: usize,
+    row: Row,
     keep_next: usize,
     kept: Kept,
     /// The last impacts, once there are not many left.
@@ -23,9 +32,12 @@ pub(super) struct Followed {
 }
 
 impl Followed {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(limit: usize) -> Self {
         Self {
             count: 0,
+            limit,
+            weigh_next: WEIGHED.min(limit),
+            row: Row::default(),
             keep_next: 16,
             kept: Kept::default(),
             memory: Memory::default(),
@@ -36,9 +48,6 @@ impl Followed {
     /// Takes the next impact; the ending, once it is known.
     pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<State>) -> Option<Regime> {
         self.count += 1;
-        if self.count > endings.impacts {
-            return Some(self.verdict());
-        }
         if let Some(lock) = endings.lock_after(impact.flight)
             && (impact.next.velocity - lock.state().velocity).abs() < AT_THE_LOCK
             && lock.distance(impact.next) < AT_THE_LOCK
@@ -50,8 +59,17 @@ impl Followed {
         if let Some((impacts, time)) = self.kept.returned(impact.next, impact.flight) {
             return Some(named(impacts, (time / TAU).round() as u32));
         }
-        if self.count + MEMORY + 1 > endings.impacts {
+        self.row.take(impact.flight);
+        if self.count + MEMORY > self.weigh_next {
             self.memory.take(impact.flight);
+        }
+        if self.count == self.weigh_next {
+            let end = self.weigh(endings);
+            if end != Regime::Undecided || self.count >= self.limit {
+                return Some(end);
+            }
+            self.weigh_next = (self.count + WEIGHED).min(self.limit);
+            self.memory = Memory::default();
         }
         if self.count == self.keep_next {
             self.kept = Kept {
@@ -63,9 +81,41 @@ impl Followed {
         None
     }
 
-    /// What it is, as far as its last impacts tell.
-    pub(super) fn verdict(&self) -> Regime {
-        self.memory.verdict()
+    /// What it is, as far as its last impacts tell. What repeats nothing is chaos where flights in its gear are known to
+    /// stay there; elsewhere it may still come to rest, and nothing is decided.
+    fn weigh(&self, endings: &Endings) -> Regime {
+        match self.memory.verdict() {
+            Regime::Chaotic => {
+                let held = self.row.count >= MEMORY && endings.holds(self.row.order);
+                if held {
+                    Regime::Chaotic
+                } else {
+                    Regime::Undecided
+                }
+            }
+            other => other,
+        }
+    }
+}
+
+/// Flights in gear of one order, in a row.
+#[derive(Clone, Copy, Debug, Default)]
+struct Row {
+    order: u32,
+    period: f64,
+    count: usize,
+}
+
+impl Row {
+    #[inline]
+    fn take(&mut self, flight: f64) {
+        if gear::is_in_gear(flight, self.period) {
+            self.count += 1;
+            return;
+        }
+        let order = (flight / TAU).round();
+        (self.order, self.period) = (order as u32, order * TAU);
+        self.count = usize::from(gear::is_in_gear(flight, self.period));
     }
 }
 

@@ -8,9 +8,9 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde_json::json;
 
-use crate::arguments::{self, Drawn, Printed};
+use crate::arguments::{self, Drawn, NoScatter, Printed};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FILLS};
+use crate::ending::{self, Endings, FILLS, FOLLOWED};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Printout, Table, number};
@@ -41,8 +41,11 @@ pub struct Arguments {
     velocity: f64,
 
     /// Impacts after which a start that has not settled counts as undecided.
-    #[arg(long, value_name = "N", default_value = "6000", value_parser = arguments::count(10, 10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = FOLLOWED, value_parser = arguments::count(10, 10_000_000))]
     impacts: usize,
+
+    #[command(flatten)]
+    scatter: NoScatter,
 
     #[command(flatten)]
     printed: Printed,
@@ -54,6 +57,10 @@ pub struct Arguments {
 /// Draws the basins.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
+    arguments.scatter.check(
+        "a part whose restitution scatters forgets how it started, and ends nowhere",
+        "ask kband gear --scatter for how much of the time it is in gear",
+    )?;
     let endings = Endings::new(arguments.k, arguments.restitution, arguments.impacts)?;
     let side = arguments.grid;
     // The starts are the middles of the cells.
@@ -90,16 +97,17 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     ]);
     for (end, count) in &counts {
         table.push([
-            ending::name(*end).into(),
+            ending::told(*end, arguments.impacts).into(),
             (100.0 * share(*count)).into(),
             (*count).into(),
         ]);
     }
     let shares: Vec<_> = counts
         .iter()
-        .map(|(end, count)| json!({"regime": ending::name(*end), "share": share(*count), "starts": count}))
+        .map(|(end, count)| json!({"regime": ending::told(*end, arguments.impacts), "share": share(*count), "starts": count}))
         .collect();
     let listed = Arc::clone(&ends);
+    let followed = arguments.impacts;
     let report = Printout::new(table)
         .heading(format!(
             "Where parts end at k = {}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
@@ -107,12 +115,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             number(arguments.restitution, 6),
             number(top, 6)
         ))
-        .note(format!("A part that starts from rest: {}", ending::name(endings.from_rest())))
+        .note(format!("A part that starts from rest: {}", ending::told(endings.from_rest(), arguments.impacts)))
         .json(&json!({
             "k": arguments.k,
             "restitution": arguments.restitution,
             "shares": shares,
-            "from_rest": ending::name(endings.from_rest()),
+            "from_rest": ending::told(endings.from_rest(), arguments.impacts),
         }))?
         .csv(move |out| {
             writeln!(out, "phase (rad),velocity (b w),regime")?;
@@ -123,7 +131,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                     "{},{},\"{}\"",
                     number(phase, 17),
                     number(velocity, 17),
-                    ending::name(*end)
+                    ending::told(*end, followed)
                 )?;
             }
             Ok(())
@@ -149,7 +157,7 @@ fn picture(
                 let general = FILLS.iter().find(|(known, _)| *known == fill);
                 *name = general.map_or("", |(_, name)| name).into();
             }
-            None => legend.push((fill, ending::name(*regime), *count)),
+            None => legend.push((fill, ending::told(*regime, arguments.impacts), *count)),
         }
     }
     let words: Vec<(Fill, String)> = legend

@@ -2,7 +2,7 @@
 
 use kband::regime::cascade::{Cascade, CascadeEnd, FEIGENBAUM, HIGHEST_DOUBLINGS};
 
-use crate::arguments::{self, Drawn, Printed};
+use crate::arguments::{self, Drawn, NoScatter, Printed};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
@@ -30,6 +30,9 @@ pub struct Arguments {
     doublings: usize,
 
     #[command(flatten)]
+    scatter: NoScatter,
+
+    #[command(flatten)]
     printed: Printed,
 
     #[command(flatten)]
@@ -39,6 +42,10 @@ pub struct Arguments {
 /// Prints the flips and draws them.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
+    arguments.scatter.check(
+        "what scatters repeats nothing that could double",
+        "ask kband exponent --scatter for what is left of the cascade",
+    )?;
     let cascade = Cascade::locate(
         arguments.restitution,
         arguments.order as u32,

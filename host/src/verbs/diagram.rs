@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use kband::impact::{Kernel, Map};
 use serde::Serialize;
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
+use crate::arguments::{self, Drawn, DriveArguments, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
@@ -64,6 +64,9 @@ pub struct Arguments {
     /// Impacts in each column before the first that is drawn.
     #[arg(long, value_name = "N", default_value = "500", value_parser = arguments::count(0, 10_000_000))]
     settle: usize,
+
+    #[command(flatten)]
+    scatter: ScatterArguments,
 
     #[command(flatten)]
     printed: Printed,

@@ -2,10 +2,14 @@
 
 use kband::impact::{Kernel, Map, State};
 use kband::regime::chaos::ChaoticBand;
-use kband::regime::exponent::{Dynamics, Exponent, ExponentSettings, measure, start};
+use kband::regime::classify::Regime;
+use kband::regime::exponent::{
+    Dynamics, Exponent, ExponentSettings, measure, measure_scattered, start,
+};
 
-use crate::arguments::{self, Drawn, Printed, Range};
+use crate::arguments::{self, Drawn, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
+use crate::ending::{self, Endings, FOLLOWED};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Printout, Table, number};
@@ -48,6 +52,9 @@ pub struct Arguments {
     #[arg(long, value_name = "PSI", value_parser = arguments::within(0.0, 1000.0, "b w"), requires = "phase")]
     velocity: Option<f64>,
 
+    #[command(flatten)]
+    scatter: ScatterArguments,
+
     /// Also measure the chaotic band below the cascade.
     #[arg(long)]
     band: bool,
@@ -57,6 +64,13 @@ pub struct Arguments {
 
     #[command(flatten)]
     drawn: Drawn,
+}
+
+impl Arguments {
+    /// Impacts for which an orbit is followed to its ending: as far as it is measured.
+    fn followed(&self) -> usize {
+        FOLLOWED.max(self.settle + self.impacts)
+    }
 }
 
 /// Prints the exponents.
@@ -73,8 +87,31 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             (Some(phase), Some(velocity)) => State { phase, velocity },
             _ => start(&map, arguments.order as u32),
         };
-        Ok(measure(&map, start, settings)?)
+        if let Some(scatter) = arguments.scatter.stream(map.restitution(), n as u64)? {
+            let exponent = measure_scattered(&map, start, settings, scatter)?;
+            return Ok(Found {
+                exponent,
+                ending: None,
+            });
+        }
+        // An elastic part has no ending of its own.
+        let ending = if arguments.restitution < 1.0 {
+            let endings = Endings::new(values[n], arguments.restitution, arguments.followed())?;
+            Some(endings.of(start))
+        } else {
+            None
+        };
+        let exponent = measure(&map, start, settings)?;
+        Ok(Found { exponent, ending })
     })?;
+    if arguments.band && arguments.scatter.scatter > 0.0 {
+        return Err(Refusal::value(
+            "--scatter",
+            arguments.scatter.scatter,
+            "0 with --band: the band is that of orbits of one restitution",
+            "leave one of the two out",
+        ));
+    }
     let band = if arguments.band {
         ChaoticBand::measure(arguments.restitution, arguments.order as u32, 1e-3, 20_000)?
     } else {
@@ -86,11 +123,22 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-fn words(dynamics: Dynamics) -> &'static str {
-    match dynamics {
+/// What was found at one k.
+struct Found {
+    exponent: Exponent,
+    /// Where the orbit ends; `None` where its restitution scatters or is 1.
+    ending: Option<Regime>,
+}
+
+/// What the orbit was seen to be. A positive exponent is that of chaos where the orbit ends in chaos; a transient has one
+/// too, until it comes to rest.
+fn words(found: &Found) -> &'static str {
+    match found.exponent.dynamics {
         Dynamics::Regular => "regular",
-        Dynamics::Chaotic => "chaotic",
-        Dynamics::Undecided => "undecided",
+        Dynamics::Chaotic if found.ending.is_none_or(|ending| ending == Regime::Chaotic) => {
+            "chaotic"
+        }
+        Dynamics::Chaotic | Dynamics::Undecided => "undecided",
         Dynamics::Rest { .. } => "rest",
     }
 }
@@ -98,7 +146,7 @@ fn words(dynamics: Dynamics) -> &'static str {
 fn report(
     arguments: &Arguments,
     values: &[f64],
-    found: &[Exponent],
+    found: &[Found],
     band: Option<ChaoticBand>,
 ) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
@@ -110,9 +158,11 @@ fn report(
         Column::new("mean_flight", "cycles"),
         Column::new("motion", ""),
         Column::new("rest_after", "impacts"),
+        Column::new("regime", ""),
     ]);
     let finite = |value: f64| value.is_finite().then_some(value);
-    for (k, exponent) in values.iter().zip(found) {
+    for (k, found) in values.iter().zip(found) {
+        let exponent = &found.exponent;
         let after = match exponent.dynamics {
             Dynamics::Rest { after } => Some(after),
             _ => None,
@@ -124,13 +174,23 @@ fn report(
             finite(exponent.per_cycle.value).into(),
             finite(exponent.per_cycle.error).into(),
             finite(exponent.flight).into(),
-            words(exponent.dynamics).into(),
+            words(found).into(),
             after.into(),
+            found
+                .ending
+                .map(|ending| ending::told(ending, arguments.followed()))
+                .into(),
         ]);
     }
     let mut report = Printout::new(table).heading(format!(
-        "R = {}, {} impacts after {} to settle",
-        arguments.restitution, arguments.impacts, arguments.settle
+        "R = {}{}, {} impacts after {} to settle",
+        arguments.restitution,
+        match arguments.scatter.scatter {
+            0.0 => String::new(),
+            scatter => format!(" scattering by {scatter}"),
+        },
+        arguments.impacts,
+        arguments.settle
     ));
     if arguments.band {
         report = report.note(match band {
@@ -151,17 +211,17 @@ fn report(
 fn picture(
     arguments: &Arguments,
     values: &[f64],
-    found: &[Exponent],
+    found: &[Found],
     band: Option<ChaoticBand>,
 ) -> Picture {
-    let point = |wanted: &dyn Fn(Dynamics) -> bool| -> Vec<(f64, f64)> {
+    let point = |wanted: &dyn Fn(&str) -> bool| -> Vec<(f64, f64)> {
         values
             .iter()
             .zip(found)
-            .filter(|(_, exponent)| {
-                wanted(exponent.dynamics) && exponent.per_impact.value.is_finite()
+            .filter(|(_, found)| {
+                wanted(words(found)) && found.exponent.per_impact.value.is_finite()
             })
-            .map(|(k, exponent)| (*k, exponent.per_impact.value))
+            .map(|(k, found)| (*k, found.exponent.per_impact.value))
             .collect()
     };
     let all = point(&|_| true);
@@ -194,11 +254,11 @@ fn picture(
         ("transient: until it came to rest", 2),
     ];
     for (name, series) in names {
-        let points = point(&|dynamics| {
-            let drawn = match dynamics {
-                Dynamics::Chaotic => 1,
-                Dynamics::Regular | Dynamics::Undecided => 0,
-                Dynamics::Rest { .. } => 2,
+        let points = point(&|words| {
+            let drawn = match words {
+                "chaotic" => 1,
+                "rest" => 2,
+                _ => 0,
             };
             drawn == series
         });

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State};
 
-use crate::arguments::{self, Drawn};
+use crate::arguments::{self, Drawn, ScatterArguments};
 use crate::desk::Desk;
 use crate::file;
 use crate::refusal::{Exit, Refusal};
@@ -42,6 +42,9 @@ pub struct Arguments {
     /// Velocity relative to the track just after it, units of b w, at least 0.
     #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
     velocity: Option<f64>,
+
+    #[command(flatten)]
+    scatter: ScatterArguments,
 
     /// Number of consecutive impacts.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000), default_value = "1", conflicts_with = "from")]
@@ -130,6 +133,14 @@ fn table<K: Kernel>(
     mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
 ) -> Result<(Table, States), Refusal> {
     let mut states = Vec::new();
+    if arguments.from.is_some() && arguments.scatter.scatter > 0.0 {
+        return Err(Refusal::value(
+            "--scatter",
+            arguments.scatter.scatter,
+            "0 with --from: each row has a restitution of its own",
+            "draw the restitutions in the file",
+        ));
+    }
     if let Some(path) = &arguments.from {
         let Rows { held, places, left } = read_rows::<K>(path, &file::read_text(path)?)?;
         let mut table = Table::new(&[
@@ -166,6 +177,7 @@ fn table<K: Kernel>(
         kernel: K::build(given(arguments.k), given(arguments.restitution))?,
         state: K::state(given(arguments.phase), given(arguments.velocity))?,
     }];
+    let mut scatter = arguments.scatter.stream(given(arguments.restitution), 0)?;
     let mut table = Table::new(&[
         Column::new("n", ""),
         Column::new("phase", "rad").digits(17),
@@ -175,6 +187,9 @@ fn table<K: Kernel>(
     for n in 1..=arguments.count {
         if n % 1024 == 0 {
             desk.go_on()?;
+        }
+        if let Some(scatter) = &mut scatter {
+            row[0].kernel = K::build(given(arguments.k), scatter.draw())?;
         }
         for impact in impacts(&row) {
             let next = K::observe(impact.next);

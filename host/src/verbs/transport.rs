@@ -9,7 +9,7 @@ use kband::impact::{Kernel, Map, State, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
+use crate::arguments::{self, Drawn, DriveArguments, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
@@ -78,6 +78,9 @@ pub struct Arguments {
     settle: usize,
 
     #[command(flatten)]
+    scatter: ScatterArguments,
+
+    #[command(flatten)]
     printed: Printed,
 
     #[command(flatten)]
@@ -123,6 +126,14 @@ type Computed = (Printout, Box<dyn FnOnce() -> Picture>);
 
 fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
     let feeder = Feeder::build(arguments)?;
+    if arguments.scatter.scatter > 0.0 && arguments.show != Show::Speed {
+        return Err(Refusal::value(
+            "--scatter",
+            arguments.scatter.scatter,
+            "0 with --show intervals and --show return, whose formulas are those of one restitution",
+            "leave --show out: the speed is measured with scatter",
+        ));
+    }
     match arguments.show {
         Show::Speed => speed::computed(feeder, arguments, desk),
         Show::Intervals => interval::computed(feeder, arguments, desk),

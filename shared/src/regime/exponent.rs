@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use super::cascade::Estimate;
 use super::lock::Lock;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Event, Kernel, Map, Orbit, State, Tangent};
+use crate::impact::{Event, Kernel, Map, Orbit, Scatter, State, Tangent};
 
 /// Batches whose scatter gives the statistical error.
 const BATCHES: u32 = 32;
@@ -70,18 +70,37 @@ pub fn measure(
     start: State,
     settings: ExponentSettings,
 ) -> Result<Exponent, OutOfRange> {
+    let start = Map::state(start.phase, start.velocity)?;
+    measure_along(map, Orbit::new(map, start), settings)
+}
+
+/// [`measure`] of a part whose restitution `scatter` draws at each impact: how fast two parts apart that meet the same
+/// restitutions.
+pub fn measure_scattered(
+    map: &Map,
+    start: State,
+    settings: ExponentSettings,
+    scatter: Scatter,
+) -> Result<Exponent, OutOfRange> {
+    let start = Map::state(start.phase, start.velocity)?;
+    measure_along(map, Orbit::new(map, start).scattering(scatter)?, settings)
+}
+
+fn measure_along(
+    map: &Map,
+    mut orbit: Orbit<'_>,
+    settings: ExponentSettings,
+) -> Result<Exponent, OutOfRange> {
     accept(
         "impacts",
         f64::from(settings.impacts),
         (10 * BATCHES..=1_000_000_000).contains(&settings.impacts),
         "320..1000000000",
     )?;
-    let start = Map::state(start.phase, start.velocity)?;
     let batch = settings.impacts / BATCHES;
     let mut sums = Sums::default();
     let mut current = Batch::default();
     let mut direction = [1.0, 0.0];
-    let mut orbit = Orbit::new(map, start);
     let mut count = 0_u32;
     let mut rest = None;
     let all = settings.settle.saturating_add(batch * BATCHES);
@@ -99,7 +118,9 @@ pub fn measure(
         count += 1;
         // A grazing impact has no tangent; its neighbourhood has measure zero, and the direction is kept.
         if let Some(tangent) = Tangent::of(map, before, &impact) {
-            let [[a, b], [c, d]] = tangent.jacobian;
+            let [[a, b], row] = tangent.jacobian;
+            // What is left of the speed is left of a difference in it.
+            let [c, d] = row.map(|entry| entry * orbit.drawn());
             let next = [
                 a * direction[0] + b * direction[1],
                 c * direction[0] + d * direction[1],

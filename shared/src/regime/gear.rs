@@ -23,6 +23,13 @@ const FLIGHTS: [f64; 2] = [0.6, 1.4];
 /// Flights in a row that are gear.
 const ROW: u32 = 8;
 
+/// Whether one flight is that of gear, both in the same unit: 0.6 to 1.4 times `period`, the r drive periods of its order.
+#[must_use]
+#[inline]
+pub fn is_in_gear(flight: f64, period: f64) -> bool {
+    FLIGHTS[0] * period < flight && flight < FLIGHTS[1] * period
+}
+
 /// Whether a part is in gear of one order, told event by event.
 ///
 /// It is while every flight takes 0.6 to 1.4 times r drive periods, from the first of at least 8 such flights on, with

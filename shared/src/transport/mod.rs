@@ -30,4 +30,4 @@ pub use inelastic::{DeadFlight, Inelastic};
 pub use interval::Intervals;
 pub use sensitivity::Sensitivity;
 pub use spread::Spread;
-pub use survey::{Effort, Measured, Motion, Origin, measure};
+pub use survey::{Effort, Measured, Motion, Origin, measure, measure_scattered};

@@ -1,7 +1,8 @@
 //! Measuring one orbit after it has settled.
 
 use super::{Conveyed, Conveying};
-use crate::impact::{Contact, Ended, Map, Observer, Orbit, State, Tangential};
+use crate::feeder::OutOfRange;
+use crate::impact::{Contact, Ended, Map, Observer, Orbit, Scatter, State, Tangential};
 
 /// Rad between rests from which on a part counts as hopping.
 const RARELY: f64 = 100.0 * core::f64::consts::TAU;
@@ -83,10 +84,36 @@ pub fn measure(
     effort: Effort,
     also: &mut impl Observer,
 ) -> Measured {
-    let mut orbit = match start {
+    measure_along(map, from(map, start), tangential, effort, also)
+}
+
+/// [`measure`] of a part whose restitution `scatter` draws at each impact, over the impacts asked for: it repeats nothing.
+pub fn measure_scattered(
+    map: &Map,
+    tangential: Tangential,
+    start: Origin,
+    effort: Effort,
+    scatter: Scatter,
+    also: &mut impl Observer,
+) -> Result<Measured, OutOfRange> {
+    let orbit = from(map, start).scattering(scatter)?;
+    Ok(measure_along(map, orbit, tangential, effort, also))
+}
+
+fn from(map: &Map, start: Origin) -> Orbit<'_> {
+    match start {
         Origin::Rest => Orbit::from_rest(map),
         Origin::Hop(state) => Orbit::new(map, state),
-    };
+    }
+}
+
+fn measure_along(
+    map: &Map,
+    mut orbit: Orbit<'_>,
+    tangential: Tangential,
+    effort: Effort,
+    also: &mut impl Observer,
+) -> Measured {
     let mut conveying = Conveying::new(tangential, Contact::new(map));
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();

@@ -1,6 +1,6 @@
 //! The impacts of every column, and where along the columns period 1 attracts.
 
-use kband::impact::{Event, Map, Orbit, State};
+use kband::impact::{Ended, Event, Impact, Map, Observer, Orbit, Scatter, State};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
@@ -8,16 +8,17 @@ use serde::Serialize;
 use super::over::Over;
 use super::{Arguments, ColumnStart};
 use crate::desk::Desk;
-use crate::ending::Endings;
+use crate::ending::{self, Endings, FOLLOWED, Gears, InGear};
+use crate::picture::Fill;
 use crate::refusal::Refusal;
 
 impl Branch {
     /// The stretches of one ending, as first and last column.
-    pub(super) fn regimes(&self) -> Vec<(usize, usize, Regime)> {
-        let mut regimes: Vec<(usize, usize, Regime)> = Vec::new();
+    pub(super) fn regimes(&self) -> Vec<(usize, usize, Ending)> {
+        let mut regimes: Vec<(usize, usize, Ending)> = Vec::new();
         for (n, column) in self.columns.iter().enumerate() {
             match regimes.last_mut() {
-                Some((_, last, ending)) if *ending == column.ending => *last = n,
+                Some((_, last, ending)) if ending.is_one_with(column.ending) => *last = n,
                 _ => regimes.push((n, n, column.ending)),
             }
         }
@@ -35,7 +36,46 @@ pub(super) struct Branch {
 #[derive(Clone)]
 pub(super) struct Struck {
     pub(super) impacts: Vec<State>,
-    pub(super) ending: Regime,
+    pub(super) ending: Ending,
+}
+
+/// What a column is.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Ending {
+    /// It ends in a regime.
+    Regime(Regime),
+    /// Its restitution scatters, and it is in gear for a share of the time.
+    InGear(Option<InGear>),
+}
+
+impl Ending {
+    /// Whether a column beside another is named with it: of one regime, or in gear within the same tenth.
+    fn is_one_with(self, other: Self) -> bool {
+        let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
+        match (self, other) {
+            (Self::Regime(one), Self::Regime(other)) => one == other,
+            (Self::InGear(one), Self::InGear(other)) => one.map(tenth) == other.map(tenth),
+            _ => false,
+        }
+    }
+
+    pub(super) fn name(self) -> String {
+        match self {
+            Self::Regime(regime) => ending::told(regime, FOLLOWED),
+            Self::InGear(Some(gear)) => {
+                format!("in gear about {:.1}, r = {}", gear.share, gear.order)
+            }
+            Self::InGear(None) => "rests for ever".into(),
+        }
+    }
+
+    /// Its fill; what scatters has none.
+    pub(super) fn fill(self) -> Option<Fill> {
+        match self {
+            Self::Regime(regime) => Some(ending::fill(regime)),
+            Self::InGear(_) => None,
+        }
+    }
 }
 
 /// The stretch of columns where the period-1 orbit of an order attracts.
@@ -64,21 +104,35 @@ pub(super) fn follow(
     if starts.contains(&ColumnStart::Rest) {
         tasks.extend((0..maps.len()).map(|column| (ColumnStart::Rest, column)));
     }
-    let endings: Vec<Endings> = maps
+    // What scatters has no ending.
+    let constant = if arguments.scatter.scatter == 0.0 {
+        maps.len()
+    } else {
+        0
+    };
+    let endings: Vec<Endings> = maps[..constant]
         .iter()
-        .map(|map| Endings::new(map.k(), map.restitution(), 3000))
+        .map(|map| Endings::new(map.k(), map.restitution(), FOLLOWED))
         .collect::<Result<_, _>>()?;
-    let one = |column: usize, state: &mut Option<State>| {
-        let endings = &endings[column];
-        let impacts = column_of(&maps[column], state, settle, impacts);
-        let ending = state.map_or(endings.from_rest(), |state| endings.of(state));
-        Struck { impacts, ending }
+    let one = |start: ColumnStart, column: usize, state: &mut Option<State>| {
+        let map = &maps[column];
+        let stream = (column as u64) << 2 | start as u64;
+        let scatter = arguments.scatter.stream(map.restitution(), stream)?;
+        let Some(endings) = endings.get(column) else {
+            return column_in_gear(map, state, settle, impacts, scatter);
+        };
+        let impacts = column_of(map, state, settle, impacts);
+        // Where it ends is asked of its start; a branch that is followed starts where the one before it ended.
+        let followed = state.filter(|_| start != ColumnStart::Rest);
+        let ending = followed.map_or(endings.from_rest(), |state| endings.of(state));
+        let ending = Ending::Regime(ending);
+        Ok::<_, Refusal>(Struck { impacts, ending })
     };
     let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
         let (start, column) = tasks[task];
         let mut order: Vec<usize> = (0..maps.len()).collect();
         match start {
-            ColumnStart::Rest => return Ok(vec![one(column, &mut None)]),
+            ColumnStart::Rest => return Ok(vec![one(start, column, &mut None)?]),
             ColumnStart::Up => {}
             ColumnStart::Down => order.reverse(),
         }
@@ -86,7 +140,7 @@ pub(super) fn follow(
         let mut state = None;
         for column in &order {
             desk.go_on()?;
-            columns.push(one(*column, &mut state));
+            columns.push(one(start, *column, &mut state)?);
         }
         if start == ColumnStart::Down {
             columns.reverse();
@@ -107,6 +161,45 @@ pub(super) fn follow(
         }
     }
     Ok(branches)
+}
+
+/// The impacts of one column whose restitution scatters, as [`column_of`] has them, and in which gear they are.
+fn column_in_gear(
+    map: &Map,
+    state: &mut Option<State>,
+    settle: usize,
+    impacts: usize,
+    scatter: Option<Scatter>,
+) -> Result<Struck, Refusal> {
+    let mut orbit = match *state {
+        Some(state) => Orbit::new(map, state),
+        None => Orbit::from_rest(map),
+    };
+    if let Some(scatter) = scatter {
+        orbit = orbit.scattering(scatter)?;
+    }
+    let mut struck = Landings::default();
+    let mut gears = Gears::watched()?;
+    let mut ended = orbit.watch(settle as u64, &mut ());
+    if ended != Ended::RestsForEver {
+        ended = orbit.watch(impacts as u64, &mut (&mut struck, &mut gears));
+    }
+    let rests = ended == Ended::RestsForEver;
+    *state = (!rests).then(|| orbit.state());
+    Ok(Struck {
+        impacts: struck.0,
+        ending: Ending::InGear(gears.longest().filter(|_| !rests)),
+    })
+}
+
+/// The states just after the impacts.
+#[derive(Default)]
+struct Landings(Vec<State>);
+
+impl Observer for Landings {
+    fn impact(&mut self, _: State, impact: &Impact<State>) {
+        self.0.push(impact.next);
+    }
 }
 
 /// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;

@@ -11,7 +11,7 @@ use super::branch::{Branch, Stretch};
 use super::over::Over;
 use super::{Arguments, Show};
 use crate::arguments::Range;
-use crate::ending::{self, FILLS};
+use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
 use crate::report::{Column, Printout, Table, number};
@@ -42,17 +42,12 @@ impl Diagram {
                     "start": branch.start,
                     "from": low,
                     "to": high,
-                    "regime": ending::name(ending),
+                    "regime": ending.name(),
                 }));
                 // Chaos is full of narrow windows; the table to read shows what is wider than them.
                 if 100 * (last - first + 1) >= self.values.len() {
                     let start = branch.start.name();
-                    table.push([
-                        start.into(),
-                        low.into(),
-                        high.into(),
-                        ending::name(ending).into(),
-                    ]);
+                    table.push([start.into(), low.into(), high.into(), ending.name().into()]);
                 } else {
                     left_out += 1;
                 }
@@ -172,8 +167,12 @@ impl Diagram {
             }
         ))
         .caption(format!(
-            "{}; {} impacts in each of {} columns, after {} to settle",
+            "{}{}; {} impacts in each of {} columns, after {} to settle",
             self.over.fixed(),
+            match arguments.scatter.scatter {
+                0.0 => String::new(),
+                scatter => format!(", scattering by {scatter}"),
+            },
             arguments.impacts,
             self.range.count,
             arguments.settle
@@ -181,7 +180,7 @@ impl Diagram {
         let mut names = Vec::new();
         for (fill, name) in FILLS {
             let mut columns = self.branches.iter().flat_map(|branch| &branch.columns);
-            if columns.any(|column| ending::fill(column.ending) == fill) {
+            if columns.any(|column| column.ending.fill() == Some(fill)) {
                 names.push((fill, name));
             }
         }
@@ -209,7 +208,9 @@ impl Diagram {
                 );
             }
             panel = panel.columns(named("impacts, few to many"), self.values.len(), points);
-            panel = panel.ribbon(self.ribbon(branch), if place == 0 { &names } else { &[] });
+            if !names.is_empty() {
+                panel = panel.ribbon(self.ribbon(branch), if place == 0 { &names } else { &[] });
+            }
             for order in 1..=5 {
                 let [attracting, repelling] = self.period_one(order);
                 panel = panel
@@ -236,9 +237,12 @@ impl Diagram {
         let mut ribbon: Vec<(f64, f64, Fill)> = Vec::new();
         for (first, last, ending) in branch.regimes() {
             let (low, high) = (self.values[first] - half, self.values[last] + half);
+            let Some(found) = ending.fill() else {
+                continue;
+            };
             match ribbon.last_mut() {
-                Some((_, end, fill)) if *fill == ending::fill(ending) => *end = high,
-                _ => ribbon.push((low, high, ending::fill(ending))),
+                Some((_, end, fill)) if *fill == found => *end = high,
+                _ => ribbon.push((low, high, found)),
             }
         }
         ribbon

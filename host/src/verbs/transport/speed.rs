@@ -3,42 +3,38 @@
 mod fit;
 mod page;
 
-use fit::fits;
+use fit::{continues, fits};
 use page::{picture, report};
 
-use kband::impact::{Growth, Kernel, Map, Tangential};
+use kband::impact::{Growth, Kernel, Map, Scatter, Tangential};
 use kband::regime::band;
 use kband::regime::classify::Regime;
-use kband::transport::{Origin, Sensitivity, Spread, measure};
+use kband::transport::{Origin, Sensitivity, Spread, measure, measure_scattered};
 
 use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::arguments::Range;
 use crate::desk::Desk;
-use crate::ending::{self, Endings};
+use crate::ending::{self, Endings, FOLLOWED, Gears, InGear};
 use crate::picture::{Axis, Unit};
 use crate::refusal::Refusal;
 use crate::report::number;
 
-/// The regime as rows and pictures name it: how many cycles a hop and rest takes does not matter here.
-fn named(regime: Regime) -> String {
-    match regime {
-        Regime::HopAndRest { .. } => "hops and rests".into(),
-        other => ending::name(other),
-    }
-}
+/// Drive cycles between rests from which on a part conveys as one that hops on.
+const RARELY: u32 = 100;
 
-/// Regimes whose speeds are one row: all that hop and rest.
-fn alike(one: Regime, other: Regime) -> bool {
-    matches!(
-        (one, other),
-        (Regime::HopAndRest { .. }, Regime::HopAndRest { .. })
-    ) || one == other
+/// Whether a part rests rarely, or was not seen to rest while it hopped irregularly.
+fn hops_on(regime: Regime) -> bool {
+    match regime {
+        Regime::HopAndRest { cycles } => cycles >= RARELY,
+        other => other == Regime::Undecided,
+    }
 }
 
 /// Regimes whose sensitivity is one number: locks of one order, and one kind of any other.
 fn kin(one: Regime, other: Regime) -> bool {
     match (one, other) {
         (Regime::Locked { .. }, _) | (_, Regime::Locked { .. }) => one == other,
+        _ if hops_on(one) || hops_on(other) => hops_on(one) && hops_on(other),
         _ => ending::fill(one) == ending::fill(other),
     }
 }
@@ -47,6 +43,7 @@ fn kin(one: Regime, other: Regime) -> bool {
 #[derive(Clone, Copy, Debug)]
 struct Run {
     regime: Regime,
+    in_gear: Option<InGear>,
     time_mean: f64,
     impact_mean: Option<f64>,
     interval: Option<f64>,
@@ -58,6 +55,7 @@ struct Run {
 struct Row {
     k: f64,
     regime: Regime,
+    in_gear: Option<InGear>,
     starts: usize,
     from_rest: bool,
     time_mean: Spread,
@@ -68,6 +66,14 @@ struct Row {
 }
 
 impl Row {
+    /// Its regime, or where restitution scatters the share of time in gear.
+    fn named(&self) -> String {
+        match self.in_gear {
+            Some(gear) => gear.to_string(),
+            None => ending::told(self.regime, FOLLOWED),
+        }
+    }
+
     /// Time mean in `b w`; 0 at rest.
     fn mean(&self) -> f64 {
         self.time_mean.mean().unwrap_or(0.0)
@@ -197,12 +203,20 @@ fn rows(
         let starts = starts(*k, feeder.restitution, arguments.starts);
         tasks.extend(starts.into_iter().map(|start| (n, start)));
     }
-    let impacts = arguments.settle + arguments.impacts;
-    let endings = desk.try_map("regimes", over.k.len(), |n| {
-        Endings::new(over.k[n], feeder.restitution, impacts)
+    // What scatters has no ending.
+    let constant = if arguments.scatter.scatter == 0.0 {
+        over.k.len()
+    } else {
+        0
+    };
+    let endings = desk.try_map("regimes", constant, |n| {
+        Endings::new(over.k[n], feeder.restitution, FOLLOWED)
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (n, start) = tasks[task];
+        if let Some(scatter) = arguments.scatter.stream(feeder.restitution, task as u64)? {
+            return scattered(feeder, over.k[n], start, scatter, arguments);
+        }
         measured(feeder, over.k[n], &endings[n], start, arguments)
     })?;
     let mut rows: Vec<Row> = Vec::new();
@@ -239,7 +253,7 @@ fn measured(
     };
     // Every part that rests forgets how it started; from rest the period is measured without the way to it.
     let start = match regime {
-        Regime::HopAndRest { .. } => Origin::Rest,
+        Regime::HopAndRest { .. } if !hops_on(regime) => Origin::Rest,
         _ => start,
     };
     let mut growth = Growth::new(&map);
@@ -247,6 +261,7 @@ fn measured(
     let hops = conveyed.rests == 0;
     Ok(Run {
         regime,
+        in_gear: None,
         time_mean: conveyed.time_mean().unwrap_or(0.0),
         impact_mean: conveyed.impact_mean(),
         interval: conveyed.mean_interval(),
@@ -257,25 +272,55 @@ fn measured(
     })
 }
 
+fn scattered(
+    feeder: &Feeder,
+    k: f64,
+    start: Origin,
+    scatter: Scatter,
+    arguments: &Arguments,
+) -> Result<Run, Refusal> {
+    let map = Map::build(k, feeder.restitution)?;
+    let tangential = Tangential::build(k, feeder.settings)?;
+    let mut watched = Gears::watched()?;
+    let measured = measure_scattered(
+        &map,
+        tangential,
+        start,
+        effort(arguments),
+        scatter,
+        &mut watched,
+    )?;
+    let conveyed = measured.conveyed;
+    Ok(Run {
+        regime: Regime::Undecided,
+        in_gear: watched.longest(),
+        time_mean: conveyed.time_mean().unwrap_or(0.0),
+        impact_mean: conveyed.impact_mean(),
+        interval: conveyed.mean_interval(),
+        exponent: None,
+    })
+}
+
 fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
     let mut regimes: Vec<Regime> = Vec::new();
     for run in runs {
-        if !regimes.iter().any(|known| alike(*known, run.regime)) {
+        if !regimes.contains(&run.regime) {
             regimes.push(run.regime);
         }
     }
     regimes
         .into_iter()
         .map(|regime| {
-            let of = || runs.iter().filter(move |run| alike(run.regime, regime));
+            let of = || runs.iter().filter(move |run| run.regime == regime);
             Row {
                 k,
                 regime,
+                in_gear: InGear::together(of().map(|run| run.in_gear)),
                 starts: of().count(),
                 from_rest: tasks
                     .iter()
                     .zip(runs)
-                    .any(|(task, run)| task.1 == Origin::Rest && alike(run.regime, regime)),
+                    .any(|(task, run)| task.1 == Origin::Rest && run.regime == regime),
                 time_mean: Spread::of(of().map(|run| run.time_mean)),
                 impact_mean: Spread::of(of().filter_map(|run| run.impact_mean)),
                 interval: Spread::of(of().filter_map(|run| run.interval)),
@@ -293,7 +338,7 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
         let k = *over.k.get(n)?;
         let found = rows
             .iter()
-            .find(|other| other.k == k && alike(other.regime, row.regime))?;
+            .find(|other| other.k == k && continues(other.regime, row.regime))?;
         Some((k, found.mean(), found.error()))
     };
     let here = (row.k, row.mean(), row.error());
@@ -372,7 +417,7 @@ mod tests {
         let line =
             "--restitution 0.9 --k 0.03..0.08:6 --amplitude-ratio 2 --impacts 2500 --settle 300";
         let (_, over, rows) = rows_of(line, 2);
-        let fit = fit(Regime::Chaotic, &over, &rows).unwrap();
+        let fit = fit(Regime::Undecided, &over, &rows).unwrap();
         // Six values of k, each the mean of 13 runs; the soak found 1.000 +- 0.002.
         assert!(
             (fit.slope - 1.0).abs() < 6.0 * fit.error.max(0.01),

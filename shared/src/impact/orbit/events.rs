@@ -3,8 +3,13 @@
 use super::contact::{Contact, turned};
 use super::observe::Observer;
 use super::release::Release;
+use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, State};
+use crate::impact::scatter::Scatter;
+
+/// Least mean restitution about which one is drawn.
+const LEAST_SCATTERED: f64 = 1e-6;
 
 /// What happens to a part next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,6 +102,9 @@ pub struct Orbit<'a, K: Kernel<State = State> = Map> {
     stage: Stage,
     /// The release of the part, once known.
     release: Option<Release<State>>,
+    scatter: Option<Scatter>,
+    /// The restitution of the last impact over that of the kernel.
+    drawn: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,7 +148,56 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
             state: start,
             stage: Stage::Hopping,
             release: None,
+            scatter: None,
+            drawn: 1.0,
         }
+    }
+
+    /// This orbit with a restitution that `scatter` draws at each impact, about that of the kernel, which must not be 0.
+    /// A chatter is closed at the kernel's.
+    ///
+    /// ```
+    /// use kband::impact::{Event, Kernel, Map, Orbit, Scatter};
+    /// let map = Map::build(0.45, 0.3)?;
+    /// let scatter = Scatter::build(0.3, 0.05, 7)?;
+    /// let flights = |orbit: Orbit<'_>| -> Vec<f64> {
+    ///     let flight = |event| match event {
+    ///         Event::Impact(impact) => Some(impact.flight),
+    ///         _ => None,
+    ///     };
+    ///     orbit.filter_map(flight).take(20).collect()
+    /// };
+    /// let (one, other) = (Orbit::from_rest(&map), Orbit::from_rest(&map).scattering(scatter)?);
+    /// let (one, other) = (flights(one), flights(other));
+    /// // The first flight, from rest, is the same; the one after the first impact is not.
+    /// assert!(one[0] == other[0] && one[1] != other[1]);
+    /// # Ok::<(), Box<dyn core::error::Error>>(())
+    /// ```
+    pub fn scattering(mut self, scatter: Scatter) -> Result<Self, OutOfRange> {
+        let mean = scatter.mean();
+        accept(
+            "restitution",
+            mean,
+            mean >= LEAST_SCATTERED,
+            "0.000001..1 where it scatters: what is left of no speed cannot be drawn",
+        )?;
+        self.scatter = Some(scatter);
+        Ok(self)
+    }
+
+    /// The restitution of the last impact over that of the kernel; 1 where it does not scatter.
+    #[must_use]
+    pub fn drawn(&self) -> f64 {
+        self.drawn
+    }
+
+    /// `impact` with the speed that a drawn restitution leaves.
+    fn scattered(&mut self, mut impact: Impact<State>) -> Impact<State> {
+        if let Some(scatter) = &mut self.scatter {
+            self.drawn = scatter.draw() / scatter.mean();
+            impact.next.velocity *= self.drawn;
+        }
+        impact
     }
 
     /// This orbit, leaving out only what `skips` says.
@@ -176,7 +233,7 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
                 Some(Event::LiftOff { wait, phase }) => {
                     observer.lift_off(wait, phase);
                     lift_offs += 1;
-                    if lift_offs == 2 && self.skips.repeat {
+                    if lift_offs == 2 && self.skips.repeat && self.scatter.is_none() {
                         return Ended::Repeats;
                     }
                 }
@@ -238,6 +295,7 @@ impl<K: Kernel<State = State>> Iterator for Orbit<'_, K> {
                 impact
             }
         };
+        let impact = self.scattered(impact);
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(Event::Impact(impact))

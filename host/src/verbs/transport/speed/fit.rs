@@ -2,7 +2,7 @@
 
 use kband::regime::classify::Regime;
 
-use super::{Over, Row, kin};
+use super::{Over, Row, hops_on, kin};
 use crate::ending::{self, FILLS};
 
 /// The sensitivity of a regime over its rows: the slope of ln V against ln b.
@@ -38,6 +38,7 @@ pub(super) fn kind(regime: Regime) -> String {
     let fill = ending::fill(regime);
     match regime {
         Regime::Locked { .. } => ending::name(regime),
+        _ if hops_on(regime) => "hops on irregularly".into(),
         _ => FILLS
             .iter()
             .find(|known| known.0 == fill)

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::super::{Arguments, Feeder, ORDERS};
 use super::fit::{Fit, kind};
-use super::{Over, Row, named};
+use super::{Over, Row, hops_on};
 use crate::ending::{self, FILLS};
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
@@ -19,7 +19,7 @@ pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
             let lock = Lock::at(row.k, feeder.restitution, order).ok().flatten()?;
             Some(locked::velocity(&lock, row.k, &feeder.settings))
         }
-        Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic => {
+        Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic | Regime::Undecided => {
             stationary::impact_mean(
                 row.k,
                 feeder.restitution,
@@ -27,7 +27,7 @@ pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
                 row.interval.mean()?,
             )
         }
-        Regime::HopAndRest { .. } | Regime::Rest | Regime::Undecided => None,
+        Regime::HopAndRest { .. } | Regime::Rest => None,
     }
 }
 
@@ -68,7 +68,7 @@ pub(super) fn report(
         let mut cells: Vec<Value> = vec![
             row.k.into(),
             feeder.amplitude(row.k).into(),
-            named(row.regime).into(),
+            row.named().into(),
             row.starts.into(),
             row.from_rest.into(),
             speed.into(),
@@ -126,12 +126,13 @@ pub(super) fn report(
             fit.rows
         ));
     }
-    if let Some(chaos) = fits.iter().find(|fit| fit.regime == Regime::Chaotic) {
+    let irregular = |fit: &&Fit| fit.regime == Regime::Chaotic || hops_on(fit.regime);
+    if let Some(chaos) = fits.iter().find(irregular) {
         report = report.note(if chaos.slope > 0.5 {
-            "chaos does not make the speed insensitive to the amplitude; a lock does"
+            "irregular hopping does not make the speed insensitive to the amplitude; a lock does"
         } else {
-            "chaos beside a band keeps the mean interval of its lock, and so its speed; wide chaos (R = 0.9, k \
-             below 0.2) grows with the amplitude"
+            "chaos beside a band keeps the mean interval of its lock, and so its speed; the wide hopping of lively \
+             parts (R = 0.9, k below 0.2) grows with the amplitude"
         });
     }
     if let Some(tangent) = critical {
@@ -154,7 +155,8 @@ pub(super) fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> ser
     json!({
         "k": row.k,
         "b": feeder.amplitude(row.k),
-        "regime": named(row.regime),
+        "regime": row.named(),
+        "in_gear": row.in_gear.map(|gear| gear.share),
         "starts": row.starts,
         "from_rest": row.from_rest,
         "speed": speed,
@@ -303,7 +305,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
 
 /// The points as markers by the fill of their regime.
 pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
-    for (series, (fill, name)) in FILLS[..5].iter().enumerate() {
+    for (series, (fill, name)) in FILLS.iter().enumerate() {
         let of: Vec<(f64, f64)> = points
             .iter()
             .filter(|point| ending::fill(point.2) == *fill)

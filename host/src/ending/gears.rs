@@ -1,0 +1,129 @@
+//! In which gear an orbit is for how much of its time, where its restitution scatters and it ends nowhere.
+
+use std::fmt;
+
+use kband::impact::{Impact, Observer, State};
+use kband::regime::gear::GearWatch;
+
+use crate::refusal::Refusal;
+
+/// Orders that are watched.
+const ORDERS: u32 = 3;
+
+/// The share of time in gear of the order that is held longest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InGear {
+    /// Drive periods of a flight (symbol r).
+    pub order: u32,
+    /// Share of time, 0..=1.
+    pub share: f64,
+}
+
+impl InGear {
+    fn longest(all: impl Iterator<Item = Self>) -> Option<Self> {
+        all.reduce(
+            |one, other| {
+                if other.share > one.share { other } else { one }
+            },
+        )
+    }
+
+    /// Of several orbits: the order that they hold longest together, and the mean of their shares in it; `None` where one
+    /// has none.
+    #[must_use]
+    pub fn together(orbits: impl Iterator<Item = Option<Self>>) -> Option<Self> {
+        let all: Vec<Self> = orbits.collect::<Option<_>>()?;
+        let sum = |order| {
+            let of = all.iter().filter(|gear| gear.order == order);
+            of.map(|gear| gear.share).sum::<f64>()
+        };
+        let shares = (1..=ORDERS).map(|order| Self {
+            order,
+            share: sum(order) / all.len() as f64,
+        });
+        Self::longest(shares).filter(|_| !all.is_empty())
+    }
+}
+
+impl fmt::Display for InGear {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "in gear {:.2}, r = {}", self.share, self.order)
+    }
+}
+
+/// Watches the gears of an orbit.
+#[derive(Clone, Debug)]
+pub struct Gears {
+    time: f64,
+    gears: Vec<GearWatch>,
+}
+
+impl Gears {
+    /// Watches from now on.
+    pub fn watched() -> Result<Self, Refusal> {
+        let gear = |order| {
+            let mut gear = GearWatch::build(order)?;
+            gear.begin(0.0);
+            Ok(gear)
+        };
+        let gears = (1..=ORDERS).map(gear).collect::<Result<_, Refusal>>()?;
+        Ok(Self { time: 0.0, gears })
+    }
+
+    /// The gear that was held longest.
+    #[must_use]
+    pub fn longest(&self) -> Option<InGear> {
+        let shares = self.gears.iter().zip(1..).map(|(gear, order)| InGear {
+            order,
+            share: gear.share(self.time).share(),
+        });
+        InGear::longest(shares)
+    }
+}
+
+impl Observer for Gears {
+    fn impact(&mut self, _: State, impact: &Impact<State>) {
+        self.time += impact.flight;
+        for gear in &mut self.gears {
+            gear.landed(self.time, impact.flight);
+        }
+    }
+
+    fn rest(&mut self, _: State, chatter: f64, _: f64) {
+        self.time += chatter;
+        for gear in &mut self.gears {
+            gear.rested(self.time);
+        }
+    }
+
+    fn lift_off(&mut self, wait: f64, _: f64) {
+        self.time += wait;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::{Kernel, Map, Orbit, Scatter};
+
+    use super::*;
+
+    #[test]
+    fn a_scattering_orbit_has_the_share_of_the_gear_map() {
+        // docs/theory-real-parts.md#t10.1: 0.81 and 0.94 by an independent program (regime/gear.rs).
+        for (k, restitution, expected) in [(0.45, 0.3, 0.811), (0.41, 0.2, 0.935)] {
+            let map = Map::build(k, restitution).unwrap();
+            let runs = (0..20).map(|seed| {
+                let scatter = Scatter::build(restitution, 0.05, seed).unwrap();
+                let mut gears = Gears::watched().unwrap();
+                let mut orbit = Orbit::from_rest(&map).scattering(scatter).unwrap();
+                orbit.watch(1000, &mut gears);
+                gears.longest()
+            });
+            let found = InGear::together(runs).unwrap();
+            assert!(
+                found.order == 1 && (found.share - expected).abs() < 0.03,
+                "{found}"
+            );
+        }
+    }
+}
