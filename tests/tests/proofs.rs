@@ -103,7 +103,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 63] = [
+const PROOFS: [(&str, Shows, Break); 64] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -165,6 +165,7 @@ const PROOFS: [(&str, Shows, Break); 63] = [
         Obeying,
         Told(another_target),
     ),
+    ("in_gear", Obeying, Told(another_target)),
     ("link_lost", Shows::Limit(Limits::LINK_LOST), Hidden(link)),
     (
         "link_lost_in_capture",

@@ -133,6 +133,7 @@ scenes! {
     gain_drift
     identification
     identification_without_parts
+    in_gear
     link_lost
     link_lost_in_capture
     link_lost_in_holding

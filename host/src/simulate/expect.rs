@@ -17,6 +17,7 @@ pub struct Expectation {
     pub(super) regime: Option<String>,
     pub(super) k: Option<(f64, f64)>,
     pub(super) speed: Option<(f64, f64)>,
+    pub(super) in_gear: Option<(f64, f64)>,
     pub(super) restitution: Option<(f64, f64)>,
     pub(super) limits: Option<Vec<String>>,
     pub(super) within: Option<f64>,
@@ -64,6 +65,7 @@ impl Expectation {
         for (key, slot) in [
             ("k", &mut expected.k),
             ("speed", &mut expected.speed),
+            ("in_gear", &mut expected.in_gear),
             ("restitution", &mut expected.restitution),
         ] {
             if let Some(value) = section.take(key) {

@@ -205,6 +205,7 @@ fn expect() -> Value {
         "regime": {"type": "string", "description": "What the parts do at the end, in words."},
         "k": pair("k at the end, lowest and highest.", None, None),
         "speed": pair("Conveying speed at the end, lowest and highest, in mm/s.", None, None),
+        "in_gear": pair("Share of time in gear from 5 s on, lowest and highest.", Some(0.0), Some(1.0)),
         "restitution": pair("Restitution identified, lowest and highest.", None, None),
         "within": {"type": "number", "exclusiveMinimum": 0,
             "description": "Time within which the state must be reached, in s."},

@@ -56,6 +56,11 @@ impl Outcome {
             ("k", expected.k, self.k()),
             ("speed in mm/s", expected.speed, self.speed() * 1e3),
             (
+                "share of time in gear",
+                expected.in_gear,
+                self.in_gear().unwrap_or(f64::NAN),
+            ),
+            (
                 "restitution identified",
                 expected.restitution,
                 self.identified()
