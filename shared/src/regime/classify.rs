@@ -77,8 +77,8 @@ impl HearingSettings {
     };
 }
 
-/// Drive cycles of silence after which nothing is said to strike, on top of three times the longest
-/// recent interval.
+/// Drive cycles of silence after which nothing is said to strike, on top of three times the longest recent
+/// interval. With 1 to 10 every test passes.
 const SILENCE: u64 = 4;
 
 /// Rests that must follow each other regularly.

@@ -6,18 +6,21 @@ use crate::impact::{Hybrid, Kernel};
 use crate::regime::classify::{Classifier, HearingSettings, Regime};
 use crate::regime::{Lock, band};
 
-/// Impacts that one slice computes.
+/// Impacts that one slice computes. At 331 instructions an impact 42 000.
 const SLICE: u32 = 128;
-/// Step in k, as a share of it.
+/// Step in k, as a share of it. From 0.001 to 0.02 every test and scene passes.
 const STEP: f64 = 0.004;
-/// Highest k that is tried, over the flip of the deadest part: the doublings accumulate at 0.87 to 0.92 of it.
+/// Highest k that is tried, over the flip of the deadest part: the doublings accumulate at 0.87 to 0.92 of it. At
+/// 0.87 `a_search_that_is_spared_ends_with_the_same_at_the_same_slice` finds none.
 const HIGHEST: f64 = 0.935;
-/// Lowest k that is tried, over the flip of the liveliest part: below, its hopping is transient.
+/// Lowest k that is tried, over the flip of the liveliest part: below, its hopping is transient. At 0.9
+/// `what_it_finds_is_chaotic_by_the_exponent_too` fails; from 0.7 to 0.85 it passes.
 const LOWEST: f64 = 0.80;
 /// Impacts before a part is listened to, and those listened to.
 const SETTLE: u32 = 200;
+/// `what_it_finds_is_chaotic_by_the_exponent_too` passes with 0 and with 100 of them as well.
 const LISTEN: u32 = 400;
-/// Velocity in b w below which a part counts as coming to rest.
+/// Velocity in b w below which a part counts as coming to rest. From 0 to 0.05 every test and scene passes.
 const RESTING: f64 = 1e-3;
 
 /// One part at one k being listened to.

@@ -16,8 +16,10 @@ const SLICE: u32 = 64;
 /// k there.
 const LOWEST: f64 = 0.28;
 /// Highest k that is tried over the birth of the liveliest part's lock; above, only what is transient is in gear.
+/// From 0.95 to 1.1 every test and scene passes.
 const HIGHEST: f64 = 1.02;
-/// Highest k that is tried, whatever the lot: at 1 and above the track throws no part that rests.
+/// Highest k that is tried, whatever the lot: at 1 and above the track throws no part that rests. From 0.9 to 1
+/// every test and scene passes.
 const THROWS: f64 = 0.98;
 
 /// A plan for gear that has come to its end: what was asked, and what was found after how many slices.

@@ -7,7 +7,8 @@ use crate::impact::TangentialSettings;
 use crate::regime::{Lock, band};
 use crate::transport::locked;
 
-/// Deviation of a lock's speed from the wanted one that still serves.
+/// Deviation of a lock's speed from the wanted one that still serves. At 0.05 and at 0.5
+/// `a_speed_is_that_of_the_lock_that_serves_it_or_is_refused_with_the_nearest` fails.
 const TOLERANCE: f32 = 0.1;
 
 /// The search for the lock whose speed is nearest to a wanted one: a locked part's speed does not depend

@@ -4,18 +4,19 @@ use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 
-/// Time constant of the closed loop in cycles. The loop's dead time is two cycles (half a cycle of
-/// averaging, one of latching, half of output), so six leave a phase margin of 70 degrees and a gain
-/// margin above four.
+/// Time constant of the closed loop in cycles. The loop's dead time is two cycles (half a cycle of averaging, one
+/// of latching, half of output), so six leave a phase margin of 70 degrees and a gain margin above four. With 4 the
+/// scene `identification` fails, with 9 `settles_to_a_percent_within_a_second_whatever_the_gain`.
 const CLOSED_LOOP: f32 = 6.0;
 /// Weight of a cycle in the running estimate of the drive's gain: a memory of 25 cycles, four times that of the
-/// closed loop, so that neither follows the other.
+/// closed loop, so that neither follows the other. At 0.01 `settles_to_a_percent_within_a_second_whatever_the_gain`
+/// fails, at 0.4 identifications do.
 const LEARNING: f32 = 0.04;
 /// How far the estimate of the drive's gain may go from its setting: a drive weaker than that is none (see the
-/// fault detector), a stronger one is out of its scale.
+/// fault detector), a stronger one is out of its scale. From 1.2 to 16 every scene passes.
 const GAIN_RANGE: f32 = 4.0;
 /// Share of the full envelope from which on the gain is learned: at default settings and 50 Hz, 2 m/s^2 of
-/// acceleration, 13 times the noise of a reading.
+/// acceleration, 13 times the noise of a reading. At 0 and at 0.1 identifications fail.
 const TELLING: f32 = 0.02;
 
 /// Fixed values of the loop, from settings.

@@ -8,11 +8,13 @@ use crate::control::settings::Settings;
 
 /// Most points of a sweep; the settings refuse a band that needs more.
 const POINTS: u16 = 400;
-/// Time constants of the envelope at each point before its amplitude counts: 2 % of the last point's is left.
+/// Time constants of the envelope at each point before its amplitude counts: 2 % of the last point's is left. From
+/// 1 to 8 every scene passes.
 const DWELL: f32 = 4.0;
 /// Cycles more, for the dead time from a command to its measured amplitude.
 const DEAD_TIME: f32 = 4.0;
-/// Time constant of the phase loop over that of the envelope: slower by as much, it sees the envelope settled.
+/// Time constant of the phase loop over that of the envelope: slower by as much, it sees the envelope settled. From
+/// 0.5 to 10 the scene `resonance_tracking` passes.
 const SLOWNESS: f32 = 4.0;
 
 /// The drive's frequency, where it may follow the resonance.

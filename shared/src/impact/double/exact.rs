@@ -213,7 +213,8 @@ fn flight_from_node(k: f64, state: State, d: f64) -> Polished {
     }
 }
 
-/// Longest hop in rad whose few terms beyond those in twofold arithmetic are exact enough.
+/// Longest hop in rad whose few terms beyond those in twofold arithmetic are exact enough. At 0.5
+/// `the_exact_mode_rounds_phases_correctly` fails.
 const SHORT: f64 = 0.25;
 
 /// One Newton step on the gap of a short hop divided by its time.

@@ -13,25 +13,31 @@ use super::step::{Close, Landing, Local, Near, householder, in_turn};
 use crate::arithmetic::lane::{Lane, ROUNDER, floor};
 use crate::arithmetic::node;
 
-/// The track about the middle of a half turn, `sin(pi/2 + x) ~ CREST - BEND x^2`: within 0.028 up to 1.45 rad, 0.059 at
-/// its ends.
+/// The track about the middle of a half turn, `sin(pi/2 + x) ~ CREST - BEND x^2`: within 0.028 up to 1.45 rad,
+/// 0.059 at its ends. From 0.9 to 1, and `BEND` from 0.38 to 0.5, leave the golden impacts right: the step that
+/// follows is told by [`FAIR`].
 const CREST: f64 = 0.972;
 /// See [`CREST`].
 const BEND: f64 = 0.4177;
 
-/// Flights shorter than this are left to the search, which keeps their relative accuracy.
+/// Flights shorter than this are left to the search, which keeps their relative accuracy. From 0.03 to 0.25 they
+/// have the same residual.
 const SHORTEST: f64 = 0.125;
 
-/// Flights that are over within this are started from their launch.
+/// Flights that are over within this are started from their launch. From 0.5 to 2.2 they are as right: it costs
+/// steps.
 const HOP: f64 = 1.1;
 
-/// Slower arrivals are left to the search too: where three roots nearly meet steps end anywhere.
+/// Slower arrivals are left to the search too: where three roots nearly meet steps end anywhere. At 0.01
+/// `the_residual_of_f64_is_within_four_roundings` fails.
 const SLOWEST: f64 = 0.03;
 
-/// Largest `f u''/u'^2` of a step that ends near the impact.
+/// Largest `f u''/u'^2` of a step that ends near the impact. A quarter is where the parabola has no root. From 0.06
+/// to 1 no golden impact is lost: what is no root is refused by the certificate.
 const FAIR: f64 = 0.24;
 
-/// More than the rounding of a height or of the square of a speed, where the flight is not tall.
+/// More than the rounding of a height or of the square of a speed, where the flight is not tall. From 0 to 1e-6 no
+/// golden impact is lost.
 const SPARE: f64 = 1e-9;
 
 impl<L: Lane> Launch<L> {
@@ -385,7 +391,8 @@ fn settle<L: Lane>(
     (near.landing(back, arrival), settled)
 }
 
-/// Largest Newton step of a last step of third order that leaves less than rounding.
+/// Largest Newton step of a last step of third order that leaves less than rounding. At 3e-5
+/// `the_residual_of_f64_is_within_four_roundings` fails.
 const NEAR: f64 = 3e-6;
 
 /// Where `f + g x + b x^2` crosses zero going down; its extremum where it does not.

@@ -15,17 +15,20 @@ use super::wave::motion;
 use crate::arithmetic::lane::{Arc, Lane, Node, floor};
 use crate::impact::double::step::{Landing, householder, in_turn};
 
-/// Flights shorter than this, in rad of the highest tone, are left to the search where they are not short
-/// hops: it keeps their relative accuracy.
+/// Flights shorter than this, in rad of the highest tone, are left to the search where they are not short hops: it
+/// keeps their relative accuracy. From 0.03 to 0.25 `every_golden_impact_has_the_right_root`.
 const SHORTEST: f64 = 0.125;
 
-/// Flights over within this, in rad of the highest tone, are started from their launch.
+/// Flights over within this, in rad of the highest tone, are started from their launch. From 0.5 to 2.2
+/// `every_golden_impact_has_the_right_root`: it costs steps.
 const HOP: f64 = 1.1;
 
-/// Slower arrivals are left to the search: where three roots nearly meet steps end anywhere.
+/// Slower arrivals are left to the search: where three roots nearly meet steps end anywhere. From 0.001 to 0.1
+/// `every_golden_impact_has_the_right_root`; the map of one tone needs it from 0.03 on.
 const SLOWEST: f64 = 0.03;
 
-/// Turns whose humps are looked at one by one.
+/// Turns whose humps are looked at one by one. From 1 to 8 `every_golden_impact_has_the_right_root`: a longer
+/// flight goes to the search.
 const TURNS: u32 = 4;
 
 /// The stretch of the track that holds the impact, with one root of the gap in it.

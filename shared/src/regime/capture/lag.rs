@@ -66,7 +66,8 @@ impl DriveLag {
     }
 }
 
-/// Below this distance from a constant command the amplitude counts as arrived.
+/// Below this distance from a constant command the amplitude counts as arrived. At 0.01
+/// `the_envelope_is_the_exponential_of_its_time_constant` fails.
 const SETTLED: f32 = 2e-3;
 
 /// The amplitude of the track over the target amplitude through one kick.

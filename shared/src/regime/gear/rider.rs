@@ -64,10 +64,11 @@ impl Surface {
 /// A lift-off is taken so much after it began, in steps of 2^-32 turns, as in every arithmetic coarser than f64.
 const AFTER: u32 = (LATE * Phase::STEPS_PER_RADIAN) as u32;
 
-/// Velocity in `b w` below which a chatter is closed to rest by its series.
+/// Velocity in `b w` below which a chatter is closed to rest by its series. From 1e-3 to 0.1 every test passes.
 const CHATTER: f32 = 0.01;
 
-/// What a part that is thrown into no flight waits, in steps of 2^-32 turns: 1.5e-3 rad.
+/// What a part that is thrown into no flight waits, in steps of 2^-32 turns: 1.5e-3 rad. From an eighth to eight
+/// times of it every test passes.
 const STAYS: i64 = 1 << 20;
 
 /// Steps of a phase in a radian.
