@@ -246,7 +246,8 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
     }
 
-    /// The record that is `back` records older than the newest, if it is whole; its number.
+    /// The record that is `back` whole records older than the newest; its number. What was cut or spoilt between them is
+    /// passed over.
     pub async fn older<F: NorFlash>(
         &mut self,
         flash: &mut F,
@@ -258,21 +259,23 @@ impl<const SLOT: usize> Journal<SLOT> {
             None => self.look(flash).await.ok()?,
         };
         let (Place { bank, index }, _) = survey.newest?;
-        let place = match index.checked_sub(back) {
-            Some(index) => Place { bank, index },
-            None => Place {
-                bank: 1 - bank,
-                index: survey.used[1 - bank].checked_sub(back - index)?,
-            },
-        };
-        let bytes = self.read(flash, place).await.ok()?;
-        match Slot::read(&bytes) {
-            Slot::Whole(number) => {
-                copy(&bytes[NUMBER..], content);
-                Some(number)
+        let here = (0..=index).rev().map(|index| Place { bank, index });
+        let other = 1 - bank;
+        let there = (0..survey.used[other]).rev();
+        let there = there.map(|index| Place { bank: other, index });
+        let mut left = back;
+        for place in here.chain(there) {
+            let bytes = self.read(flash, place).await.ok()?;
+            match Slot::read(&bytes) {
+                Slot::Whole(number) if left == 0 => {
+                    copy(&bytes[NUMBER..], content);
+                    return Some(number);
+                }
+                Slot::Whole(_) => left -= 1,
+                _ => {}
             }
-            _ => None,
         }
+        None
     }
 
     /// Appends a record, reads it back, and erases the older bank once this one holds what is to be kept.
@@ -442,6 +445,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_was_cut_hides_no_older_record() {
+        let mut nor = Nor::<2048>::new();
+        let mut content = [0; 40 - OVERHEAD];
+        for record in 0..10_u32 {
+            let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
+            block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
+            // The next one was begun.
+            let next = 40 * (2 * record as usize + 1);
+            nor.bytes[next] = 0;
+        }
+        let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
+        for back in 0..10 {
+            let number = block_on(journal.older(&mut nor, back, &mut content));
+            assert_eq!(number, Some(9 - back));
+        }
+        assert_eq!(block_on(journal.older(&mut nor, 10, &mut content)), None);
     }
 
     #[test]

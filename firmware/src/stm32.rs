@@ -160,9 +160,14 @@ impl Drive for HalfBridge {
     }
 }
 
-/// Whether the break opened the bridge since it was last closed, or holds it open.
+/// Whether the break opened the bridge since this was last asked, or holds it open: its flag is not cleared while its
+/// input is active.
 fn broken() -> bool {
-    pac::TIM1.sr().read().bif(0)
+    let broken = pac::TIM1.sr().read().bif(0);
+    if broken {
+        forget_break();
+    }
+    broken
 }
 
 /// Forgets what opened the bridge.

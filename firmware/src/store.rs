@@ -51,7 +51,9 @@ pub struct Found {
 }
 
 impl Found {
-    fn none(condition: Condition) -> Self {
+    /// Nothing that drives, in a condition.
+    #[must_use]
+    pub fn none(condition: Condition) -> Self {
         Self {
             settings: Settings::default(),
             target: Target::Amplitude(0.0),

@@ -179,7 +179,14 @@ async fn main(spawner: Spawner) {
         Condition::Never => defmt::warn!("settings: none were ever saved"),
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
     }
-    let station = place(&found, cause.start(), last_words);
+    // A target that another firmware accepted, and this one does not, is lost settings and no reason to stay silent.
+    let (found, station) = match place(&found, cause.start(), last_words) {
+        Some(station) => (found, Some(station)),
+        None => {
+            let lost = Found::none(Condition::Lost);
+            (lost, place(&lost, cause.start(), last_words))
+        }
+    };
     let (Some(station), Some(())) = (station, place_sampler(&found.settings, converter, bridge))
     else {
         defmt::panic!("settings that were accepted are refused");
