@@ -63,6 +63,11 @@ fn an_image_is_checked_without_a_probe() {
     let kept = &sectors[sectors.len() - 1];
     assert_eq!(kept["what"], "settings and faults, left alone");
     assert_eq!(kept["sectors"], serde_json::json!([8, 11]));
+    assert_eq!(plan["option_bytes"], Value::Null);
+    // What else would be set is told, and refused where it cannot be.
+    let asked = ["--option-bytes", image.to_str().unwrap()];
+    let plan = run(folder.path(), words, &asked).done();
+    assert!(plan.contains("brown-out reset at level 3"), "{plan}");
     let words = "flash --dry-run";
     let emulated = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let desk = env!("CARGO_BIN_EXE_kband");

@@ -106,6 +106,60 @@ fn what_was_written_boots_answers_the_desk_and_logs() {
 }
 
 #[test]
+fn option_bytes_are_set_where_they_are_asked_for_and_never_on_a_protected_chip() {
+    let (folder, path) = (folder(), feeder());
+    let flash = |chip: Chip, more: &[&str]| {
+        let probe = Probe::before(chip);
+        let name = probe.name();
+        let words = ["flash", path.to_str().unwrap(), "--probe", &name];
+        let came = kband(folder.path(), &[&words[..], more].concat());
+        (came, probe.chip().clone())
+    };
+    let set = |chip: &Chip| {
+        let flash = &chip.board.flash;
+        (flash.brown_out(), flash.hardware_watchdog())
+    };
+    let before = board().board.flash.options();
+    let (came, chip) = flash(board(), &[]);
+    came.done();
+    assert_eq!(
+        (set(&chip), chip.board.flash.options()),
+        ((3, false), before)
+    );
+    let (came, chip) = flash(board(), &["--option-bytes"]);
+    let said = came.done();
+    assert!(
+        said.contains("option bytes     brown-out reset at level 3"),
+        "{said}"
+    );
+    assert_eq!(set(&chip), (0, true));
+    let others = !(3 << 2 | 1 << 5);
+    assert_eq!(chip.board.flash.options() & others, before & others);
+    // The board reports them, and starts with the watchdog that runs already.
+    let mut rig = Rig::with(chip.clone(), &Scene::default());
+    rig.chip.power_on();
+    rig.run(0.5);
+    assert_eq!(rig.resets().len(), 1);
+    rig.ask(&Request::SelfTest, |response| {
+        let reports =
+            |test: kband::wire::SelfTest| test.set_up.brown_out == 2830 && test.set_up.watchdog;
+        assert!(matches!(response, Response::SelfTest(test) if reports(test)));
+    });
+    // Once more changes nothing.
+    let (came, again) = flash(chip, &["--option-bytes"]);
+    came.done();
+    assert_eq!(set(&again), (0, true));
+    // Level 1 of the read protection: nothing is written at all.
+    let mut protected = board();
+    protected.board.flash.set_options(before & !0xff00 | 0x5500);
+    let held = protected.flash().to_vec();
+    let (came, chip) = flash(protected, &["--option-bytes"]);
+    came.refused(&["read-protected", "nothing was written"]);
+    assert!(chip.flash() == held);
+    assert_eq!(set(&chip), (3, false));
+}
+
+#[test]
 fn a_board_that_was_cut_off_does_not_start_until_it_is_written_again() {
     let (folder, path) = (folder(), feeder());
     let image = Image::read(&path).unwrap();

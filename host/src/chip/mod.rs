@@ -12,7 +12,7 @@ mod ring;
 mod write;
 
 pub use image::{Image, Piece};
-pub use model::{CHIPS, Chip, Controller, STM32F405RG, STM32G474RE, Sector};
+pub use model::{CHIPS, Chip, Controller, OptionBytes, STM32F405RG, STM32G474RE, Sector};
 #[cfg(feature = "flash")]
 pub use ring::follow;
 #[cfg(feature = "flash")]

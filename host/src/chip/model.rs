@@ -33,6 +33,33 @@ pub struct Chip {
     pub drives: (u32, u32),
     /// The controller of its flash.
     pub controller: Controller,
+    /// Its option bytes, where these are set through a probe.
+    pub options: Option<OptionBytes>,
+}
+
+/// The option bytes that a feeder wants: the brown-out reset at its highest level, and the independent watchdog from reset
+/// on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OptionBytes {
+    /// The register for their keys.
+    pub keys: u32,
+    /// The register that shows and sets them.
+    pub register: u32,
+    /// Its bits that are cleared for both.
+    pub clears: u32,
+    /// Its bits of the read protection, and what they are without any.
+    pub protection: (u32, u32),
+    /// What they are, for people.
+    pub what: &'static str,
+}
+
+impl OptionBytes {
+    /// The keys that open them, in order (RM0090, 3.7.2).
+    pub const KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
+    /// Closes them.
+    pub const LOCK: u32 = 1;
+    /// Has them programmed.
+    pub const START: u32 = 1 << 1;
 }
 
 /// The controller of a flash.
@@ -83,6 +110,14 @@ pub const STM32F405RG: Chip = Chip {
         program: 1 | 2 << 8,
         errors: 0xf2,
     },
+    // RM0090, 3.9.10: BOR_LEV 0 is level 3, WDG_SW 0 the watchdog of the hardware, RDP 0xaa no protection.
+    options: Some(OptionBytes {
+        keys: 0x4002_3c08,
+        register: 0x4002_3c14,
+        clears: 3 << 2 | 1 << 5,
+        protection: (0xff00, 0xaa00),
+        what: "brown-out reset at level 3 (2.83 V), the watchdog from reset on",
+    }),
 };
 
 /// The chip of the Nucleo-G474RE, its flash in two banks (RM0440, sections 2.2, 3.3 and 3.7; DBGMCU in 47, flash size
@@ -108,6 +143,8 @@ pub const STM32G474RE: Chip = Chip {
         program: 1,
         errors: 0xc3fa,
     },
+    // They take effect with a launch of their own (RM0440, 3.4.2), which was seen nowhere.
+    options: None,
 };
 
 /// Every chip that the firmware is built for.

@@ -7,7 +7,7 @@ use probe_rs::{Core, MemoryInterface, Session};
 
 use super::apart;
 use super::image::{Image, Piece};
-use super::model::{Chip, Controller};
+use super::model::{Chip, Controller, OptionBytes};
 use super::reach::{Reached, causes};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
@@ -16,8 +16,9 @@ use crate::refusal::Refusal;
 const HALT: Duration = Duration::from_millis(500);
 /// Stack and entry of the image: erased, no core starts.
 const FIRST: usize = 8;
-/// Looks at a controller until it counts as stuck.
+/// Looks at a controller until it counts as stuck: with a word, and with the option bytes, whose sector is erased.
 const LOOKS: usize = 1_000;
+const LONG_LOOKS: usize = 100_000;
 /// What to do after it was cut.
 const AGAIN: &str = "run kband flash again: until it ends well the board does not start, and its settings are untouched";
 
@@ -25,10 +26,12 @@ const AGAIN: &str = "run kband flash again: until it ends well the board does no
 ///
 /// The chip is identified first, then the drive is switched off, and only then is the core stopped. The
 /// sector with the vector table is erased before all others and its first words are written after all else
-/// was verified: cut at any moment, the board does not start, and its drive stays off.
+/// was verified: cut at any moment, the board does not start, and its drive stays off. The option bytes, where they are to
+/// be set, come last; a chip that is protected is refused before anything is written.
 pub fn write(
     image: Image,
     probe: Option<&str>,
+    options: Option<OptionBytes>,
     desk: &Desk,
     mut written: impl FnMut(u64),
 ) -> Result<(), Refusal> {
@@ -36,7 +39,7 @@ pub fn write(
     let said = apart::start(move |sender| {
         // Nobody listens any more: then nobody misses it.
         let mut told = |bytes| _ = sender.send(Said::Written(bytes));
-        let end = write_here(&image, probe.as_deref(), &mut told);
+        let end = write_here(&image, probe.as_deref(), options, &mut told);
         _ = sender.send(Said::Ended(end));
     })?;
     let mut begun = false;
@@ -61,6 +64,7 @@ enum Said {
 fn write_here(
     image: &Image,
     probe: Option<&str>,
+    options: Option<OptionBytes>,
     written: &mut impl FnMut(u64),
 ) -> Result<(), Refusal> {
     let chip = image.chip();
@@ -68,10 +72,16 @@ fn write_here(
     reached.drive_off()?;
     let mut session = reached.control()?;
     stop(&mut session, chip)?;
+    if let Some(options) = options {
+        unprotected(&mut session, options)?;
+    }
     let (first, rest) = parts(image);
     commit(&mut session, &rest, written)?;
     begin(&mut session, chip, first)?;
     written(FIRST as u64);
+    if let Some(options) = options {
+        set(&mut session, chip, options)?;
+    }
     let started = session.core(0).and_then(|mut core| core.reset());
     started.map_err(|error| {
         Refusal::new(
@@ -145,7 +155,7 @@ fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refu
         let places = || (chip.flash.start..).step_by(4).map(u64::from);
         for (place, word) in places().zip(words) {
             core.write_word_32(place, word)?;
-            errors |= idle(&mut core, its)? & its.errors;
+            errors |= idle(&mut core, its, LOOKS)? & its.errors;
         }
         core.write_word_32(its.control.into(), Controller::LOCK)?;
         let mut held = [0; 2];
@@ -163,14 +173,69 @@ fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refu
 
 /// The status of the controller once it is idle; programming a word takes it 100 us (datasheet of the STM32F405, table
 /// 39; of the STM32G474, table 51), less than a look.
-fn idle(core: &mut Core<'_>, controller: Controller) -> Result<u32, probe_rs::Error> {
-    for _ in 0..LOOKS {
+fn idle(core: &mut Core<'_>, controller: Controller, looks: usize) -> Result<u32, probe_rs::Error> {
+    for _ in 0..looks {
         let status = core.read_word_32(controller.status.into())?;
         if status & Controller::BUSY == 0 {
             return Ok(status);
         }
     }
     Err(probe_rs::Error::Timeout)
+}
+
+/// Refused where the chip is protected: to change its option bytes could erase it, or close it for ever.
+fn unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
+    let (mask, none) = options.protection;
+    let shown = session
+        .core(0)
+        .and_then(|mut core| core.read_word_32(options.register.into()));
+    match shown {
+        Ok(value) if value & mask == none => Ok(()),
+        Ok(value) => Err(Refusal::new(
+            format!("the chip is read-protected (option bytes {value:#010x}): nothing was written"),
+            "kband changes no protection: flash without --option-bytes, or lift it with the vendor's tool, which erases the chip",
+        )),
+        Err(error) => Err(Refusal::new(
+            format!("the option bytes are not read: {}", causes(&error)),
+            "flash without --option-bytes",
+        )),
+    }
+}
+
+/// Sets the option bytes, all others as they are, and reads them back.
+fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), Refusal> {
+    let register = u64::from(options.register);
+    let held = session.core(0).and_then(|mut core| {
+        let before = core.read_word_32(register)? & !(OptionBytes::LOCK | OptionBytes::START);
+        let wanted = before & !options.clears;
+        if wanted == before {
+            return Ok(true);
+        }
+        for key in OptionBytes::KEYS {
+            core.write_word_32(options.keys.into(), key)?;
+        }
+        core.write_word_32(register, wanted)?;
+        core.write_word_32(register, wanted | OptionBytes::START)?;
+        idle(&mut core, chip.controller, LONG_LOOKS)?;
+        let after = core.read_word_32(register)?;
+        core.write_word_32(register, wanted | OptionBytes::LOCK)?;
+        Ok(after & !(OptionBytes::LOCK | OptionBytes::START) == wanted)
+    });
+    let next = "run kband flash --option-bytes again; kband identify says what they are";
+    match held {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(Refusal::new(
+            "the image is written, but the option bytes do not hold",
+            next,
+        )),
+        Err(error) => Err(Refusal::new(
+            format!(
+                "the image is written, but the option bytes are not: {}",
+                causes(&error)
+            ),
+            next,
+        )),
+    }
 }
 
 /// Erases, writes and verifies.

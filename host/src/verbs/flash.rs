@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use crate::arguments::Printed;
-use crate::chip::{Chip, Image, Sector};
+use crate::chip::{Chip, Image, OptionBytes, Sector};
 use crate::desk::Desk;
 #[cfg(feature = "flash")]
 use crate::desk::Progress;
@@ -24,6 +24,7 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
 #[command(after_help = "Examples:
   kband flash --dry-run
   kband flash
+  kband flash --option-bytes
   kband flash my-feeder --probe 0483:3748")]
 pub struct Arguments {
     /// The image (ELF); without it, the one that cargo feeder builds here.
@@ -33,6 +34,13 @@ pub struct Arguments {
     /// Check the image and print what would be done; needs no probe.
     #[arg(long)]
     dry_run: bool,
+
+    /// Also set the option bytes: brown-out reset at its highest level, the watchdog from reset on.
+    ///
+    /// All others stay as they are; a chip that is read-protected is refused. Keep the supply on meanwhile: a chip whose option bytes
+    /// are cut short protects itself.
+    #[arg(long)]
+    option_bytes: bool,
 
     /// Which probe, where several are there.
     #[arg(long, value_name = "VID:PID[:SERIAL]")]
@@ -53,6 +61,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let path = arguments.image.clone().unwrap_or_else(|| IMAGE.into());
     let image = Image::read(&path)?;
     let chip = image.chip();
+    let options = options(chip, arguments.option_bytes)?;
     let runs = runs(&image);
     let mut table = Table::new(&[
         Column::new("sectors", ""),
@@ -93,11 +102,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "RAM              {} bytes of {memory}, the stack included",
             image.memory()
         ));
+    if let Some(options) = options {
+        report = report.note(format!("option bytes     {}", options.what));
+    }
     let (flash_bytes, ram_bytes) = (image.size(), image.memory());
     if arguments.dry_run {
         report = report.note("nothing was written: --dry-run");
     } else {
-        write(image, arguments.probe.as_deref(), desk)?;
+        write(image, arguments.probe.as_deref(), options, desk)?;
         report = report.note("written, verified, started");
     }
     report
@@ -107,10 +119,23 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "flash_bytes": flash_bytes,
             "ram_bytes": ram_bytes,
             "sectors": sectors,
+            "option_bytes": options.map(|options| options.what),
             "written": !arguments.dry_run,
         }))?
         .print(arguments.printed.format)?;
     Ok(Exit::Done)
+}
+
+/// The option bytes that are to be set; refused for a chip whose option bytes are not.
+fn options(chip: &Chip, asked: bool) -> Result<Option<OptionBytes>, Refusal> {
+    match (asked, chip.options) {
+        (false, _) => Ok(None),
+        (true, Some(options)) => Ok(Some(options)),
+        (true, None) => Err(Refusal::new(
+            format!("kband sets no option bytes of the {}", chip.name),
+            "flash without --option-bytes, and set brown-out level 4 and the hardware watchdog with the vendor's tool",
+        )),
+    }
 }
 
 /// Neighbouring sectors with which the same is done.
@@ -169,9 +194,14 @@ fn runs(image: &Image) -> Vec<Run> {
 }
 
 #[cfg(feature = "flash")]
-fn write(image: Image, probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
+fn write(
+    image: Image,
+    probe: Option<&str>,
+    options: Option<OptionBytes>,
+    desk: &Desk,
+) -> Result<(), Refusal> {
     let progress = Progress::new("writing", image.size().into());
-    let end = crate::chip::write(image, probe, desk, |bytes| {
+    let end = crate::chip::write(image, probe, options, desk, |bytes| {
         progress.advance(bytes);
     });
     progress.finish();
@@ -179,6 +209,11 @@ fn write(image: Image, probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> 
 }
 
 #[cfg(not(feature = "flash"))]
-fn write(_image: Image, _probe: Option<&str>, desk: &Desk) -> Result<(), Refusal> {
+fn write(
+    _image: Image,
+    _probe: Option<&str>,
+    _options: Option<OptionBytes>,
+    desk: &Desk,
+) -> Result<(), Refusal> {
     desk.go_on()
 }

@@ -69,7 +69,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
             row(
                 "brown-out reset",
                 match test.set_up.brown_out {
-                    0 => "off: set level 3 in the option bytes".into(),
+                    0 => "off: kband flash --option-bytes sets level 3".into(),
                     level => format!("below {} V", f32::from(level) * 1e-3),
                 },
             );
