@@ -4,13 +4,16 @@
 use kband::control::{State, Target};
 use kband::plant::{ClosedLoop, Scene};
 use kband::wire::{Request, Response};
-use kband_tests::chip::Handler;
+use kband_tests::chip::{LINK, MILLISECOND, SAMPLE};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::rig::{Act, Rig, holding};
 
 /// Cycles of the core between two samples.
 const DEADLINE: u64 = 8400;
+/// Cycles in which a byte comes at 115200 baud.
+const BYTE: u64 = 14_583;
+
 /// A machine of a frequency, its resonance there, that is to hold k.
 fn machine(frequency: f32, k: f32) -> Scene {
     let mut scene = Scene::default();
@@ -52,7 +55,7 @@ fn board(scene: &Scene) -> Rig {
     rig.at(2.0, Act::Enable(true));
     for half in 1..=12 {
         if half == 6 {
-            rig.chip.sampling = Handler::default();
+            rig.chip.forget_handlers();
         }
         rig.run(f64::from(half) * 0.5);
         rig.done(&Request::Alive);
@@ -64,7 +67,7 @@ fn holds(frequency: f32, k: f32) {
     let scene = machine(frequency, k);
     let (mut rig, desk) = (board(&scene), desk(&scene));
     let held = rig.amplitude();
-    let sampling = rig.chip.sampling;
+    let sampling = rig.chip.handler(SAMPLE);
     let [_, instructions, data] = rig.chip.board.flash.accelerator();
     println!(
         "{frequency} Hz: b {held:.5} mm, desk {desk:.5} mm; a sample {} cycles in the mean, {} at most, of {DEADLINE} \
@@ -75,6 +78,18 @@ fn holds(frequency: f32, k: f32) {
         if instructions && data { "on" } else { "off" },
         rig.stack_free(),
     );
+    for (name, exception, deadline) in [
+        ("the port", LINK, BYTE),
+        ("the clock", MILLISECOND, 20 * DEADLINE),
+    ] {
+        let handler = rig.chip.handler(exception);
+        println!(
+            "{frequency} Hz: {name} {} cycles in the mean, {} at most, of {deadline}, samples among them included",
+            handler.sum / handler.count,
+            handler.longest,
+        );
+        assert!(handler.longest < deadline, "{name}: {handler:?}");
+    }
     assert!((held / desk - 1.0).abs() < 0.02, "{held} {desk}");
     assert!(sampling.longest < DEADLINE, "{sampling:?}");
     // Samples came at their rate.
@@ -83,10 +98,19 @@ fn holds(frequency: f32, k: f32) {
     rig.act(&Act::Enable(false));
     rig.run(8.0);
     let missed = rig.ask(&Request::SelfTest, |response| match response {
-        Response::SelfTest(test) => Some(test.missed),
+        Response::SelfTest(test) => Some((test.missed, test.set_up.sample, test.set_up.control)),
         _ => None,
     });
-    println!("{frequency} Hz: {missed:?} cycles whose control came too late");
+    let (missed, sample, control) = missed.expect("it is at rest");
+    println!(
+        "{frequency} Hz: {missed} cycles whose control came too late; by its own counter {sample} cycles a sample and \
+         {control} a control at most"
+    );
+    // New settings are handed over at rest.
+    assert!(u64::from(sample) < DEADLINE, "{sample}");
+    let cycle = f64::from(DEADLINE as u32) * 20_000.0 / f64::from(frequency);
+    assert!(f64::from(control) < 0.5 * cycle, "{control} of {cycle}");
+    assert_eq!(missed, 0);
 }
 
 #[test]

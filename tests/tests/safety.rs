@@ -1,6 +1,6 @@
 //! What no failure of a sensor, a link or a setting may do, in the closed loop over all that the settings accept.
 
-use kband::control::{Limits, Settings, State, Target};
+use kband::control::{Limits, State, Target};
 use kband::plant::{Change, ClosedLoop, Disturbance, Scene};
 use kband_tests::draw::{Draw, ceiling, failure, machine, settled, square};
 

@@ -300,15 +300,56 @@ pub fn bands() -> Vec<Hazard> {
     ]
 }
 
-/// A program that goes astray: by the addresses of a function that panics and of its stack's far end.
+/// The enable input withdrawn from a time to a time.
+fn withdrawn(from: f64, to: f64) -> [(f64, Act); 2] {
+    [(from, Act::Enable(false)), (to, Act::Enable(true))]
+}
+
+/// A sensor that is lost three times: after the first a contact of the enable input bounces at 3 s, then it is withdrawn for
+/// 0.6 s at 3.5 and 5.4 s and for more than a second at 7.3 s.
 #[must_use]
-pub fn of_the_program(panics: u32, stack: u32) -> Vec<(&'static str, Act)> {
+pub fn bounce() -> Hazard {
+    let lost = |from: f64| {
+        [
+            plant(from, Change::SensorLost(true)),
+            plant(from + 0.3, Change::SensorLost(false)),
+        ]
+    };
+    let acts = [
+        lost(GOES_WRONG),
+        withdrawn(3.0, 3.025),
+        withdrawn(3.5, 4.1),
+        lost(5.0),
+        withdrawn(5.4, 6.0),
+        lost(6.9),
+        withdrawn(7.3, 8.5),
+    ];
+    Hazard::of("the enable input bounces", 50.0, Target::Amplitude(0.2))
+        .acts(acts.into_iter().flatten())
+        .until(9.5)
+}
+
+/// An over-current that passes after 0.1 s, and is acknowledged from 3.0 to 3.6 s.
+#[must_use]
+pub fn over_current() -> Hazard {
+    let passes = [
+        (GOES_WRONG, Act::OverCurrent(true)),
+        (GOES_WRONG + 0.1, Act::OverCurrent(false)),
+    ];
+    Hazard::of("over-current", 50.0, Target::Amplitude(0.2))
+        .acts(passes.into_iter().chain(withdrawn(3.0, 3.6)))
+        .until(4.2)
+}
+
+/// A program that goes astray at [`GOES_WRONG`], by the addresses of a function that panics and of its stack's far end.
+#[must_use]
+pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
     // The converter's interrupt in the enable register of the NVIC, the converter itself, the timer.
     const MASKED: Act = Act::Store(0xe000_e180, 1 << 18);
     const CONVERTER_OFF: Act = Act::Store(0x4001_2008, 0);
     const TIMER_OFF: Act = Act::Store(0x4001_0000, 0);
     const ERASED: u32 = 0x080f_0000;
-    vec![
+    let astray = [
         ("a panic", Act::Jump(panics)),
         ("a jump into erased flash", Act::Jump(ERASED)),
         ("the stack overflows", Act::Stack(stack + 4)),
@@ -316,5 +357,9 @@ pub fn of_the_program(panics: u32, stack: u32) -> Vec<(&'static str, Act)> {
         ("the samples' interrupt is masked", MASKED),
         ("the converter is switched off", CONVERTER_OFF),
         ("the timer stands", TIMER_OFF),
-    ]
+    ];
+    astray
+        .into_iter()
+        .map(|(name, act)| Hazard::of(name, 50.0, Target::Amplitude(0.2)).acts([(GOES_WRONG, act)]))
+        .collect()
 }

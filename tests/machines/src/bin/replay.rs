@@ -3,7 +3,13 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use kband_machines::hazards::{Hazard, bands, of_the_sensor, of_the_setpoint};
+use kband_machines::chip::world::Seen;
+use kband_machines::draw::Draw;
+use kband_machines::hazards::{
+    Hazard, bands, bounce, of_any_sensor, of_the_program, of_the_sensor, of_the_setpoint,
+    over_current,
+};
+use kband_machines::images;
 
 const USAGE: &str = "usage: replay IMAGE [SCHEMA [NAME]]
        IMAGE   the file that cargo feeder builds
@@ -31,17 +37,31 @@ fn main() -> ExitCode {
         }
     };
     let all = of_the_sensor().into_iter().chain(of_the_setpoint());
-    for hazard in all.chain(bands()).filter(|one| one.name.contains(name)) {
-        play(&hazard, Path::new(image), schema);
+    let image = Path::new(image);
+    let [panics, stack] = ["_defmt_panic", "_stack_end"].map(|name| images::symbol(image, name));
+    let mut draw = Draw::new(21);
+    let drawn: Vec<_> = std::iter::repeat_with(|| of_any_sensor(&mut draw, 5.0))
+        .flatten()
+        .take(6)
+        .collect();
+    let all = all.chain(bands()).chain([bounce(), over_current()]);
+    let all = all.chain(of_the_program(panics, stack)).chain(drawn);
+    for hazard in all.filter(|one| one.name.contains(name)) {
+        play(&hazard, image, schema);
     }
     ExitCode::SUCCESS
 }
 
 fn play(hazard: &Hazard, image: &Path, schema: Option<u16>) {
-    let outcome = hazard.play(hazard.commission(image, schema));
+    let mut rig = hazard.commission(image, schema);
+    rig.tolerant = true;
+    let outcome = hazard.play(rig);
     let time = |time: Option<f64>| time.map_or("never".to_owned(), |time| format!("{time:.4} s"));
+    let closes = outcome
+        .rig
+        .seen_after(hazard.from + 0.2, &Seen::Bridge(true));
     println!(
-        "{}: {:.4} mm before, {:.4} mm at most, {:.4} mm after (limit {:.4}); bridge opens {}, FAULT {}, READY {}, resets {}",
+        "{}: {:.4} mm before, {:.4} mm at most, {:.4} mm after (limit {:.4}); bridge opens {}, FAULT {}, READY {}, closes again at {}, resets {}",
         hazard.name,
         outcome.before,
         outcome.largest,
@@ -50,6 +70,7 @@ fn play(hazard: &Hazard, image: &Path, schema: Option<u16>) {
         time(outcome.opens),
         time(outcome.fault),
         time(outcome.ready),
+        time(closes),
         outcome.rig.resets().len() - 1,
     );
 }

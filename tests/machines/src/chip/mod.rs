@@ -50,7 +50,13 @@ const MOST_INSTRUCTIONS: u64 = 60_000_000;
 const ACCESS: u64 = TICKS / 50_000;
 
 /// The exception of the converter.
-const SAMPLE: u16 = 16 + 18;
+pub const SAMPLE: u16 = 16 + 18;
+/// That of the link's port, USART2.
+pub const LINK: u16 = 16 + 38;
+/// That of the milliseconds.
+pub const MILLISECOND: u16 = 15;
+/// Exceptions of the chip.
+const EXCEPTIONS: usize = 16 + 82;
 
 /// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
 const FETCH_FAULT: u32 = 1 << 8;
@@ -77,7 +83,7 @@ enum Runs {
     Lost,
 }
 
-/// What the handler of the samples takes, in cycles of the core.
+/// What the handler of an exception takes, in cycles of the core, those of handlers that go before it included.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Handler {
     /// How often it ran.
@@ -113,8 +119,8 @@ pub struct Chip {
     was_reset: bool,
     /// Whether the supply fell below what the RAM needs.
     gone: bool,
-    /// The handler of the samples.
-    pub sampling: Handler,
+    /// What the handlers took, by the number of their exception.
+    handlers: [Handler; EXCEPTIONS],
     /// The core executes nothing from this instruction on, but for interrupts above it: what hangs it, and how.
     pub hangs: Option<Hang>,
 }
@@ -148,13 +154,27 @@ impl Default for Chip {
             transfer: 0,
             was_reset: false,
             gone: false,
-            sampling: Handler::default(),
+            handlers: [Handler::default(); EXCEPTIONS],
             hangs: None,
         }
     }
 }
 
 impl Chip {
+    /// What the handler of an exception took since it was last forgotten.
+    ///
+    /// # Panics
+    /// Where the chip has no such exception.
+    #[must_use]
+    pub fn handler(&self, exception: u16) -> Handler {
+        self.handlers[usize::from(exception)]
+    }
+
+    /// Forgets what the handlers took.
+    pub fn forget_handlers(&mut self) {
+        self.handlers = [Handler::default(); EXCEPTIONS];
+    }
+
     /// Its flash.
     #[must_use]
     pub fn flash(&self) -> &[u8] {
@@ -545,11 +565,11 @@ impl Chip {
                 Ok(cycles) => self.board.spend(cycles),
                 Err(fault) => self.fault(fault),
             }
-            if from == SAMPLE {
-                let took = self.board.cycles - self.sampling.begun;
-                self.sampling.count += 1;
-                self.sampling.sum += took;
-                self.sampling.longest = self.sampling.longest.max(took);
+            if let Some(handler) = self.handlers.get_mut(usize::from(from)) {
+                let took = self.board.cycles - handler.begun;
+                handler.count += 1;
+                handler.sum += took;
+                handler.longest = handler.longest.max(took);
             }
         }
         if let Some(number) = self.awake() {
@@ -561,8 +581,8 @@ impl Chip {
         let vector = self.board.system.vector(number);
         let handler = self.board.load(vector, 4).unwrap_or(0);
         self.board.system.enter(number);
-        if number == SAMPLE {
-            self.sampling.begun = self.board.cycles;
+        if let Some(handler) = self.handlers.get_mut(usize::from(number)) {
+            handler.begun = self.board.cycles;
         }
         let (cycles, taken) = self.core.enter(&mut self.board, number, handler);
         self.board.spend(cycles);
