@@ -335,6 +335,9 @@ fn the_emulated_board_talks_to_the_desk() {
 fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let mut file = SceneFile::parse(DEFAULT).unwrap();
+    // Parts of constant restitution, which a kick locks.
+    file.scene.target = kband::control::Target::Locked { order: 1 };
+    file.scene.scatter.clear();
     // Soft start, holding, and the kick planned on the emulated CPU.
     file.duration = 1.4;
     let desk = kband_host::desk::Desk::new(Some(1)).unwrap();

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use kband::control::{Event, Fault};
+use kband::control::{Event, Fault, Target};
 use kband::plant::{Change, Disturbance};
 use kband_host::board::{Address, Emulated};
 use kband_host::desk::Desk;
@@ -21,6 +21,9 @@ fn image() -> std::path::PathBuf {
 fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
     let board = Terminal::start(&image(), "link", Duration::from_secs(150));
     let mut file = SceneFile::parse(DEFAULT).unwrap();
+    // Parts of constant restitution, which a kick locks.
+    file.scene.target = Target::Locked { order: 1 };
+    file.scene.scatter.clear();
     // Soft start, plan, kick, judging, lock; then the supply sags.
     file.duration = 2.9;
     let sag = Disturbance {

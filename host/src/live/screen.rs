@@ -56,7 +56,8 @@ pub(super) fn draw(
     draw_clock(frame, clock, history, assignment);
     draw_numbers(frame, numbers, history);
     draw_events(frame, events, history);
-    let help = "q quit  e enable  1-8 lock order  x chaotic  + - k  c capture anew  p pause";
+    let help =
+        "q quit  e enable  1-8 lock order  g gear  x chaotic  + - k  c capture anew  p pause";
     frame.render_widget(Paragraph::new(help).dim(), keys);
 }
 
@@ -357,14 +358,13 @@ mod tests {
         let screen = shown(80, 24, &history, &source.assignment());
         for words in [
             "kband live",
-            "target lock of order 1",
+            "target gear of order 1",
             "k against the band",
             "% below the flip",
             "mm/s",
             "impact phase",
             "no fault",
             "no limit",
-            "s  locked",
             "c capture anew",
             "◆",
             "•",

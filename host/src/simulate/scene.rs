@@ -297,7 +297,14 @@ mod tests {
     #[test]
     fn the_default_scene_is_the_default() {
         let file = SceneFile::parse(DEFAULT).unwrap();
-        assert_eq!(file.scene, Scene::default());
+        // The paper's application, with parts that scatter.
+        let mut expected = Scene {
+            target: Target::Gear { order: 1 },
+            ..Scene::default()
+        };
+        expected.settings.scatter = 0.04;
+        expected.scatter = file.scene.parts.iter().map(|_| 0.04).collect();
+        assert_eq!(file.scene, expected);
         assert_eq!(file.duration, 10.0);
     }
 
@@ -372,26 +379,22 @@ mod tests {
                 &["duration = inf", "0.1..86400"],
             ),
             (
-                "locked = 1 ",
+                "gear = 1 ",
                 "",
                 &["[target] says nothing", "exactly one of"],
             ),
-            ("locked = 1 ", "locked = 0", &["target.locked = 0", "1..8"]),
+            ("gear = 1 ", "gear = 0", &["target.gear = 0", "1..8"]),
             (
-                "locked = 1 ",
-                "locked = 1\nk = 0.4",
+                "gear = 1 ",
+                "gear = 1\nk = 0.4",
                 &["target.k = 0.4", "exactly one of"],
             ),
             (
-                "locked = 1 ",
+                "gear = 1 ",
                 "k = 0.03",
                 &["target k = 0.03", "b up to 0.95"],
             ),
-            (
-                "locked = 1 ",
-                "amplitude = 1.5",
-                &["target amplitude = 1.5"],
-            ),
+            ("gear = 1 ", "amplitude = 1.5", &["target amplitude = 1.5"]),
             ("quality = 25.0", "quality = [1]", &["drive.quality = [1]"]),
             ("[track]", "[track", &["line 9 is not TOML"]),
             (

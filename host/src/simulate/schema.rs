@@ -417,9 +417,9 @@ mod tests {
             ("incline = 3.0", "incline = \"steep\""),
             ("duration = 10.0", "duration = 0.0"),
             ("duration = 10.0", "duration = 10.0\ncolour = 1"),
-            ("locked = 1 ", "locked = 9"),
-            ("locked = 1 ", "locked = 1\nk = 0.4"),
-            ("locked = 1 ", ""),
+            ("gear = 1 ", "gear = 9"),
+            ("gear = 1 ", "gear = 1\nk = 0.4"),
+            ("gear = 1 ", ""),
             ("[0.18, 0.22]", "[0.18, 1.22]"),
             ("# actual = [0.2]", "actual = [0.2, -1.0]"),
             (

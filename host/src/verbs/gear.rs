@@ -2,6 +2,7 @@
 
 mod page;
 mod survey;
+mod table;
 
 use std::f64::consts::TAU;
 
@@ -12,6 +13,7 @@ use kband::regime::band;
 use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
+use crate::simulate::Fidelity;
 use survey::{Lot, Survey};
 
 /// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
@@ -20,6 +22,7 @@ use survey::{Lot, Survey};
   kband gear --restitution 0.3 --scatter 0.05
   kband gear --restitution 0.10..0.30 --scatter 0.03 --out gear.svg
   kband gear --restitution 0.5 --scatter 0.1 --largest-second-tone 0.25 --format json
+  kband gear --table 20
   kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
 
 A part is in gear of order r while it flies once in every r periods of the drive: flights of 0.6 to 1.4 r \
@@ -56,6 +59,17 @@ pub struct Arguments {
     /// Largest second tone that the drive affords; the search goes up to it.
     #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
     largest_second_tone: f64,
+
+    /// Instead, runs the built-in feeder's controller N times on each of seven lots for 60 s, with one tone and with two, and
+    /// says how much of the time the parts were in gear.
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "200", value_parser = arguments::count(1, 10_000),
+        conflicts_with_all = ["restitution", "scatter", "order", "k", "second_tone", "third_tone", "largest_second_tone",
+            "quality", "parts", "runs", "periods", "seed"])]
+    table: Option<usize>,
+
+    /// How finely the table's runs are simulated.
+    #[arg(long, value_enum, default_value_t, requires = "table")]
+    fidelity: Fidelity,
 
     /// Quality of the drive's resonance: it says how much more force at twice the frequency the second tone takes.
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
@@ -104,6 +118,10 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 
 /// Finds where parts stay in gear.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    if let Some(count) = arguments.table {
+        table::run(count, arguments.fidelity, desk)?.print(arguments.printed.format)?;
+        return Ok(Exit::Done);
+    }
     let output = arguments.drawn.output()?;
     let order = arguments.order as u32;
     let lot = Lot::new(arguments)?;

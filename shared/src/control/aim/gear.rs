@@ -125,6 +125,11 @@ impl GearSearch {
         more
     }
 
+    /// What is searched for.
+    pub fn settings(&self) -> &GearPlanSettings {
+        self.planner.settings()
+    }
+
     /// Whether there is nothing more to find.
     pub fn is_over(&self) -> bool {
         self.plan.is_some_and(|plan| plan.settled)

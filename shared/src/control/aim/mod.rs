@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `setpoint` | the amplitude for a target, chosen for the whole lot |
 //! | `gear` | the amplitude at which the lot stays in gear the longest |
+//! | `retune` | whether the plan for gear is to be made anew |
 //! | `speed` | the lock that conveys at a wanted speed |
 //! | `chaos` | the widest chaotic stretch of k |
 //! | `kicks` | the kicks that bring the lot onto a lock |
@@ -12,6 +13,7 @@
 mod chaos;
 mod gear;
 mod kicks;
+mod retune;
 mod selection;
 mod setpoint;
 mod speed;

@@ -3,10 +3,11 @@
 use super::chaos::{Chaos, ChaosSearch};
 use super::gear::GearSearch;
 use super::kicks::Search;
+use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint, Target};
 use super::speed::SpeedSearch;
 use crate::control::drive::{Scale, SecondTone};
-use crate::control::hear::LockWindow;
+use crate::control::hear::{LockWindow, Margin};
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
 use crate::feeder::OutOfRange;
@@ -22,6 +23,9 @@ pub struct Selection {
     speed: Option<SpeedSearch>,
     /// The search for the k at which the lot stays in gear, where that is the target.
     pub gear: Option<GearSearch>,
+    /// The plan that the setpoint is of.
+    plan: Option<GearPlan>,
+    retuning: Retuning,
     /// The search for the kicks that bring the parts onto the lock.
     pub search: Search,
     /// The search for chaos, where that is the target.
@@ -49,6 +53,8 @@ impl Selection {
                 _ => None,
             },
             gear,
+            plan: None,
+            retuning: Retuning::default(),
             search: kicks(&choice, settings, scale)?,
             chaos: if chaotic {
                 Some(ChaosSearch::begin(settings)?)
@@ -120,7 +126,32 @@ impl Selection {
 
     /// What the plan for gear has found so far.
     pub fn gear_plan(&self) -> Option<&GearPlan> {
-        self.gear.as_ref().and_then(GearSearch::plan)
+        self.plan.as_ref()
+    }
+
+    /// Takes a cycle at the setpoint: plans anew where the parts are heard to be others than those planned for, or the
+    /// drive does not make the second tone. The setpoint stays until that plan is settled.
+    pub fn retune(
+        &mut self,
+        margin: Option<&Margin>,
+        lacks: bool,
+        settings: &Settings,
+        scale: &Scale,
+    ) {
+        let Target::Gear { order } = self.target else {
+            return;
+        };
+        let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
+            return;
+        };
+        let wanted = self
+            .retuning
+            .cycle(gear.settings(), margin, lacks, settings);
+        if let Some(wanted) = wanted
+            && let Ok(Ok(search)) = GearSearch::begin(order, &wanted, scale)
+        {
+            self.gear = Some(search);
+        }
     }
 
     /// One slice of what is searched for; whether more is to be done.
@@ -136,8 +167,15 @@ impl Selection {
             && !gear.is_over()
         {
             let more = gear.step();
-            let choice = gear.choice();
-            (self.level, self.second) = (choice.level, choice.second);
+            // Of the first plan whatever is found, of a later one what is settled.
+            let better = gear
+                .plan()
+                .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
+            if better.is_some() {
+                self.plan = better.copied();
+                let choice = gear.choice();
+                (self.level, self.second) = (choice.level, choice.second);
+            }
             return more;
         }
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)

@@ -253,6 +253,7 @@ impl Controller {
                 self.make_second_tone(&motion, &mut events);
             }
             self.progress(goal, measured, &mut events);
+            self.retune_gear();
             self.identify(cycle, goal, measured, &mut events);
         }
         let limits = self.limits.limits();
@@ -497,6 +498,18 @@ impl Controller {
         };
         let decision = self.machine.progress(&seen, events);
         self.carry_out(decision);
+    }
+
+    /// Follows parts that change, where gear is the target.
+    fn retune_gear(&mut self) {
+        if self.machine.settled() {
+            self.selection.retune(
+                self.listener.margin().as_ref(),
+                self.second.held_back(),
+                &self.settings,
+                &self.scale,
+            );
+        }
     }
 
     /// Does what the state machine decided.

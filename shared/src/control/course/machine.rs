@@ -227,7 +227,8 @@ impl StateMachine {
         self.now = self.now.wrapping_add(1);
     }
 
-    fn settled(&self) -> bool {
+    /// Whether the setpoint was reached since the drive started.
+    pub fn settled(&self) -> bool {
         matches!(
             self.state,
             State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting

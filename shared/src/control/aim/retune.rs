@@ -1,0 +1,124 @@
+//! Whether the plan for gear is to be made anew: for parts that are heard to be others, or without the second tone.
+
+use crate::control::hear::Margin;
+use crate::control::settings::Settings;
+use crate::regime::gear::GearPlanSettings;
+
+/// Cycles in a row in which the plan must be wrong before it is made anew.
+const PATIENCE: u16 = 250;
+/// Cycles from a plan to the next one, in which the parts settle and what is heard of them is of the new setpoint.
+const APART: u16 = 1000;
+/// Largest standard error of a heard restitution that is believed.
+const SURE: f32 = 0.02;
+/// Half of the lot that parts of one heard restitution are planned as.
+const HALF: f32 = 0.02;
+/// How far an end of that lot, and the scatter, must be from those of the plan: a lot told by one number is none, and
+/// heard scatter errs by 0.005.
+const FAR: f32 = 0.03;
+const SCATTERED: f32 = 0.02;
+
+/// What is seen of a plan that is followed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Retuning {
+    doubted: u16,
+    since: u16,
+}
+
+impl Retuning {
+    /// Takes a cycle at the setpoint of a settled plan: what is heard of the parts, and whether the drive makes less of the
+    /// second tone than is wanted. The settings to plan with, once it is to be made anew.
+    pub fn cycle(
+        &mut self,
+        planned: &GearPlanSettings,
+        margin: Option<&Margin>,
+        lacks: bool,
+        settings: &Settings,
+    ) -> Option<Settings> {
+        self.since = self.since.saturating_add(1);
+        let mut wanted = *settings;
+        wanted.restitution_low = planned.restitution.low() as f32;
+        wanted.restitution_high = planned.restitution.high() as f32;
+        wanted.scatter = planned.scatter;
+        wanted.second_tone = planned.second_tone;
+        let mut wrong = false;
+        if lacks && planned.second_tone > 0.0 {
+            wanted.second_tone = 0.0;
+            wrong = true;
+        } else if self.since >= APART
+            && let Some(heard) = margin.filter(|margin| margin.error <= SURE)
+        {
+            let low = (heard.restitution - HALF).clamp(0.0, 0.95);
+            let high = (heard.restitution + HALF).clamp(low, 0.99);
+            let scatter = heard.scatter.clamp(0.0, 0.3);
+            wrong = (low - wanted.restitution_low).abs() > FAR
+                || (high - wanted.restitution_high).abs() > FAR
+                || (scatter - wanted.scatter).abs() > SCATTERED;
+            (wanted.restitution_low, wanted.restitution_high) = (low, high);
+            wanted.scatter = scatter;
+        }
+        self.doubted = if wrong { self.doubted + 1 } else { 0 };
+        if self.doubted < PATIENCE {
+            return None;
+        }
+        *self = Self::default();
+        Some(wanted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feeder::Restitution;
+    use crate::regime::gear::GearLimits;
+
+    fn planned() -> GearPlanSettings {
+        GearPlanSettings {
+            restitution: Restitution::interval(0.28, 0.32).unwrap(),
+            scatter: 0.05,
+            order: 1,
+            k: [0.28, 0.6],
+            second_tone: 0.15,
+            limits: GearLimits::NONE,
+        }
+    }
+
+    /// Cycles until the plan is made anew, and with what.
+    fn anew(margin: Option<Margin>, lacks: bool) -> Option<(u32, Settings)> {
+        let mut retuning = Retuning::default();
+        let settings = Settings::default();
+        (1..5000).find_map(|n| {
+            let wanted = retuning.cycle(&planned(), margin.as_ref(), lacks, &settings)?;
+            Some((n, wanted))
+        })
+    }
+
+    fn heard(restitution: f32, error: f32, scatter: f32) -> Option<Margin> {
+        Some(Margin {
+            restitution,
+            error,
+            scatter,
+            ..Margin::default()
+        })
+    }
+
+    #[test]
+    fn only_what_is_surely_heard_to_be_other_is_planned_for() {
+        assert!(anew(None, false).is_none());
+        assert!(anew(heard(0.31, 0.01, 0.06), false).is_none());
+        assert!(anew(heard(0.40, 0.03, 0.05), false).is_none());
+        let (cycles, wanted) = anew(heard(0.34, 0.01, 0.05), false).unwrap();
+        assert_eq!(cycles, u32::from(APART) + u32::from(PATIENCE) - 1);
+        assert!((wanted.restitution_low - 0.32).abs() < 1e-6);
+        assert!((wanted.restitution_high - 0.36).abs() < 1e-6);
+        assert_eq!(wanted.second_tone, 0.15);
+        let (_, wanted) = anew(heard(0.3, 0.01, 0.08), false).unwrap();
+        assert_eq!(wanted.scatter, 0.08);
+    }
+
+    #[test]
+    fn a_second_tone_that_the_drive_does_not_make_is_planned_without() {
+        let (cycles, wanted) = anew(None, true).unwrap();
+        assert_eq!((cycles, wanted.second_tone), (u32::from(PATIENCE), 0.0));
+        assert!((wanted.restitution_high - 0.32).abs() < 1e-6);
+    }
+}
