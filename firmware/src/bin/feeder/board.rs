@@ -11,7 +11,7 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::{Settings, Signal, StartCause};
+use kband::control::{Controller, Settings, Signal, StartCause};
 use kband::wire::SetUp;
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::Watchdog;
@@ -118,14 +118,23 @@ async fn supervise(mut guard: Guard) {
 /// stack that is empty again before the next, and takes no room in the future of `main`.
 #[inline(never)]
 fn place(found: &Found, start: StartCause, last_words: LastWords) -> Option<&'static Station> {
-    let made = Station::controller(found, start);
-    let Ok(controller) = &made else {
-        return None;
-    };
+    match &Station::controller(found, start) {
+        Ok(controller) => Some(place_station(found, start, controller, last_words)),
+        Err(_) => None,
+    }
+}
+
+#[inline(never)]
+fn place_station(
+    found: &Found,
+    start: StartCause,
+    controller: &Controller,
+    last_words: LastWords,
+) -> &'static Station {
     let place = STATION.uninit();
-    Some(place.write(Station::new(
+    place.write(Station::new(
         found, start, controller, &EXCHANGE, last_words,
-    )))
+    ))
 }
 
 /// The sample interrupt's work in its place.
