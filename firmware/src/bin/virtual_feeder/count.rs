@@ -117,18 +117,21 @@ fn count_speed(station: &Station) {
 #[inline(never)]
 fn count_gear(station: &Station) {
     let (settings, target) = (station.settings(), station.target());
-    for (name, lot, scatter) in [
+    for (name, lot, scatter, second_tone) in [
         (
             "the lot of the trial",
             (settings.restitution_low, settings.restitution_high),
             0.05,
+            0.0,
         ),
-        ("lively parts", (0.5, 0.7), 0.1),
+        ("lively parts", (0.5, 0.7), 0.1, 0.0),
+        ("lively parts on two tones", (0.5, 0.7), 0.1, 0.25),
     ] {
         let taken = station.set_settings(&Settings {
             restitution_low: lot.0,
             restitution_high: lot.1,
             scatter,
+            second_tone,
             ..settings
         });
         let asked = station.set_target(Target::Gear { order: 1 });

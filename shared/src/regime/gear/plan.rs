@@ -146,9 +146,9 @@ const ABOUT_TWO: [[f32; 3]; 8] = [
 /// Second tones below this are none.
 const LEAST: f32 = 0.01;
 
-/// Impacts after which the search of one tone, and of two, ends with what it has: what 84 million instructions buy on a
-/// Cortex-M4F, where one takes 449 of one tone, with all that belongs to it, less a reserve.
-const EFFORT: [u32; 2] = [180_000, 125_000];
+/// Impacts after which the search of one tone, and of two, ends with what it has: within what 84 million instructions buy on
+/// a Cortex-M4F, where one takes 449 to 470 of one tone with all that belongs to it, and the map alone 190 more of two.
+const EFFORT: [u32; 2] = [170_000, 110_000];
 
 /// The search for the k, and the second tone, with which parts of a lot are in gear for the largest share of time, from
 /// rest and without a kick.
