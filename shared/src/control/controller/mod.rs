@@ -12,7 +12,7 @@ use num_complex::Complex32 as Complex;
 use crate::control::drive::{
     AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone,
 };
-use crate::control::hear::{Cycle, Ear, GearHearing, Listener};
+use crate::control::hear::{Cycle, GearHearing, HeardWith, Listener};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::report::{Inputs, Report, StartCause};
 use crate::control::settings::Settings;
@@ -240,7 +240,7 @@ impl Controller {
                     self.scale.most_output(self.expected[0]),
                 );
                 let wanted = self.machine.listens_for_chaos();
-                let ear = Ear {
+                let heard_with = HeardWith {
                     count: self.count,
                     lead,
                     order: self.order().unwrap_or(1),
@@ -248,7 +248,7 @@ impl Controller {
                     second: self.seen.second,
                 };
                 self.listener
-                    .cycle(cycle, &ear, self.selection.lock(), wanted);
+                    .cycle(cycle, &heard_with, self.selection.lock(), wanted);
                 self.follow_resonance(measured);
                 self.make_second_tone(&motion, &mut events);
             }

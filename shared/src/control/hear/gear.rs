@@ -188,7 +188,7 @@ fn gauss(x: f32) -> f32 {
 
 /// What a cycle is heard with.
 #[derive(Clone, Copy, Debug)]
-pub struct Ear {
+pub struct HeardWith {
     /// Number of the cycle.
     pub count: u32,
     /// Phase lead of the track.
@@ -252,19 +252,19 @@ impl GearHearing {
     }
 
     /// Takes a cycle.
-    pub fn cycle(&mut self, cycle: &Cycle, ear: &Ear) {
+    pub fn cycle(&mut self, cycle: &Cycle, with: &HeardWith) {
         let keep = 1.0 - 1.0 / GEAR_WINDOW;
         self.in_gear *= keep;
         self.watched = self.watched * keep + 1.0;
         self.cycles *= 1.0 - 1.0 / MEMORY;
         self.losses *= 1.0 - 1.0 / MEMORY;
-        self.k = ear.k;
-        self.tune(ear);
-        let order = u64::from(ear.order.max(1));
-        let now = u64::from(ear.count) << 32;
+        self.k = with.k;
+        self.tune(with);
+        let order = u64::from(with.order.max(1));
+        let now = u64::from(with.count) << 32;
         for heard in &cycle.heard {
             let time = (now | u64::from(heard.phase.bits()))
-                .wrapping_add_signed(i64::from(ear.lead.bits() as i32));
+                .wrapping_add_signed(i64::from(with.lead.bits() as i32));
             self.strike(heard, cycle.noise, time, order);
         }
         if let Some(last) = self.last
@@ -276,11 +276,11 @@ impl GearHearing {
     }
 
     /// Follows the track's motion.
-    fn tune(&mut self, ear: &Ear) {
-        if ear.second.ratio == 0.0 {
+    fn tune(&mut self, with: &HeardWith) {
+        if with.second.ratio == 0.0 {
             self.track = Track::default();
         } else {
-            let now = Track::of(ear.second);
+            let now = Track::of(with.second);
             for (tone, now) in self.track.tone.iter_mut().zip(now.tone) {
                 *tone += (now - *tone) * 0.1;
             }
@@ -288,11 +288,11 @@ impl GearHearing {
         let [straight, across] = self.track.tone;
         let was = self.thrown.track.tone;
         let apart = |a: f32, b: f32| (a - b > MOVED) | (b - a > MOVED);
-        if apart(ear.k / self.thrown.k.max(1e-6), 1.0)
+        if apart(with.k / self.thrown.k.max(1e-6), 1.0)
             || apart(straight, was[0])
             || apart(across, was[1])
         {
-            self.thrown = Thrown::at(ear.k, self.track);
+            self.thrown = Thrown::at(with.k, self.track);
         }
     }
 
@@ -554,7 +554,7 @@ mod tests {
         ] {
             let found = listen(restitution, scatter, k, 6);
             let apart = found.heard - found.truth;
-            // Three standard errors of the truth itself over these few runs are 0.03 to 0.06; the ear errs by 0.03.
+            // Three standard errors of the truth itself over these few runs are 0.03 to 0.06; what is heard errs by 0.03.
             assert!(apart.abs() < 0.035, "{restitution} {scatter}: {apart}");
             let margin = found.margin.unwrap();
             let error = (margin.restitution - restitution).abs();

@@ -1,6 +1,6 @@
 //! What the parts are heard to do: the lock, and the regime.
 
-use super::gear::{Ear, GearHearing};
+use super::gear::{GearHearing, HeardWith};
 use super::margin::Margin;
 use super::phases::PhaseStatistics;
 use super::signal::Cycle;
@@ -55,9 +55,15 @@ impl Listener {
     }
 
     /// Takes what was heard in a cycle; `wanted` is whether the regime decides something.
-    pub fn cycle(&mut self, cycle: &Cycle, ear: &Ear, lock: Option<&LockWindow>, wanted: bool) {
-        let Ear { count, lead, .. } = *ear;
-        self.gear.cycle(cycle, ear);
+    pub fn cycle(
+        &mut self,
+        cycle: &Cycle,
+        with: &HeardWith,
+        lock: Option<&LockWindow>,
+        wanted: bool,
+    ) {
+        let HeardWith { count, lead, .. } = *with;
+        self.gear.cycle(cycle, with);
         let lock = lock.map(|lock| (lock.phase, lock.width));
         self.hearing.cycle(cycle, lead, lock);
         for heard in &cycle.heard {

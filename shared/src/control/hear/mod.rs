@@ -23,7 +23,7 @@ mod signal;
 #[cfg(feature = "plant")]
 pub use fold::Fold;
 pub use fold::{HANDED, Layout, PLACES};
-pub use gear::{Ear, GEAR_WINDOW, GearHearing};
+pub use gear::{GEAR_WINDOW, GearHearing, HeardWith};
 pub use listener::Listener;
 pub use lock::LockWindow;
 pub use margin::Margin;
