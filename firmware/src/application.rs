@@ -25,6 +25,8 @@ pub struct Sampler<S, D> {
     silence: u8,
     /// Whether the drive was switched off here: it stays so until the control has commanded it.
     cut: bool,
+    /// Whether the sample before ended a cycle that is still to be handed over.
+    ended: bool,
 }
 
 impl<S: Sense, D: Drive> Sampler<S, D> {
@@ -46,6 +48,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
             on: false,
             silence: 0,
             cut: false,
+            ended: false,
         }
     }
 
@@ -81,7 +84,13 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.cut_off();
             }
         }
+        // The sample that ends a cycle has enough to do: the one after hands the cycle over.
+        if self.ended {
+            self.ended = false;
+            self.exchange.post(self.signal.cycle().clone());
+        }
         if sampled.wrapped {
+            self.ended = true;
             if self.on {
                 self.silence += 1;
                 if self.silence >= COMMANDS_LAST {
@@ -89,7 +98,6 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 }
             }
             self.roll.check_in(Watched::Samples);
-            self.exchange.post(self.signal.cycle().clone());
         }
     }
 

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use kband::control::{Report, StartCause, Target};
+use kband::control::{Report, SecondTone, StartCause, Target};
 use kband::plant::{Change, Disturbance, Scene};
 
 /// A scene and how long it runs.
@@ -17,7 +17,7 @@ pub struct Trial {
 
 impl Trial {
     /// Every trial.
-    pub const ALL: [Self; 3] = [
+    pub const ALL: [Self; 4] = [
         Self {
             name: "default",
             cycles: 500,
@@ -32,6 +32,11 @@ impl Trial {
             name: "scattering",
             cycles: 250,
             scene: scattering,
+        },
+        Self {
+            name: "two-tones",
+            cycles: 200,
+            scene: two_tones,
         },
     ];
 
@@ -113,6 +118,23 @@ fn scattering() -> Scene {
     scene
 }
 
+/// A drive that affords a second tone, told not quite right, and parts that go into gear on it.
+fn two_tones() -> Scene {
+    let mut scene = powered();
+    scene.settings.second_tone = 0.2;
+    scene.drive.second_gain = 0.6;
+    scene.drive.second_lag = 80.0;
+    scene.parts = [0.2, 0.3].into_iter().collect();
+    scene.target = Target::Tones {
+        k: 0.35,
+        second: SecondTone {
+            ratio: 0.15,
+            phase: 2.356,
+        },
+    };
+    scene
+}
+
 /// The default scene with livelier parts.
 fn lively() -> Scene {
     let mut scene = Scene::default();
@@ -181,7 +203,7 @@ fn eventful() -> Scene {
     scene
 }
 
-/// A row of the trace: cycle, k, lead, output of the drive, state, fault, limits and events; what
+/// A row of the trace: cycle, k, lead, second tone of the track, output of the drive and its second tone, state, fault, limits and events; what
 /// is single precision as its bits.
 #[derive(Clone, Copy, Debug)]
 pub struct TraceRow<'a>(pub &'a Report);
@@ -191,11 +213,15 @@ impl fmt::Display for TraceRow<'_> {
         let report = self.0;
         write!(
             formatter,
-            "{} {:08x} {:08x} {:08x} {} {} {:04x}",
+            "{} {:08x} {:08x} {:08x} {:08x} {:08x} {:08x} {:08x} {} {} {:04x}",
             report.cycle,
             report.k.to_bits(),
             report.lead.to_bits(),
+            report.second.ratio.to_bits(),
+            report.second.phase.to_bits(),
             report.command.amplitude.to_bits(),
+            report.command.overtone.sine.to_bits(),
+            report.command.overtone.cosine.to_bits(),
             report.state.number(),
             report.fault.map_or(0, |fault| fault.number()),
             report.limits.bits(),

@@ -1,6 +1,7 @@
 //! `kband settings`: the settings of a board.
 
 mod commission;
+mod second_tone;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -93,11 +94,16 @@ enum Action {
     ///
     /// With parts of one kind on the track and the enable input given, the board shakes them so that they chatter and hears their
     /// restitution; it needs about half a minute. Nothing is changed without --apply.
-    #[command(after_help = "Example:\n  kband settings commission --on /dev/ttyACM0")]
+    #[command(
+        after_help = "Examples:\n  kband settings commission --on /dev/ttyACM0\n  kband settings commission --second-tone --on /dev/ttyACM0"
+    )]
     Commission {
         /// Take and keep the interval; the drive is brought to rest for it.
         #[arg(long)]
         apply: bool,
+        /// Measure what the track answers at twice the drive's frequency instead, and offer second_gain and second_lag.
+        #[arg(long)]
+        second_tone: bool,
         /// Give up after so many seconds.
         #[arg(long, value_name = "S", default_value = "300", value_parser = arguments::within(1.0, 86_400.0, "s"))]
         within: f64,
@@ -129,8 +135,18 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "name a file for it: --flash-image board.flash",
         ));
     }
-    if let Action::Commission { apply, within } = arguments.action {
-        commission::run(address, apply, within, arguments.format, desk)?;
+    if let Action::Commission {
+        apply,
+        second_tone,
+        within,
+    } = arguments.action
+    {
+        let measure = if second_tone {
+            second_tone::run
+        } else {
+            commission::run
+        };
+        measure(address, apply, within, arguments.format, desk)?;
         return Ok(Exit::Done);
     }
     let mut link = address.open(Emulated::AtRest)?;

@@ -38,7 +38,7 @@ pub use aim::{NoSetpoint, Target};
 pub(crate) use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
-pub use drive::SecondTone;
+pub use drive::{SecondTone, affordable_second_tone};
 pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{

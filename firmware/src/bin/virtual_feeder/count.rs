@@ -8,7 +8,7 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::heprintln;
-use kband::control::{AdcCode, Settings, Signal, Target};
+use kband::control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase_step};
 use kband::plant::Bench;
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
@@ -222,11 +222,40 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
         control / u64::from(cycles),
         instructions(dearest) / 100
     );
+    let Some(path) = two_toned(station) else {
+        return;
+    };
+    count_samples("", signal, &mut bench);
+    count_samples(" of two tones", path, &mut bench);
+}
+
+/// A signal path of two tones that makes both.
+fn two_toned(station: &Station) -> Option<Signal> {
+    let settings = Settings {
+        second_tone: 0.15,
+        ..station.settings()
+    };
+    let mut path = Signal::build(&settings).ok()?;
+    path.command(Command {
+        amplitude: 0.25,
+        overtone: Overtone {
+            sine: 0.05,
+            cosine: 0.05,
+        },
+        step: phase_step(settings.frequency),
+        ..Command::default()
+    });
+    Some(path)
+}
+
+/// Counts a signal path and the sample interrupt with it.
+#[inline(never)]
+fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
+    let mut cycles = 0;
     let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
     let mut path = signal.clone();
     let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
     let (mut sum, mut most, mut samples, mut whole_sum, mut whole_most) = (0, 0, 0_u32, 0, 0);
-    cycles = 0;
     while cycles < CYCLES {
         let code = black_box(bench.sample());
         let mut sampled = None;
@@ -246,9 +275,15 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     let idle = instructions(empty) / 1000;
     let mean = |sum: u32| (instructions(sum) / u64::from(samples)).saturating_sub(idle) as u32;
     let peak = |most: u32| (instructions(most).saturating_sub(idle) / 100) as u32;
-    heprintln!("signal path: mean {} most {}", mean(sum) / 100, peak(most));
     heprintln!(
-        "sample interrupt: mean {} most {}",
+        "signal path{}: mean {} most {}",
+        name,
+        mean(sum) / 100,
+        peak(most)
+    );
+    heprintln!(
+        "sample interrupt{}: mean {} most {}",
+        name,
         mean(whole_sum) / 100,
         peak(whole_most)
     );

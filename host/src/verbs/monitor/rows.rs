@@ -31,6 +31,8 @@ impl Rows {
             (Column::new("state", ""), 9),
             (Column::new("k", "").digits(4), 8),
             (Column::new("b", "mm").digits(4), 8),
+            (Column::new("e", "").digits(3), 5),
+            (Column::new("th", "rad").digits(3), 8),
             (Column::new("output", "%").digits(3), 10),
             (Column::new("impacts", "1/cycle").digits(3), 17),
             (Column::new("phase", "rad").digits(3), 11),
@@ -89,7 +91,7 @@ impl Rows {
     /// Prints what is new in a log; whether there is still somebody who reads.
     pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
         for words in watch.lines()? {
-            let mut row = vec![Value::Missing; 11];
+            let mut row = vec![Value::Missing; 13];
             row.push(words.into());
             if !self.stream.row(&row)? {
                 return Ok(false);
@@ -100,7 +102,7 @@ impl Rows {
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
         let mut row = self.when(self.clock.then(cycle));
-        row.resize(11, Value::Missing);
+        row.resize(13, Value::Missing);
         row.push(words.into());
         self.stream.row(&row)
     }
@@ -110,6 +112,9 @@ impl Rows {
             .iter()
             .find(|state| state.number() == telemetry.state);
         let held = held(telemetry);
+        // Only where one is made: what noise looks like without one says nothing.
+        let second = (telemetry.overtone != [0.0; 2])
+            .then_some((telemetry.second_ratio, telemetry.second_phase));
         let cycles = self.clock.now(telemetry.cycle);
         let mut row = self.when(cycles);
         row.extend([
@@ -117,6 +122,8 @@ impl Rows {
             // At rest k is beyond all bounds.
             Some(telemetry.k).filter(|k| *k < 1e4).map(shortest).into(),
             (shortest(telemetry.amplitude) * 1e3).into(),
+            second.map(|(ratio, _)| shortest(ratio)).into(),
+            second.map(|(_, phase)| shortest(phase)).into(),
             (shortest(telemetry.output) * 100.0).into(),
             shortest(telemetry.rate).into(),
             shortest(telemetry.phase).into(),

@@ -139,7 +139,7 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
 }
 
 /// Refused where the drive does not run, for then nothing will be heard.
-fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
+pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
     let Some(last) = cycle(link)? else {
         return Ok(None);
     };
@@ -165,7 +165,7 @@ fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
 }
 
 /// Brings the drive to rest, as settings need it.
-fn rest(link: &mut Link) -> Result<(), Refusal> {
+pub(super) fn rest(link: &mut Link) -> Result<(), Refusal> {
     link.tell(&Request::Enable(false))?;
     let begun = Instant::now();
     while begun.elapsed() < REST {

@@ -153,7 +153,7 @@ impl Controller {
             limits: LimitMonitor::default(),
             reference: Reference::default(),
             output: 0.0,
-            second: SecondLoop::build(settings),
+            second: SecondLoop::build(settings)?,
             expected: [0.0; 3],
             faults: FaultDetector::default(),
             count: 0,

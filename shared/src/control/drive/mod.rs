@@ -21,4 +21,4 @@ pub use answer::Answer;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;
-pub use second::{Asked, Motion, SecondLoop, SecondTone};
+pub use second::{Asked, Motion, SecondLoop, SecondTone, affordable_second_tone};

@@ -5,6 +5,7 @@ use core::f32::consts::TAU;
 use num_complex::Complex32 as Complex;
 
 use super::answer::Answer;
+use super::scale::Scale;
 use crate::arithmetic::sine_cosine_single;
 use crate::control::angle::phase_of;
 use crate::control::settings::Settings;
@@ -25,7 +26,10 @@ const NOTED: (f32, f32) = (1.5, 0.35);
 const BORNE: (f32, f32) = (3.0, 1.05);
 /// Acceleration over the hard limit at which the second tone is given up at once, as the first tone's fault.
 const EXCESS: f32 = 1.15;
-/// Cycles without enough output before it counts as a limit.
+/// Share of the wanted second tone that may be missing before less of it is made than is wanted: what the noise of an
+/// amplitude at its hard limit takes off is less.
+const LEAST: f32 = 0.95;
+/// Cycles of that before it counts as a limit, as of the output's own.
 const SHORT: u16 = 25;
 
 /// A second tone of the track's motion `S = sin tau + e sin(2 tau + th)`, tau the track's phase.
@@ -125,6 +129,29 @@ pub struct Asked {
     pub least: f32,
 }
 
+/// Largest second tone (symbol e) that the output leaves room for at a k, where the settings' drive makes the first
+/// tone too; 0..0.5.
+///
+/// ```
+/// use kband::control::{Settings, affordable_second_tone};
+/// let mut settings = Settings::default();
+/// // A mode at twice the frequency makes half of what the resonance does.
+/// assert_eq!(affordable_second_tone(&settings, 0.35), 0.5);
+/// // One resonance alone: the force grows like 3 Q e.
+/// settings.second_gain = 0.0;
+/// let e = affordable_second_tone(&settings, 0.35);
+/// assert!((0.030..0.032).contains(&e), "{e}");
+/// ```
+#[must_use]
+pub fn affordable_second_tone(settings: &Settings, k: f32) -> f32 {
+    let scale = Scale::at(settings, settings.frequency);
+    let amplitude = scale.amplitude(k);
+    let room = settings.output_maximum - amplitude / scale.strength;
+    (room * size_of(Answer::at(settings).second) / amplitude)
+        .max(0.0)
+        .min(0.5)
+}
+
 /// The loop that holds the second tone.
 ///
 /// What is learnt is one complex number, the track's answer over the one told: the output is the wanted motion
@@ -155,23 +182,33 @@ pub struct SecondLoop {
     output: Complex,
     /// Cycles in which the answer was learnt.
     learnt: u16,
-    /// Cycles in which the output was short.
-    short: u16,
-    cut: bool,
+    /// Cycles in which less was made than is wanted, and whether the output was short in the last one.
+    cut_for: u16,
+    short: bool,
+    /// Share of the wanted second tone that the hard limits leave.
+    share: f32,
     noted: bool,
     given_up: bool,
 }
 
 impl SecondLoop {
-    /// The loop for these settings, at rest.
-    pub fn build(settings: &Settings) -> Self {
+    /// The loop for these settings, at rest. Refused where the drive cannot make the second tone even on a track that
+    /// only just throws parts (k = 1).
+    pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
+        let affords = affordable_second_tone(settings, 1.0);
+        accept(
+            "second_tone",
+            f64::from(settings.second_tone),
+            settings.second_tone <= affords,
+            "0..what output_maximum leaves for it at k = 1 by second_gain",
+        )?;
         let answer = Answer::at(settings).second;
         // The envelope of the second tone is taken for no slower than a mode as sharp as the drive's own.
         let envelope = settings.quality / TAU;
         let slow = SLOWNESS * (DEAD_TIME + envelope);
         let most = settings.second_tone;
         let cycles = |seconds: f32| (seconds * settings.frequency).max(1.0);
-        Self {
+        Ok(Self {
             most,
             inverse: if most > 0.0 {
                 answer.inv()
@@ -194,11 +231,12 @@ impl SecondLoop {
             wanted: [Complex::default(); 3],
             output: Complex::default(),
             learnt: 0,
-            short: 0,
-            cut: false,
+            cut_for: 0,
+            short: false,
+            share: 1.0,
             noted: false,
             given_up: false,
-        }
+        })
     }
 
     /// Whether the drive affords a second tone at all.
@@ -212,8 +250,9 @@ impl SecondLoop {
         self.shape = Complex::default();
         self.wanted = [Complex::default(); 3];
         self.output = Complex::default();
-        self.short = 0;
-        self.cut = false;
+        self.cut_for = 0;
+        self.short = false;
+        self.share = 1.0;
     }
 
     /// Silence, and a new try with the answer as told.
@@ -232,12 +271,12 @@ impl SecondLoop {
 
     /// Whether less is made of the second tone than is wanted: for want of output, under a hard limit, or given up.
     pub fn held_back(&self) -> bool {
-        self.given_up || self.cut || self.short > SHORT
+        self.given_up || self.cut_for > SHORT
     }
 
     /// Whether it has come to where it goes.
     pub fn arrived(&self) -> bool {
-        self.given_up || self.cut || size_of(self.goal - self.shape) < 1e-3
+        self.given_up || size_of(self.goal - self.shape) < 1e-3
     }
 
     /// A cycle on; whether the track's answer was found to be none as told, which is said once.
@@ -272,13 +311,18 @@ impl SecondLoop {
         self.wanted = [wanted, self.wanted[0], self.wanted[1]];
         let raw = self.correction * self.inverse * wanted;
         let size = size_of(raw);
-        let short = size > asked.room;
-        self.short = if short {
-            self.short.saturating_add(1)
+        self.short = size > asked.room;
+        let made = if self.short {
+            self.share * asked.room.max(0.0) / size
+        } else {
+            self.share
+        };
+        self.cut_for = if made < LEAST {
+            self.cut_for.saturating_add(1)
         } else {
             0
         };
-        self.output = if short {
+        self.output = if self.short {
             raw * (asked.room.max(0.0) / size)
         } else {
             raw
@@ -299,7 +343,7 @@ impl SecondLoop {
                 share = share.min((room / needed).max(0.0));
             }
         }
-        self.cut = share < 0.999 && wanted > 0.0;
+        self.share = if wanted > 0.0 { share } else { 1.0 };
         self.goal = if self.given_up || wanted <= 0.0 {
             Complex::default()
         } else {
@@ -313,7 +357,7 @@ impl SecondLoop {
         // What a full second tone moves tells most; less counts by its square.
         let full = self.goal.norm_sqr() * motion.first.norm_sqr();
         let size = driven.norm_sqr();
-        if self.short > 0 || self.given_up || full <= 0.0 || 16.0 * size < full {
+        if self.short || self.given_up || full <= 0.0 || 16.0 * size < full {
             return false;
         }
         let error = (driven - motion.second) * driven.conj() / full.max(size);
@@ -347,4 +391,134 @@ impl SecondLoop {
 
 fn size_of(z: Complex) -> f32 {
     libm::sqrtf(z.norm_sqr())
+}
+
+#[cfg(test)]
+mod tests {
+    use num_complex::Complex64;
+
+    use super::*;
+
+    /// Gain margin, phase margin in degrees and least distance to -1 of the loop, on a track whose mode has its frequency
+    /// at twice the drive's times `1 + off`.
+    fn margins(quality: f32, off: f64) -> [f64; 3] {
+        let settings = Settings {
+            second_tone: 0.2,
+            quality,
+            ..Settings::default()
+        };
+        let learning = f64::from(SecondLoop::build(&settings).unwrap().learning);
+        let turn = |angle: f64| Complex64::new(angle.cos(), angle.sin());
+        // Decay and turn of the envelope in a cycle of the drive, as it turns by pi (1 + off) 2 / Q and 4 pi off.
+        let decay = 2.0 * core::f64::consts::PI * (1.0 + off) / f64::from(quality);
+        let pole = turn(4.0 * core::f64::consts::PI * off) * (-decay).exp();
+        let open = |angle: f64| {
+            let late = turn(-angle);
+            // Two cycles of dead time, the mean of a cycle's ends, the envelope, the sum.
+            learning * late * late * (late + 1.0) * 0.5 * (Complex64::new(1.0, 0.0) - pole)
+                / ((Complex64::new(1.0, 0.0) - pole * late) * (Complex64::new(1.0, 0.0) - late))
+        };
+        let (mut gain, mut phase, mut distance) = (f64::INFINITY, 180.0_f64, f64::INFINITY);
+        for way in [1.0, -1.0] {
+            let mut before = open(way * 1e-5);
+            for n in 1..6000 {
+                let angle = 1e-5 * (core::f64::consts::PI / 1e-5).powf(f64::from(n) / 6000.0);
+                let now = open(way * angle);
+                if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 {
+                    gain = gain.min(-1.0 / now.re);
+                }
+                if (now.norm_sqr() < 1.0) != (before.norm_sqr() < 1.0) {
+                    phase = phase.min(180.0 - now.im.atan2(now.re).to_degrees().abs());
+                }
+                distance = distance.min((now + 1.0).norm_sqr().sqrt());
+                before = now;
+            }
+        }
+        [gain, phase, distance]
+    }
+
+    /// In cycles of the drive the loop is the same at every frequency, 5 to 500 Hz.
+    #[test]
+    fn the_loop_has_margins_at_every_quality_and_detuning() {
+        let mut least = [f64::INFINITY; 3];
+        for quality in [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0] {
+            for n in -40..=40 {
+                let found = margins(quality, 0.005 * f64::from(n));
+                for (least, found) in least.iter_mut().zip(found) {
+                    *least = least.min(found);
+                }
+            }
+        }
+        std::println!("{least:?}");
+        let [gain, phase, distance] = least;
+        // A gain told wrong by a factor of 2 and a phase by 30 degrees leave a factor of 2 and 30 degrees.
+        assert!(gain > 4.0 && phase > 60.0 && distance > 0.7, "{least:?}");
+    }
+
+    #[test]
+    fn a_chord_bounds_the_peaks_and_a_tone_is_what_was_measured() {
+        for n in 0..48 {
+            let told = SecondTone {
+                ratio: 0.01 * (n % 25) as f32 + 0.01,
+                phase: 0.13 * n as f32 - 3.1,
+            };
+            let whole = told.peaks();
+            let half = SecondTone {
+                ratio: 0.5 * told.ratio,
+                ..told
+            };
+            for (half, whole) in half.peaks().into_iter().zip(whole) {
+                assert!(half <= 0.5 * (1.0 + whole) + 5e-3, "{told:?}");
+            }
+            let lead = 0.7 * n as f32;
+            let first = Complex::new(libm::cosf(lead), libm::sinf(lead)) * 2.3e-4;
+            let angle = told.phase + 2.0 * lead;
+            let second = Complex::new(libm::cosf(angle), libm::sinf(angle)) * (2.3e-4 * told.ratio);
+            let seen = Motion { first, second }.tone();
+            assert!((seen.ratio - told.ratio).abs() < 1e-6);
+            assert!((seen.phase - told.phase).abs() < 1e-4, "{seen:?} {told:?}");
+        }
+    }
+
+    #[test]
+    fn a_second_tone_that_the_drive_cannot_make_is_refused() {
+        let mut settings = Settings {
+            second_tone: 0.15,
+            ..Settings::default()
+        };
+        assert!(SecondLoop::build(&settings).is_ok());
+        // One resonance alone: 0.11 at k = 1.
+        settings.second_gain = 0.0;
+        assert_eq!(
+            SecondLoop::build(&settings).unwrap_err().parameter,
+            "second_tone"
+        );
+        settings.second_tone = 0.11;
+        assert!(SecondLoop::build(&settings).is_ok());
+        for (tone, parameter) in [
+            (
+                SecondTone {
+                    ratio: 0.6,
+                    phase: 0.0,
+                },
+                "second tone, ratio",
+            ),
+            (
+                SecondTone {
+                    ratio: 0.1,
+                    phase: 135.0,
+                },
+                "second tone, phase",
+            ),
+            (
+                SecondTone {
+                    ratio: f32::NAN,
+                    phase: 0.0,
+                },
+                "second tone, ratio",
+            ),
+        ] {
+            assert_eq!(tone.check().unwrap_err().parameter, parameter);
+        }
+    }
 }
