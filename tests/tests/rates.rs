@@ -1,7 +1,7 @@
 //! The board's image at drive frequencies from 25 to 500 Hz: what it holds is what the desk holds, within its
 //! deadlines, counted in cycles on the emulated chip.
 
-use kband::control::{State, Target};
+use kband::control::{Event, Report, SecondTone, State, Target};
 use kband::plant::{ClosedLoop, Scene};
 use kband::wire::{Request, Response};
 use kband_tests::chip::{LINK, MILLISECOND, SAMPLE};
@@ -136,4 +136,59 @@ fn the_image_holds_300_hz() {
 #[test]
 fn the_image_holds_500_hz() {
     holds(500.0, 0.41);
+}
+
+/// A drive that affords a second tone and answers twice as much as the board was told.
+#[test]
+fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
+    let wanted = SecondTone {
+        ratio: 0.15,
+        phase: 2.356,
+    };
+    let mut scene = machine(50.0, 0.35);
+    scene.target = Target::Tones {
+        k: 0.35,
+        second: wanted,
+    };
+    scene.settings.second_tone = 0.25;
+    scene.drive.second_gain = 0.5;
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let mut rig = Rig::with(holding(&image), &scene);
+    rig.chip.power_on();
+    rig.run(0.3);
+    for (key, value) in [("second_tone", 0.25), ("second_gain", 0.25)] {
+        rig.done(&Request::Set { key, value });
+    }
+    rig.done(&Request::Target(scene.target.into()));
+    rig.done(&Request::Save);
+    rig.at(1.0, Act::Enable(true));
+    for half in 1..=16 {
+        rig.run(f64::from(half) * 0.5);
+        rig.done(&Request::Alive);
+    }
+    let (amplitude, made) = rig.chip.board.world.bench.plant().tones();
+    let Report { k, second, .. } = ClosedLoop::build(&scene)
+        .map(|mut desk| (0..350).map(|_| desk.cycle().report).last().unwrap())
+        .unwrap();
+    println!("board: b {amplitude:e} {made:?}; desk: k {k} {second:?}");
+    let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
+    let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));
+    // As the desk: the bridge's mean over a sample is its duty to 1/8400.
+    assert!((held / 0.35 - 1.0).abs() < 0.02, "{held}");
+    assert!((made.ratio - wanted.ratio).abs() < 0.003, "{made:?}");
+    assert!((made.phase - wanted.phase).abs() < 0.03, "{made:?}");
+    let events: Vec<u8> = (0..20)
+        .map_while(|number| {
+            rig.ask(&Request::Event(number), |response| match response {
+                Response::Event(record) => record.map(|record| record.event),
+                _ => None,
+            })
+        })
+        .collect();
+    let unlike = Event::SecondToneUnlike.number();
+    assert!(events.contains(&unlike), "{events:?}");
+    // The enable input withdrawn: the second tone goes with the first.
+    rig.act(&Act::Enable(false));
+    rig.run(11.0);
+    assert!(rig.amplitude() < 1e-3, "{}", rig.amplitude());
 }

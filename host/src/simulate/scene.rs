@@ -1,6 +1,6 @@
 //! Scene files: strict TOML to a checked scene.
 
-use kband::control::{Controller, Settings, StartCause};
+use kband::control::{Controller, Settings, StartCause, affordable_second_tone};
 use kband::feeder::OutOfRange;
 use kband::plant::{Change, DriveModel, Scene};
 use toml::{Table, Value};
@@ -222,6 +222,17 @@ impl SceneFile {
             )
         };
         let settings = &self.scene.settings;
+        let affords = affordable_second_tone(settings, 1.0);
+        if settings.second_tone > affords {
+            return Err(Refusal::value(
+                "drive.second_tone",
+                settings.second_tone,
+                format!(
+                    "0..{affords:.3}, which is what this drive's output makes where the track only just throws parts (k = 1)"
+                ),
+                "lower it, or raise drive.second_gain, gain or output_maximum",
+            ));
+        }
         let mut controller =
             Controller::build(settings, self.scene.target, self.scene.start).map_err(named)?;
         self.scene.check().map_err(named)?;
@@ -396,6 +407,30 @@ mod tests {
             ),
             ("gear = 1 ", "amplitude = 1.5", &["target amplitude = 1.5"]),
             ("quality = 25.0", "quality = [1]", &["drive.quality = [1]"]),
+            (
+                "second_tone = 0.0 ",
+                "second_tone = 0.6",
+                &["drive.second_tone = 0.6", "0.0..0.5"],
+            ),
+            (
+                "second_tone = 0.0                # largest second tone that the drive affords, over the first (e), 0..0.5 (optional)\nsecond_gain = 0.5",
+                "second_tone = 0.15\nsecond_gain = 0.0",
+                &[
+                    "drive.second_tone = 0.15",
+                    "0..0.11",
+                    "raise drive.second_gain",
+                ],
+            ),
+            (
+                "locked = 1 ",
+                "tones = [0.35, 0.15, 2.356]",
+                &["target.tones", "degrees", "135.0"],
+            ),
+            (
+                "locked = 1 ",
+                "tones = [0.35, 0.15, 135]",
+                &["second tone, ratio = 0.15", "what the drive affords"],
+            ),
             ("[track]", "[track", &["line 9 is not TOML"]),
             (
                 "duration = 10.0",

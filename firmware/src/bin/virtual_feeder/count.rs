@@ -196,7 +196,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     count_gear(station);
     heprintln!("capture plan: {}", Searched::count(station));
     // Closed loop to a lively state: drive up, parts in flight.
-    let mut cycles = 0;
+    let mut cycles = 0_u32;
     let (mut control, mut dearest) = (0_u64, 0);
     while cycles < 60 {
         let before = signal.phase();
