@@ -87,7 +87,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         // The sample that ends a cycle has enough to do: the one after hands the cycle over.
         if self.ended {
             self.ended = false;
-            self.exchange.post(self.signal.cycle().clone());
+            self.exchange.post(self.signal.cycle());
         }
         if sampled.wrapped {
             self.ended = true;

@@ -69,11 +69,12 @@ impl Exchange {
         self.late.store(late, Ordering::Release);
     }
 
-    pub(crate) fn post(&self, cycle: Cycle) {
+    #[inline(always)]
+    pub(crate) fn post(&self, cycle: &Cycle) {
         if self.owed.swap(true, Ordering::AcqRel) {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
-        self.cycle.signal(cycle);
+        self.cycle.signal(cycle.clone());
     }
 
     pub(crate) async fn next(&self) -> Cycle {
