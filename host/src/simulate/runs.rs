@@ -334,7 +334,7 @@ mod tests {
         let text = super::super::DEFAULT
             .replace("restitution = [0.18, 0.22]", "restitution = 0.3")
             .replace(
-                "# scatter = 0.04",
+                "scatter = 0.04",
                 "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #",
             );
         let mut file = SceneFile::parse(&text).unwrap();

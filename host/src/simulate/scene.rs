@@ -369,17 +369,17 @@ mod tests {
                 &["part.actual = -1"],
             ),
             (
-                "# scatter = 0.04",
+                "scatter = 0.04",
                 "scatter = 0.31 #",
                 &["part.scatter = 0.31", "0..0.3", "0.03 to 0.15"],
             ),
             (
-                "# scatter = 0.04",
+                "scatter = 0.04",
                 "scatter = [0.03, 0.05] #",
                 &["part.scatter = [0.03, 0.05]", "one for each of the 1 parts"],
             ),
             (
-                "# scatter = 0.04",
+                "scatter = 0.04",
                 "scatter = \"some\" #",
                 &["part.scatter = \"some\""],
             ),
