@@ -3,7 +3,10 @@
 use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
-use kband::impact::{Kernel, Map, Single, State, Tone, Wave, WaveKernel, WaveMap, WaveSingle};
+use kband::impact::{
+    Hybrid, Kernel, Map, Single, State, Tone, Wave, WaveExact, WaveHybrid, WaveKernel, WaveMap,
+    WaveSingle,
+};
 use kband_tests::states::Random;
 use kband_tests::tones::Track;
 
@@ -287,6 +290,11 @@ fn golden_in<K: WaveKernel>(held: &Held) {
             largest = largest.max(error);
             let error = (K::observe(impact.next).velocity - row.next.velocity).abs();
             assert!(error < 8.0 * held.golden[1], "{n} {} {impact:?}", row.class);
+        } else if row.class == "grazing" && error > 1e-3 {
+            // A launch rounded otherwise touches where the exact one just does not, or the reverse.
+            let slow = K::observe(impact.next).velocity.min(row.next.velocity);
+            assert!(slow < 0.02, "{n} {impact:?} {}", row.flight);
+            flagged += 1;
         } else {
             // Of a flight whose end hangs on every digit the place alone.
             let hanging = held.height[0] * row.condition * (1.0 + row.flight * row.flight);
@@ -361,7 +369,7 @@ fn none_missed_in<K: WaveKernel>(held: &Held) {
             }
             let oracle = track.first_impact(state.phase, state.velocity);
             let d = oracle.duration;
-            let short = if d < 0.1 { d } else { 1.0 };
+            let short = if d < 0.04 { d } else { 1.0 };
             let rounding = short * (held.height[0] + held.height[1] * d * (1.0 + track.k * d));
             let error = (impact.flight - d).abs();
             if impact.grazes {
@@ -401,6 +409,47 @@ fn golden_impacts_in_f32() {
     golden_in::<WaveSingle>(&SINGLE);
 }
 
+/// Phases to their rounding: closer than the map in f64 by an order, wherever the condition is fair.
+#[test]
+fn golden_impacts_in_f64_exact() {
+    let (mut largest, mut counted) = (0.0_f64, 0);
+    for (n, row) in golden().enumerate() {
+        let tones = [row.map.wave().second(), row.map.wave().third()];
+        let exact = WaveExact::on_tones(tones, row.map.k(), row.map.restitution()).unwrap();
+        let impact = exact.impact(row.state);
+        assert!((impact.flight / row.flight - 1.0).abs() < 1e-6, "{n}");
+        if impact.grazes || row.condition > 100.0 {
+            continue;
+        }
+        let error = (impact.flight / row.flight - 1.0).abs();
+        assert!(error < 1e-15, "{n} {} {impact:?}", row.class);
+        let error = (impact.next.phase - row.next.phase).abs();
+        assert!(
+            error <= f64::EPSILON * row.next.phase.max(1e-3) * 1.01,
+            "{n} {impact:?}"
+        );
+        largest = largest.max((impact.next.velocity / row.next.velocity - 1.0).abs());
+        counted += 1;
+    }
+    println!("{counted} rows, velocities within {largest:.1e}");
+    assert!(counted > 1_200 && largest < 4e-16, "{counted} {largest:e}");
+}
+
+const HYBRID: Held = Held {
+    golden: [1e-8, 1e-7],
+    height: [2e-8, 2e-9],
+};
+
+#[test]
+fn golden_impacts_in_hybrid() {
+    golden_in::<WaveHybrid>(&HYBRID);
+}
+
+#[test]
+fn no_impact_is_missed_in_hybrid() {
+    none_missed_in::<WaveHybrid>(&HYBRID);
+}
+
 #[test]
 fn no_impact_is_missed_in_f32() {
     none_missed_in::<WaveSingle>(&SINGLE);
@@ -418,6 +467,10 @@ fn one_tone_keeps_its_bits() {
             angle: 1.0,
         }; 2];
         let same = WaveSingle::on_tones(tones, k, restitution).unwrap();
+        assert_eq!(one, same.impact(start));
+        let start = Hybrid::state(random.between(0.0, TAU), random.scale(1e-7, 20.0)).unwrap();
+        let one = Hybrid::build(k, restitution).unwrap().impact(start);
+        let same = WaveHybrid::on_tones(tones, k, restitution).unwrap();
         assert_eq!(one, same.impact(start));
     }
 }

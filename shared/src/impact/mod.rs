@@ -13,9 +13,11 @@
 //! | [`Map`] | f64, at the desk | `double/first.rs`, by kind: `double/{tall,short,low}.rs` | `double/search.rs` |
 //! | [`Exact`] | f64, phases to their rounding | `double/exact.rs`: that of [`Map`], polished once | |
 //! | [`WaveMap`] | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
+//! | [`WaveExact`] | that of [`WaveMap`], phases to their rounding | `tones/exact.rs` | |
 //! | [`batch::Block`] | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
+//! | [`WaveHybrid`] | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
 //! | [`WaveSingle`] | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
 //!
@@ -35,7 +37,7 @@ mod scatter;
 mod set_up;
 mod tones;
 
-pub use anchor::{Hybrid, Single, SingleState, WaveSingle};
+pub use anchor::{Hybrid, Single, SingleState, WaveHybrid, WaveSingle};
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
 pub use double::{Exact, Map, Refined};
@@ -51,4 +53,4 @@ pub use orbit::{
 };
 pub use scatter::Scatter;
 pub(crate) use tones::{Next, WavePart};
-pub use tones::{Tone, Wave, WaveContact, WaveMap, WaveOrbit};
+pub use tones::{Tone, Wave, WaveContact, WaveExact, WaveMap, WaveOrbit};

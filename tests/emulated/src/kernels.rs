@@ -1,6 +1,9 @@
 //! The kernels for microcontrollers: the work that all machines do alike.
 
-use kband::impact::{Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState};
+use kband::impact::{
+    Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveHybrid,
+    WaveKernel, WaveSingle,
+};
 
 /// A kernel with its step in machine units.
 pub trait Machine: Kernel + Copy {
@@ -40,6 +43,26 @@ impl Machine for Single {
     }
 }
 
+impl Machine for WaveHybrid {
+    #[inline(always)]
+    fn land(&self, state: HybridState) -> Landing<HybridState> {
+        WaveHybrid::land(self, state)
+    }
+    fn bits(state: HybridState) -> [u32; 2] {
+        Hybrid::bits(state)
+    }
+}
+
+impl Machine for WaveSingle {
+    #[inline(always)]
+    fn land(&self, state: SingleState) -> Landing<SingleState> {
+        WaveSingle::land(self, state)
+    }
+    fn bits(state: SingleState) -> [u32; 2] {
+        Single::bits(state)
+    }
+}
+
 /// k, restitution, phase and velocity of eleven orbits that stay locked or chaotic.
 pub const ORBITS: [[f64; 4]; 11] = [
     [0.43, 0.2, 0.45, 0.45],
@@ -57,6 +80,36 @@ pub const ORBITS: [[f64; 4]; 11] = [
 
 /// Chatter: from lift-off to rest and again.
 pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
+
+/// The same of orbits in gear, and of two that are not, with amplitude and angle (rad) of the second tone of their tracks.
+pub const WAVES: [[f64; 6]; 9] = [
+    [0.35, 0.2, 0.5, 0.45, 0.15, 2.356],
+    [0.3, 0.2, 0.4, 0.35, 0.10, 2.487],
+    [0.42, 0.3, 0.5, 0.6, 0.10, 2.487],
+    [0.402, 0.3, 0.5, 0.6, 0.19, 2.70],
+    [0.5, 0.4, 0.5, 0.9, 0.15, 2.356],
+    [0.46, 0.5, 0.5, 0.96, 0.15, 2.2],
+    [0.573, 0.5, 0.5, 1.2, 0.23, 2.60],
+    [0.2, 0.9, 2.0, 3.0, 0.15, 2.356],
+    [0.05, 0.9, 2.0, 3.0, 0.15, 2.356],
+];
+
+/// Chatter on two tones, two humps a turn.
+pub const WAVE_CHATTER: [f64; 6] = [0.9, 0.5, 1.119_769_515, 0.0, 0.3, 1.0];
+
+/// The kernel and the first state of an orbit on two tones.
+///
+/// # Panics
+/// Where the kernel refuses them.
+pub fn begin_on_tones<K: Machine + WaveKernel>(
+    [k, restitution, phase, velocity, amplitude, angle]: [f64; 6],
+) -> (K, K::State) {
+    let tones = [Tone { amplitude, angle }, Tone::default()];
+    (
+        K::on_tones(tones, k, restitution).expect("parameters within range"),
+        K::state(phase, velocity).expect("a state within range"),
+    )
+}
 
 /// The kernel and the first state of an orbit.
 ///
@@ -111,6 +164,8 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
         (Single::NAME, hash_orbits::<Single>),
         (Integer::NAME, hash_orbits::<Integer>),
+        (WaveHybrid::NAME, hash_waves::<WaveHybrid>),
+        (WaveSingle::NAME, hash_waves::<WaveSingle>),
     ]
     .into_iter()
     .map(|(name, hash)| (name, hash(10_000)))
@@ -121,6 +176,27 @@ fn hash_orbits<K: Machine>(count: u32) -> u32 {
     orbits.fold(2_166_136_261, |sum, &orbit| {
         let (kernel, start) = begin::<K>(orbit);
         hash(&kernel, start, count, sum)
+    })
+}
+
+/// Those on two tones, and each of them with a third.
+fn hash_waves<K: Machine + WaveKernel>(count: u32) -> u32 {
+    let orbits = WAVES.iter().chain([&WAVE_CHATTER]);
+    orbits.fold(2_166_136_261, |sum, &orbit| {
+        let (kernel, start) = begin_on_tones::<K>(orbit);
+        let sum = hash(&kernel, start, count, sum);
+        let [k, restitution, .., amplitude, angle] = orbit;
+        let third = Tone {
+            amplitude: 0.07,
+            angle: 5.74,
+        };
+        let three = K::on_tones([Tone { amplitude, angle }, third], k, restitution);
+        hash(
+            &three.expect("parameters within range"),
+            start,
+            count / 2,
+            sum,
+        )
     })
 }
 
@@ -140,9 +216,23 @@ impl Random {
 
 /// Eight tracks and 256 states on them, velocities up to `top`.
 pub fn states<K: Machine>(top: f64) -> ([K; 8], [(K::State, u8); 256]) {
+    states_on(top, |k| K::build(k, 0.8).expect("parameters within range"))
+}
+
+/// The same on two tones.
+pub fn states_on_tones<K: Machine + WaveKernel>(top: f64) -> ([K; 8], [(K::State, u8); 256]) {
+    let second = Tone {
+        amplitude: 0.15,
+        angle: 2.356,
+    };
+    states_on(top, |k| {
+        K::on_tones([second, Tone::default()], k, 0.8).expect("parameters within range")
+    })
+}
+
+fn states_on<K: Machine>(top: f64, build: impl Fn(f64) -> K) -> ([K; 8], [(K::State, u8); 256]) {
     let mut random = Random(1);
-    let kernels = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85]
-        .map(|k| K::build(k, 0.8).expect("parameters within range"));
+    let kernels = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85].map(build);
     let states = core::array::from_fn(|i| {
         let phase = random.uniform() * core::f64::consts::TAU;
         let velocity = random.uniform() * top;

@@ -21,7 +21,17 @@ pub(super) fn fall<F: Flight>(
     if !(rise > 0.0 && square >= track.tall()) {
         return None;
     }
-    let speed = square_root_single(square);
+    fall_at::<F>(track, phase, rise, square_root_single(square))
+}
+
+/// From the fall through height 0, at `speed`, of any flight.
+#[inline(always)]
+pub(super) fn fall_at<F: Flight>(
+    track: &impl Track,
+    phase: u32,
+    rise: f32,
+    speed: f32,
+) -> Option<Approach> {
     let x = (rise + speed) * track.inverse();
     let (node, offset) = F::node_of(phase, x);
     approach::<F>(track, node, -offset, speed, 0.0)

@@ -30,12 +30,12 @@ const STEEP: f32 = 0.02;
 
 /// The least square of the speed at height 0 of a fall that an approach starts from; below, the parabola
 /// hardly reaches the middle of the stroke. At 0.4 a twentieth more flights are searched, at 0 no fewer.
-const LEAST: f32 = 0.1;
+pub(super) const LEAST: f32 = 0.1;
 
 /// How far beyond a turn from lift-off a fall may end, in rad: the end of the hump after the next and what
 /// the crossing of height 0 is off by. At 3 a tenth fewer launches near lift-off are searched, for as many
 /// more steps.
-const BEYOND: f32 = 0.5;
+pub(super) const BEYOND: f32 = 0.5;
 
 /// Where the first impact of a low flight may be.
 pub(crate) enum Candidate {

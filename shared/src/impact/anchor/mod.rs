@@ -25,4 +25,4 @@ mod tones;
 
 pub use hybrid::Hybrid;
 pub use single::{Single, SingleState};
-pub use tones::WaveSingle;
+pub use tones::{WaveHybrid, WaveSingle};

@@ -120,10 +120,11 @@ impl Kernel for Exact {
     }
 }
 
-struct Polished {
-    flight: Twofold,
-    phase: Twofold,
-    arrival: Twofold,
+/// A root after a Newton step.
+pub(in crate::impact) struct Polished {
+    pub flight: Twofold,
+    pub phase: Twofold,
+    pub arrival: Twofold,
 }
 
 /// 2 pi.
@@ -133,7 +134,7 @@ const TWO_PI: Twofold = Twofold {
 };
 
 /// `angle` less than 2 turns, in 0..2 pi.
-fn turned(angle: Twofold) -> Twofold {
+pub(in crate::impact) fn turned(angle: Twofold) -> Twofold {
     let angle = if angle.high < 0.0 {
         angle.plus(TWO_PI)
     } else {
@@ -153,12 +154,12 @@ fn turned(angle: Twofold) -> Twofold {
 }
 
 /// `count` node spacings.
-fn nodes(count: f64) -> Twofold {
+pub(in crate::impact) fn nodes(count: f64) -> Twofold {
     Twofold::product(count, node::SPACING).plus(Twofold::product(count, node::SPACING_REST))
 }
 
 /// Sine and cosine of `x`, a node and an offset from it.
-fn at_node(index: usize, x: Twofold) -> (Twofold, Twofold) {
+pub(in crate::impact) fn at_node(index: usize, x: Twofold) -> (Twofold, Twofold) {
     let twofold = |i: usize| Twofold {
         high: node::DOUBLE[index][i],
         low: node::DOUBLE_REST[index][i],
@@ -179,7 +180,7 @@ fn at_node(index: usize, x: Twofold) -> (Twofold, Twofold) {
 }
 
 /// Sine and cosine of a phase.
-fn sine_cosine(phase: f64) -> (Twofold, Twofold) {
+pub(in crate::impact) fn sine_cosine(phase: f64) -> (Twofold, Twofold) {
     let count = libm::round(phase / node::SPACING);
     let x = Twofold::from(phase).minus(nodes(count));
     at_node(count as usize % node::COUNT, x)

@@ -8,7 +8,7 @@ pub(super) mod short;
 pub(super) mod step;
 pub(super) mod tall;
 
-mod exact;
+pub(super) mod exact;
 mod map;
 mod search;
 

@@ -3,6 +3,7 @@
 use super::observe::Observer;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, State};
+use crate::impact::tones::WaveMap;
 
 /// Partial derivatives of one impact; `det J = R^2 psi / psi'` (docs/theory-impacts.md#t2.4).
 ///
@@ -49,6 +50,45 @@ impl Tangent {
         let by_k = -0.5 * d * d / arrival;
         let pull = map.k() - s + rise;
         let r = map.restitution();
+        Some(Self {
+            jacobian: [
+                [1.0 + by_phase, by_velocity],
+                [r * (pull * by_phase + rise), r * (pull * by_velocity - 1.0)],
+            ],
+            by_k: [by_k, r * (d + pull * by_k)],
+        })
+    }
+
+    /// The same on a track of several tones.
+    #[must_use]
+    pub fn on_tones(map: &WaveMap, state: State, impact: &Impact<State>) -> Option<Self> {
+        let (d, k, r) = (impact.flight, map.k(), map.restitution());
+        let [_, _, push, _] = map.wave().motion(state.phase);
+        let tones = [
+            (1.0, 1.0, 0.0),
+            (
+                2.0,
+                map.wave().second().amplitude,
+                map.wave().second().angle,
+            ),
+            (3.0, map.wave().third().amplitude, map.wave().third().angle),
+        ];
+        // S'(t) - S'(t+d) and A(t) - A(t+d), without cancellation.
+        let (mut fall, mut rise) = (0.0, 0.0);
+        for (q, amplitude, angle) in tones {
+            let middle = q * (state.phase + 0.5 * d) + angle;
+            let twice = 2.0 * amplitude * libm::sin(0.5 * q * d);
+            fall += q * twice * libm::sin(middle);
+            rise -= q * q * twice * libm::cos(middle);
+        }
+        let arrival = k * d - state.velocity - fall;
+        if arrival <= 0.0 {
+            return None;
+        }
+        let by_phase = (fall - d * push) / arrival;
+        let by_velocity = d / arrival;
+        let by_k = -0.5 * d * d / arrival;
+        let pull = k - push + rise;
         Some(Self {
             jacobian: [
                 [1.0 + by_phase, by_velocity],

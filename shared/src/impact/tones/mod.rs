@@ -9,6 +9,7 @@
 
 mod batch;
 mod contact;
+mod exact;
 mod first;
 mod launch;
 mod map;
@@ -19,6 +20,7 @@ mod track;
 mod wave;
 
 pub use contact::WaveContact;
+pub use exact::WaveExact;
 pub use map::WaveMap;
 pub use orbit::WaveOrbit;
 pub(crate) use orbit::{Next, WavePart};

@@ -1,10 +1,12 @@
 //! The second and third harmonic of a track in f32 and in integers.
 
 use crate::arithmetic::fixed::Fixed;
+use crate::arithmetic::node::SINGLE;
 use crate::arithmetic::trigonometry::sine_cosine_fine;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::Tone;
+use crate::impact::anchor::flight::Motion;
 
 /// One harmonic, `e sin(n t + th)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,7 +16,7 @@ pub(super) struct Harmonic {
     /// th.
     pub angle: Phase,
     /// `e`, `e cos th` and `e sin th`.
-    size: f32,
+    pub size: f32,
     mixed: [f32; 2],
 }
 
@@ -26,6 +28,14 @@ impl Harmonic {
         let turn = core::f64::consts::TAU;
         let held = (-turn..=turn).contains(&tone.angle);
         accept(angle, tone.angle, held, "-6.2832..6.2832 rad")?;
+        if tone.amplitude == 0.0 {
+            return Ok(Self {
+                amplitude: Fixed(0),
+                angle: Phase::ZERO,
+                size: 0.0,
+                mixed: [0.0; 2],
+            });
+        }
         let phase = Phase::from_radians(tone.angle);
         let size = tone.amplitude as f32;
         let (sine, cosine) = sine_cosine_single(phase);
@@ -68,7 +78,7 @@ pub(super) struct Harmonics {
 
 /// Displacement and velocity of each tone over its frequency.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Parts([[f32; 2]; 3]);
+pub(super) struct Parts(pub [[f32; 2]; 3]);
 
 impl Harmonics {
     /// Those of a wave; the refusal names the one out of range.
@@ -86,21 +96,30 @@ impl Harmonics {
         1.0 + self.second.size * power(2) + self.third.size * power(3)
     }
 
-    /// The tones at a node.
+    /// What they do at a node.
     #[inline(always)]
-    pub fn at_node(&self, node: i32) -> Parts {
-        use crate::arithmetic::node::SINGLE;
+    pub fn at_node(&self, node: i32) -> Motion {
         let at = |node: i32| SINGLE[(node & 255) as usize];
-        let third = if self.is_of_three {
-            self.third.at_node(at(node.wrapping_mul(3)))
-        } else {
-            [0.0; 2]
+        let [s, c] = at(node);
+        let [s2, c2] = self.second.at_node(at(node.wrapping_mul(2)));
+        let two = Motion {
+            height: s + s2,
+            speed: c + (c2 + c2),
+            push: s + 4.0 * s2,
+            surge: c + 8.0 * c2,
+            bend: s + 16.0 * s2,
         };
-        Parts([
-            at(node),
-            self.second.at_node(at(node.wrapping_mul(2))),
-            third,
-        ])
+        if !self.is_of_three {
+            return two;
+        }
+        let [s3, c3] = self.third.at_node(at(node.wrapping_mul(3)));
+        Motion {
+            height: two.height + s3,
+            speed: two.speed + 3.0 * c3,
+            push: two.push + 9.0 * s3,
+            surge: two.surge + 27.0 * c3,
+            bend: two.bend + 81.0 * s3,
+        }
     }
 
     /// The tones at a phase, each within e times 6e-8.

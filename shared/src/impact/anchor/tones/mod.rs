@@ -5,9 +5,11 @@
 //! which stretch holds the first impact is decided there: on the concave ones between humps by the sign of
 //! the gap at their ends, over a hump, where the gap is convex, by its ends, its tangents or its minimum.
 mod harmonics;
+mod hybrid;
 mod launch;
 mod search;
 mod single;
 mod track;
 
+pub use hybrid::WaveHybrid;
 pub use single::WaveSingle;

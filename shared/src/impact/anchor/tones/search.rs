@@ -5,9 +5,10 @@ use core::f32::consts::TAU;
 use super::launch::{Launch, Short};
 use super::track::{Edge, Hump, Track};
 use crate::arithmetic::fixed::Fixed;
-use crate::impact::anchor::approach::householder;
+use crate::impact::anchor::approach::{Approach, fall_at, householder};
+use crate::impact::anchor::candidate::{BEYOND, LEAST};
 use crate::impact::anchor::flight::{
-    Flight, RADIANS_PER_STEP, abs, larger, node_of, root, smaller,
+    Flight, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::solve::{Bracket, Found, Start, solve};
@@ -34,6 +35,48 @@ const DRIFT: f32 = 4e-6;
 
 /// Flights up to this many rad start from the quadratic near launch.
 const HOP: f32 = 0.6;
+
+/// Steps from the fall of the parabola through height 0 where that may end the flight within [`Track::limit`], and that
+/// limit: what they lead to is the first impact if it keeps to it and is not so soon that it may be launch itself or
+/// is settled with more digits as a short hop.
+#[inline(always)]
+pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Approach, Limits)> {
+    let Launch {
+        phase,
+        height,
+        rise,
+        ..
+    } = *launch;
+    let square = rise * rise + 2.0 * track.k * height;
+    if !(rise > 0.0 && square > LEAST) || near_launch(launch).is_some() {
+        return None;
+    }
+    let last = track.limit(phase, rise)?;
+    let speed = root(square);
+    let reach = last as f32 * RADIANS_PER_STEP + BEYOND;
+    if rise + speed > reach * track.k {
+        return None;
+    }
+    let limits = Limits {
+        first: (F::SHORT * STEPS_PER_RADIAN) as i64,
+        last,
+    };
+    Some((fall_at::<F>(track, phase, rise, speed)?, limits))
+}
+
+/// Between which steps after launch a down-crossing is the first impact.
+#[derive(Clone, Copy)]
+pub(super) struct Limits {
+    first: i64,
+    last: i64,
+}
+
+impl Limits {
+    #[inline(always)]
+    pub fn hold(self, steps: i64) -> bool {
+        self.first <= steps && steps <= self.last
+    }
+}
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
@@ -91,28 +134,33 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
         flight,
         short: longest::<F>(track),
     };
-    // No more humps than these are passed below the reach of the track on the way up and on the way down; between, none
-    // is looked at.
-    let (mut turn, mut skipped) = (0_u32, false);
+    // While the ball is above the reach of the track no hump meets it.
+    let (from, to) = track.above(height, rise);
     let mut grazes = false;
+    let mut turn = 0_u32;
     while !humps.is_empty() && turn < 1 << 20 {
         for n in 0..humps.len() {
             let place = next + n;
-            let Some(hump) = humps.get(if place < humps.len() {
+            let place = if place < humps.len() {
                 place
             } else {
                 place - humps.len()
-            }) else {
+            };
+            let Some(hump) = humps.get(place) else {
                 break;
             };
             let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
             let begin = wait as f32 * RADIANS_PER_STEP + turn as f32 * TAU;
+            let end = begin + hump.width;
+            if from <= begin && end <= to {
+                low = end;
+                continue;
+            }
             let steps = i64::from(wait) + 1 + (i64::from(turn) << 32);
             let over_begin = edges.gap(begin, steps, &hump.begin);
             if over_begin.height <= 0.0 {
                 return (concave(launch, low, begin, over_begin, hump), grazes);
             }
-            let end = begin + hump.width;
             let over_end = edges.gap(end, steps + i64::from(hump.length), &hump.end);
             if over_end.height <= 0.0 {
                 let bracket = Bracket {
@@ -143,14 +191,12 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
             low = end;
         }
         turn += 1;
-        if !skipped {
-            skipped = true;
-            // Whole turns whose humps all pass while the ball is above the reach of the track.
-            let (from, to) = track.above(height, rise);
-            let last = (to * (1.0 / TAU)) as i32 - 2;
-            if from < TAU && last > 1 {
+        if turn == 1 && from <= TAU {
+            // Every hump that begins before this turn ends within a turn after it.
+            let last = (to * (1.0 / TAU)) as i32 - 1;
+            if last > 1 {
                 turn = last as u32;
-                low = larger(low, (last - 1) as f32 * TAU);
+                low = larger(low, last as f32 * TAU);
             }
         }
     }

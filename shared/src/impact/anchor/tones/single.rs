@@ -2,7 +2,7 @@
 
 use super::harmonics::Harmonics;
 use super::launch::Launch;
-use super::search::{Edged, search};
+use super::search::{Edged, candidate, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
@@ -111,6 +111,12 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         };
     }
     let launch = Launch::new(track, phase, velocity, &parts, throws);
+    if let Some((approach, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
+        let steps = steps_after(phase, &approach);
+        if limits.hold(steps) {
+            return single::landing(phase, steps, approach.arrival(), restitution, false);
+        }
+    }
     let (found, grazes) = search(track, &launch, &flight);
     settled(track.k, restitution, phase, &flight, found, grazes)
 }

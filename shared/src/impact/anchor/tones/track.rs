@@ -96,6 +96,35 @@ impl Track {
             .any(|hump| phase.wrapping_sub(hump.phase) < hump.length)
     }
 
+    /// Until how many steps after launch at `phase`, with the ball's velocity `rise`, a down-crossing is certain to be the
+    /// first impact; `None` where there is no hump.
+    ///
+    /// Up to the end of the next hump it is: on the concave stretch up to that hump it ends what is above 0 from
+    /// launch on; within the hump, where the gap is convex, it is above 0 from the begin on, and so was the stretch
+    /// before. Where the gap rises at the begin of the hump it rises before it, from launch on, and until the hump
+    /// ends; so the same holds up to the end of the hump after it.
+    #[inline(always)]
+    pub fn limit(&self, phase: u32, rise: f32) -> Option<i64> {
+        let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
+        let humps = self.humps();
+        let (first, others) = humps.split_first()?;
+        let (mut next, mut place, mut soonest) = (first, 0, wait(first));
+        for (n, hump) in others.iter().enumerate() {
+            if wait(hump) < soonest {
+                (next, place, soonest) = (hump, n + 1, wait(hump));
+            }
+        }
+        let begin = soonest as f32 * RADIANS_PER_STEP;
+        if rise - self.k * begin - next.begin.speed > 1e-5 {
+            if humps.len() == 1 {
+                return Some(i64::from(soonest) + i64::from(next.length) + Phase::STEPS);
+            }
+            let after = humps.get(place + 1).unwrap_or(first);
+            return Some(i64::from(wait(after)) + i64::from(after.length));
+        }
+        Some(i64::from(soonest) + i64::from(next.length))
+    }
+
     /// Where it next throws a part that rests at `phase` but is not thrown there.
     pub fn lift_off(&self, phase: u32) -> Option<u32> {
         let begins = self.humps().iter().map(|hump| hump.phase);
@@ -130,6 +159,8 @@ impl Track {
             .find(|&node| excess(self, node) < 0.0)
             .unwrap_or(0);
         let per_node = 1.0 / (self.tones.bound(3) * SPACING);
+        // No nearer to k than this A does not come and go between two nodes.
+        let turning = 0.5 * self.tones.bound(4) * SPACING * SPACING;
         let mut begin = None;
         let (mut node, mut value) = (start, excess(self, start));
         while node < start + 256 {
@@ -138,6 +169,7 @@ impl Track {
             let (low, high) = ((node as u32) << 24, ((next - node) as u32) << 24);
             if (value > 0.0) == (then > 0.0) {
                 if next == node + 1
+                    && abs(value) < turning
                     && let Some(middle) = self.hidden(low, high, value > 0.0)
                 {
                     self.pass(&mut begin, low, middle);
@@ -173,15 +205,27 @@ impl Track {
         let rising = begun.is_none();
         let (mut near, mut far) = (0.0, width as f32);
         let mut x = 0.5 * far;
+        let mut fine = false;
         for _ in 0..40 {
             let phase = low.wrapping_add(x as u32);
-            let excess = self.excess(phase);
-            if (excess > 0.0) == rising {
-                far = x;
+            let parts = self.tones.at(phase);
+            let excess = if fine {
+                self.excess(phase)
             } else {
-                near = x;
+                parts.sines(4.0, 9.0) - self.k
+            };
+            // What f32 makes of it is no bound for the last steps.
+            if fine || abs(excess) > 1e-5 {
+                if (excess > 0.0) == rising {
+                    far = x;
+                } else {
+                    near = x;
+                }
+            } else {
+                fine = true;
+                continue;
             }
-            let newton = x - excess / self.surge(phase) * STEPS_PER_RADIAN;
+            let newton = x - excess / parts.cosines(8.0, 27.0) * STEPS_PER_RADIAN;
             let next = if newton > near && newton < far {
                 newton
             } else {
@@ -189,9 +233,10 @@ impl Track {
             };
             let moved = abs(next - x);
             x = next;
-            if moved < 1.0 {
+            if moved < 1.0 && fine {
                 break;
             }
+            fine |= moved < 1024.0;
         }
         let phase = low.wrapping_add(x as u32);
         let Some(begin) = *begun else {
@@ -262,13 +307,6 @@ impl flight::Track for Track {
 
     #[inline(always)]
     fn at(&self, node: i32) -> Motion {
-        let parts = self.tones.at_node(node);
-        Motion {
-            height: parts.sines(1.0, 1.0),
-            speed: parts.cosines(2.0, 3.0),
-            push: parts.sines(4.0, 9.0),
-            surge: parts.cosines(8.0, 27.0),
-            bend: parts.sines(16.0, 81.0),
-        }
+        self.tones.at_node(node)
     }
 }
