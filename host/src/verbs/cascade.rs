@@ -1,5 +1,6 @@
 //! `kband cascade`: the period doublings below a band.
 
+use kband::impact::{Tone, Wave};
 use kband::regime::cascade::{Cascade, CascadeEnd, FEIGENBAUM, HIGHEST_DOUBLINGS};
 
 use crate::arguments::{self, Drawn, NoScatter, Printed};
@@ -14,6 +15,8 @@ use crate::report::{Column, Printout, Table, number};
   kband cascade --restitution 0.2 --order 1 --doublings 6
   kband cascade --restitution 0.2 --out cascade.svg
   kband cascade --restitution 0.5 --order 2 --doublings 5 --format json
+  kband cascade --restitution 0.2 --second-tone 0.1,2.487
+  kband cascade --restitution 0.2 --noise 0.01
 
 JSON has flips (k of the 1->2, 2->4, ... flips), ratios of their gaps and k_infinity.")]
 pub struct Arguments {
@@ -28,6 +31,18 @@ pub struct Arguments {
     /// Flips to locate.
     #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, HIGHEST_DOUBLINGS))]
     doublings: usize,
+
+    /// Second tone of the drive, E of the first one's amplitude at the angle TH in rad.
+    #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
+    second_tone: Option<Tone>,
+
+    /// Third tone, E3 sin(3 t + TH3).
+    #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
+    third_tone: Option<Tone>,
+
+    /// Scatter of restitution over its mean, 0..1: tells which doublings can still be seen.
+    #[arg(long, value_name = "SIGMA", value_parser = arguments::number)]
+    noise: Option<f64>,
 
     #[command(flatten)]
     scatter: NoScatter,
@@ -44,13 +59,29 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
     arguments.scatter.check(
         "what scatters repeats nothing that could double",
-        "ask kband exponent --scatter for what is left of the cascade",
+        "ask with --noise which doublings can still be seen, or kband exponent --scatter for what is left of the cascade",
     )?;
-    let cascade = Cascade::locate(
-        arguments.restitution,
-        arguments.order as u32,
-        arguments.doublings,
-    )?;
+    if let Some(noise) = arguments.noise.filter(|noise| !(0.0..=1.0).contains(noise)) {
+        return Err(Refusal::value(
+            "--noise",
+            noise,
+            "0..1, the standard deviation of restitution over its mean",
+            "0.05 is scatter by 5 %",
+        ));
+    }
+    let (restitution, order) = (arguments.restitution, arguments.order as u32);
+    let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
+    let wave = Wave::build(tones[0], tones[1])?;
+    let cascade = if wave.is_sine() {
+        Cascade::locate(restitution, order, arguments.doublings)?
+    } else {
+        Cascade::on_tones(&wave, restitution, order, arguments.doublings)?.ok_or_else(|| {
+            Refusal::new(
+                "no band of this order ends in a flip on these tones",
+                "kband bands with the same tones shows what ends them",
+            )
+        })?
+    };
     let report = report(arguments, &cascade)?;
     report.print(arguments.printed.format)?;
     output.write(&report, || picture(arguments, &cascade))?;
@@ -116,7 +147,9 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
         Column::new("k", "").digits(15),
         Column::new("gap", "").digits(8),
         Column::new("ratio", "").digits(8),
+        Column::new("seen below sigma", "").digits(3),
     ]);
+    let visible: Vec<Option<f64>> = cascade.visible_below().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
     let mut above = None;
     for (n, flip) in cascade.flips().iter().enumerate() {
@@ -126,6 +159,7 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
             (*flip).into(),
             above.map(|above: f64| above - flip).into(),
             n.checked_sub(2).and_then(|n| ratios.get(n)).copied().into(),
+            visible.get(n).copied().flatten().into(),
         ]);
         above = Some(*flip);
     }
@@ -142,6 +176,19 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
             limit.value, limit.error
         ));
     }
+    let seen = arguments.noise.map(|noise| {
+        // Beyond the last flip each further one needs 6.62 times less.
+        let seen = |limit: &&Option<f64>| limit.is_some_and(|limit| noise < limit);
+        visible.iter().take_while(seen).count()
+    });
+    if let (Some(noise), Some(seen)) = (arguments.noise, seen) {
+        report = report.note(format!(
+            "restitution scattered by {} % of its mean shows {seen} of these {} doublings; each further one \
+             needs 6.62 times less, and the exponent where chaos begins grows like sigma^0.3668",
+            number(100.0 * noise, 4),
+            visible.len()
+        ));
+    }
     let complete = cascade.end() == CascadeEnd::Complete;
     if !complete {
         report = report.note(format!(
@@ -150,15 +197,18 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
             arguments.restitution
         ));
     }
-    let number = |value: Option<f64>| value.map_or(serde_json::Value::Null, Into::into);
+    let value = |value: Option<f64>| value.map_or(serde_json::Value::Null, Into::into);
     report.json(&serde_json::json!({
         "restitution": arguments.restitution,
         "order": arguments.order,
         "k1": cascade.birth(),
         "flips": cascade.flips(),
         "ratios": ratios,
-        "k_infinity": number(limit.map(|limit| limit.value)),
-        "k_infinity_error": number(limit.map(|limit| limit.error)),
+        "k_infinity": value(limit.map(|limit| limit.value)),
+        "k_infinity_error": value(limit.map(|limit| limit.error)),
         "complete": complete,
+        "visible_below": visible,
+        "noise": arguments.noise,
+        "visible": seen,
     }))
 }

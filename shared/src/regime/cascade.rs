@@ -6,8 +6,10 @@ use heapless::Vec;
 
 use super::band;
 use super::lock::{Lock, accept_order, accept_restitution};
+use super::spread;
+use super::wave_band::{Bifurcation, WaveBands};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Kernel, Map, State, Tangent};
+use crate::impact::{Impact, Kernel, Map, State, Tangent, Wave, WaveMap};
 
 /// Feigenbaum's constant: the limit of the ratio of successive gaps between doublings.
 pub const FEIGENBAUM: f64 = 4.669_201_609_102_99;
@@ -47,8 +49,58 @@ pub struct Estimate {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
     flips: Vec<f64, HIGHEST_DOUBLINGS>,
+    /// The orbit at each of them.
+    states: Vec<State, HIGHEST_DOUBLINGS>,
     end: CascadeEnd,
     birth: f64,
+    track: Track,
+    order: u32,
+}
+
+/// What parts fly over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Track {
+    Sine { restitution: f64 },
+    Tones { wave: Wave, restitution: f64 },
+}
+
+/// The map on it.
+enum Over {
+    Sine(Map),
+    Tones(WaveMap),
+}
+
+impl Track {
+    fn at(&self, k: f64) -> Option<Over> {
+        match *self {
+            Self::Sine { restitution } => Map::build(k, restitution).ok().map(Over::Sine),
+            Self::Tones { wave, restitution } => {
+                WaveMap::on(wave, k, restitution).ok().map(Over::Tones)
+            }
+        }
+    }
+
+    fn restitution(&self) -> f64 {
+        match *self {
+            Self::Sine { restitution } | Self::Tones { restitution, .. } => restitution,
+        }
+    }
+}
+
+impl Over {
+    fn impact(&self, state: State) -> Impact<State> {
+        match self {
+            Self::Sine(map) => map.impact(state),
+            Self::Tones(map) => map.impact(state),
+        }
+    }
+
+    fn tangent(&self, state: State, impact: &Impact<State>) -> Option<Tangent> {
+        match self {
+            Self::Sine(map) => Tangent::of(map, state, impact),
+            Self::Tones(map) => Tangent::on_tones(map, state, impact),
+        }
+    }
 }
 
 impl Cascade {
@@ -67,36 +119,120 @@ impl Cascade {
             (1..=HIGHEST_DOUBLINGS).contains(&doublings),
             "1..10",
         )?;
-        let mut flip = band::flip(restitution, order)?;
-        let mut cascade = Self {
+        let flip = band::flip(restitution, order)?;
+        let cascade = Self {
             flips: Vec::from_array([flip]),
+            states: Vec::new(),
             end: CascadeEnd::Complete,
             birth: band::birth(restitution, order)?,
+            track: Track::Sine { restitution },
+            order,
         };
         let Some(lock) = Lock::at(flip, restitution, order)? else {
             return Ok(cascade);
         };
-        let mut state = lock.state();
-        while cascade.flips.len() < doublings {
-            // The first gap is not known: 0.2 % of k is well inside it for every R and order.
-            let inside = match cascade.flips.as_slice() {
-                [.., before, _] => 0.35 * (before - flip) / FEIGENBAUM,
-                _ => 2e-3 * flip,
-            };
-            let walker = Walker {
+        Ok(cascade.followed(lock.state(), doublings))
+    }
+
+    /// The same on a track of several tones, below the band with the highest k of those that end in a flip; `None`
+    /// where no band does.
+    pub fn on_tones(
+        wave: &Wave,
+        restitution: f64,
+        order: u32,
+        doublings: usize,
+    ) -> Result<Option<Self>, OutOfRange> {
+        accept(
+            "doublings",
+            doublings as f64,
+            (1..=HIGHEST_DOUBLINGS).contains(&doublings),
+            "1..10",
+        )?;
+        let bands = WaveBands::of(wave, restitution, order)?;
+        let flips = |band: &super::wave_band::WaveBand| band.low.bifurcation == Bifurcation::Flip;
+        let Some(band) = bands.iter().find(flips) else {
+            return Ok(None);
+        };
+        let flip = band.low.k;
+        let cascade = Self {
+            flips: Vec::from_array([flip]),
+            states: Vec::new(),
+            end: CascadeEnd::Complete,
+            birth: band.high.k,
+            track: Track::Tones {
+                wave: *wave,
                 restitution,
-                impacts: 1 << cascade.flips.len(),
-                turns: f64::from(order) * f64::from(1_u32 << cascade.flips.len()),
-            };
-            let Some((next, orbit)) = walker.next_flip(flip, inside, state) else {
-                cascade.end = CascadeEnd::Lost;
+            },
+            order,
+        };
+        let state = State {
+            phase: band.low.phase,
+            velocity: TAU * f64::from(order) * flip * restitution / (1.0 + restitution),
+        };
+        Ok(Some(cascade.followed(state, doublings)))
+    }
+
+    /// The flips after the first one, on the orbit that `state` is on there.
+    fn followed(mut self, mut state: State, doublings: usize) -> Self {
+        // There is room for as many as may be asked for.
+        let _ = self.states.push(state);
+        while self.flips.len() < doublings {
+            let inside = self.inside();
+            let flip = self.flips.last().copied().unwrap_or(self.birth);
+            let Some((next, orbit)) = self.walker().next_flip(flip, inside, state) else {
+                self.end = CascadeEnd::Lost;
                 break;
             };
-            // There is room for as many as may be asked for.
-            let _ = cascade.flips.push(next);
-            (flip, state) = (next, orbit);
+            let _ = self.flips.push(next);
+            let _ = self.states.push(orbit);
+            state = orbit;
         }
-        Ok(cascade)
+        self
+    }
+
+    /// How far below the last flip the next orbit is begun: well above its own flip.
+    fn inside(&self) -> f64 {
+        match self.flips.as_slice() {
+            [.., before, flip] => 0.35 * (before - flip) / FEIGENBAUM,
+            // The first gap is not known: 0.2 % of k is well inside it for every R and order.
+            [flip] => 2e-3 * flip,
+            [] => 0.0,
+        }
+    }
+
+    /// The orbit born at the last flip.
+    fn walker(&self) -> Walker {
+        self.walker_after(self.flips.len())
+    }
+
+    fn walker_after(&self, flips: usize) -> Walker {
+        let impacts = 1_u32 << flips;
+        Walker {
+            track: self.track,
+            impacts,
+            turns: f64::from(self.order) * f64::from(impacts),
+        }
+    }
+
+    /// The largest scatter of restitution (standard deviation over the mean, symbol sigma) at which each doubling can
+    /// still be seen in the phases, `None` where its orbit could not be followed.
+    ///
+    /// In the middle of its window (the last one's width by Feigenbaum's law) each of the orbit's phases spreads in
+    /// proportion to sigma; seen is a doubling while some two phases that it parted are farther apart than the sum of their standard
+    /// deviations. Each further one needs 6.62 times less (Crutchfield, Nauenberg & Rudnick 1981).
+    pub fn visible_below(&self) -> impl Iterator<Item = Option<f64>> + '_ {
+        (0..self.flips.len()).map(|n| {
+            let gap = match (self.flips.get(n + 1), n.checked_sub(1)) {
+                (Some(next), _) => self.flips[n] - next,
+                (None, Some(before)) => (self.flips[before] - self.flips[n]) / FEIGENBAUM,
+                (None, None) => 4e-3 * self.flips[n],
+            };
+            let walker = self.walker_after(n + 1);
+            let k = self.flips[n] - 0.5 * gap;
+            let near = walker.attracted(k, *self.states.get(n)?)?;
+            let state = walker.solve(k, near)?;
+            walker.parted(k, state)
+        })
     }
 
     /// k of the flips, the 1 -> 2 flip first, falling.
@@ -155,7 +291,7 @@ impl Cascade {
 
 /// An orbit of `impacts` impacts in `turns` drive cycles, followed over k.
 struct Walker {
-    restitution: f64,
+    track: Track,
     impacts: u32,
     turns: f64,
 }
@@ -167,7 +303,7 @@ impl Walker {
         let mut state = self.solve(k, self.attracted(k, state)?)?;
         let mut condition = self.condition(k, state)?;
         // At its birth the doubled orbit has a multiplier of 1.
-        let square = libm::pow(self.restitution, 2.0 * f64::from(self.impacts));
+        let square = libm::pow(self.track.restitution(), 2.0 * f64::from(self.impacts));
         let mut slope = (2.0 * (1.0 + square) - condition) / inside;
         for _ in 0..60 {
             // The condition is nearly linear in k, falling to 0 at the flip.
@@ -215,7 +351,7 @@ impl Walker {
 
     /// Where the attracting orbit is after long enough, begun near the orbit that flipped.
     fn attracted(&self, k: f64, state: State) -> Option<State> {
-        let map = Map::build(k, self.restitution).ok()?;
+        let map = self.track.at(k)?;
         let mut state =
             Map::state(state.phase + 1e-3 / f64::from(self.impacts), state.velocity).ok()?;
         for _ in 0..(2000 + 200 * self.impacts) {
@@ -230,7 +366,7 @@ impl Walker {
 
     /// The orbit at `k` by Newton from `state`.
     fn solve(&self, k: f64, state: State) -> Option<State> {
-        let map = Map::build(k, self.restitution).ok()?;
+        let map = self.track.at(k)?;
         let mut state = state;
         let mut last = f64::INFINITY;
         for _ in 0..30 {
@@ -258,7 +394,7 @@ impl Walker {
 
     /// How the orbit moves with k: `(1 - J)^-1` times the derivative of once around by k.
     fn drift(&self, k: f64, state: State) -> Option<(f64, f64)> {
-        let map = Map::build(k, self.restitution).ok()?;
+        let map = self.track.at(k)?;
         let Around {
             by_k: [x, y],
             jacobian: [[a, b], [c, d]],
@@ -274,14 +410,49 @@ impl Walker {
 
     /// `1 + trace + determinant`: 0 where a multiplier is -1.
     fn condition(&self, k: f64, state: State) -> Option<f64> {
-        let map = Map::build(k, self.restitution).ok()?;
+        let map = self.track.at(k)?;
         let [[a, b], [c, d]] = self.around(&map, state)?.jacobian;
         let value = 1.0 + a + d + (a * d - b * c);
         value.is_finite().then_some(value)
     }
 
+    /// The relative scatter of restitution up to which the halves of the orbit are told apart.
+    fn parted(&self, k: f64, start: State) -> Option<f64> {
+        const MOST: usize = 1 << HIGHEST_DOUBLINGS;
+        let map = self.track.at(k)?;
+        let around = self.around(&map, start)?;
+        let step = |state: State, covariance: [[f64; 2]; 2]| {
+            let impact = map.impact(state);
+            let jacobian = map.tangent(state, &impact)?.jacobian;
+            let mut then = spread::carried(jacobian, covariance);
+            then[1][1] += impact.next.velocity * impact.next.velocity;
+            Some((impact.next, then))
+        };
+        // What one turn around adds, and its sum over all turns before.
+        let (mut state, mut covariance) = (start, [[0.0; 2]; 2]);
+        for _ in 0..self.impacts {
+            (state, covariance) = step(state, covariance)?;
+        }
+        let mut covariance = spread::summed(around.jacobian, covariance);
+        let mut state = start;
+        let mut phases: Vec<(f64, f64), MOST> = Vec::new();
+        for _ in 0..self.impacts {
+            (state, covariance) = step(state, covariance)?;
+            phases
+                .push((state.phase, libm::sqrt(covariance[0][0])))
+                .ok()?;
+        }
+        let (first, second) = phases.split_at(phases.len() / 2);
+        let most = first.iter().zip(second).fold(0.0_f64, |most, (a, b)| {
+            let apart = a.0 - b.0;
+            let apart = libm::fabs(apart - TAU * libm::round(apart / TAU));
+            most.max(apart / (a.1 + b.1))
+        });
+        (most > 0.0).then_some(most)
+    }
+
     /// Once around.
-    fn around(&self, map: &Map, start: State) -> Option<Around> {
+    fn around(&self, map: &Over, start: State) -> Option<Around> {
         let mut state = start;
         let mut product = [[1.0, 0.0], [0.0, 1.0]];
         let mut by_k = [0.0, 0.0];
@@ -291,7 +462,7 @@ impl Walker {
             if impact.flight <= 0.0 {
                 return None;
             }
-            let tangent = Tangent::of(map, state, &impact)?;
+            let tangent = map.tangent(state, &impact)?;
             let [[a, b], [c, d]] = tangent.jacobian;
             let [[e, f], [g, h]] = product;
             product = [
@@ -420,6 +591,46 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn each_doubling_is_seen_at_six_times_less_scatter_than_the_one_before() {
+        let cascade = Cascade::locate(0.2, 1, 7).unwrap();
+        let seen: std::vec::Vec<f64> = cascade.visible_below().map(Option::unwrap).collect();
+        std::println!("{seen:?}");
+        // Crutchfield, Nauenberg & Rudnick (1981): 6.619 in the mean; which two phases part most differs from window to
+        // window.
+        let mean = libm::pow(seen[1] / seen[5], 0.25);
+        assert!((mean - 6.62).abs() < 0.5, "{mean} {seen:?}");
+        assert!(
+            seen.windows(2).all(|pair| pair[0] / pair[1] > 5.0),
+            "{seen:?}"
+        );
+    }
+
+    /// The flips of several tones are where a multiplier of the map itself is -1, and one tone's are the sine's.
+    #[test]
+    fn several_tones_double_as_one() {
+        let sine = Cascade::on_tones(&Wave::sine(), 0.2, 1, 5)
+            .unwrap()
+            .unwrap();
+        let one = Cascade::locate(0.2, 1, 5).unwrap();
+        for (a, b) in sine.flips().iter().zip(one.flips()) {
+            assert!((a - b).abs() < 1e-10, "{a} {b}");
+        }
+        let second = crate::impact::Tone {
+            amplitude: 0.1,
+            angle: 2.487,
+        };
+        let wave = Wave::build(second, crate::impact::Tone::default()).unwrap();
+        let cascade = Cascade::on_tones(&wave, 0.2, 1, 6).unwrap().unwrap();
+        assert_eq!(cascade.end(), CascadeEnd::Complete);
+        let ratios: std::vec::Vec<f64> = cascade.ratios().collect();
+        std::println!("{:?} {ratios:?}", cascade.flips());
+        assert!(
+            (ratios.last().unwrap() - FEIGENBAUM).abs() < 0.02,
+            "{ratios:?}"
+        );
     }
 
     #[test]

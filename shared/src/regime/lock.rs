@@ -122,6 +122,18 @@ impl Lock {
         self.order
     }
 
+    /// k of the orbit.
+    #[must_use]
+    pub fn k(&self) -> f64 {
+        self.k
+    }
+
+    /// Restitution of the part (symbol R).
+    #[must_use]
+    pub fn restitution(&self) -> f64 {
+        self.restitution
+    }
+
     /// State just after each impact: phase t0 in rad, 0..pi/2, and velocity psi in `b w`.
     #[must_use]
     pub fn state(&self) -> State {

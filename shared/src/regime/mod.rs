@@ -10,6 +10,7 @@ pub mod exponent;
 pub mod gear;
 mod lock;
 pub mod reach;
+pub mod spread;
 pub mod wave_band;
 
 pub use lock::{HIGHEST_ORDER, Lock, Multipliers};

@@ -76,6 +76,24 @@ impl WaveLock {
         self.k
     }
 
+    /// The track's motion.
+    #[must_use]
+    pub fn wave(&self) -> &Wave {
+        &self.wave
+    }
+
+    /// Drive cycles per impact (symbol r).
+    #[must_use]
+    pub fn order(&self) -> u32 {
+        self.order
+    }
+
+    /// Restitution of the part (symbol R).
+    #[must_use]
+    pub fn restitution(&self) -> f64 {
+        self.restitution
+    }
+
     /// State just after each impact: phase t0 in rad and velocity psi in `b w`.
     #[must_use]
     pub fn state(&self) -> State {
