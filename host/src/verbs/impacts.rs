@@ -5,8 +5,12 @@ mod rows;
 
 use std::path::PathBuf;
 
+use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State};
+use kband::impact::{
+    Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State, Tone, WaveExact, WaveHybrid,
+    WaveKernel, WaveMap, WaveSingle,
+};
 
 use crate::arguments::{self, Drawn, ScatterArguments};
 use crate::desk::Desk;
@@ -21,11 +25,14 @@ use rows::{Row, Rows, not_held, read_rows};
 #[command(after_help = "Examples:
   kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
   kband impacts --k 0.35 --restitution 0.2 --phase 0.4 --velocity 0.4 --count 20000 --out portrait.svg
+  kband impacts --k 0.35 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20 --second-tone 0.15,2.356
   kband impacts --from states.csv --arithmetic f64 --format csv
 
 A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
 flight,next_phase,next_velocity; they are empty, and standard error tells, where only the \
-arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.")]
+arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
+
+With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, value_parser = arguments::number, required_unless_present = "from")]
@@ -53,6 +60,14 @@ pub struct Arguments {
     /// CSV file with the columns k,restitution,phase,velocity.
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "restitution", "phase", "velocity"])]
     from: Option<PathBuf>,
+
+    /// Second tone of the track: amplitude over that of the first, 0..0.5, and phase angle in rad.
+    #[arg(long, value_name = "E,TH", value_parser = arguments::tone, allow_hyphen_values = true)]
+    second_tone: Option<Tone>,
+
+    /// Third tone of the track, likewise.
+    #[arg(long, value_name = "E,TH", value_parser = arguments::tone, allow_hyphen_values = true)]
+    third_tone: Option<Tone>,
 
     /// Number system of the map.
     #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
@@ -86,21 +101,71 @@ pub enum Arithmetic {
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
-    let (table, states) = match arguments.arithmetic {
-        Arithmetic::F64 => table::<Map>(arguments, desk, one_by_one)?,
-        Arithmetic::F64Exact => table::<Exact>(arguments, desk, one_by_one)?,
-        Arithmetic::Hybrid => table::<Hybrid>(arguments, desk, one_by_one)?,
-        Arithmetic::F32 => table::<Single>(arguments, desk, one_by_one)?,
-        Arithmetic::Integer => table::<Integer>(arguments, desk, one_by_one)?,
-        Arithmetic::Batch => {
-            let mut block = Block::new();
-            table::<Map>(arguments, desk, |rows| in_blocks(&mut block, rows))?
-        }
+    let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
+    let one = tones.iter().all(|tone| tone.amplitude == 0.0);
+    let (table, states) = if one {
+        on_one_tone(arguments, desk)?
+    } else {
+        on_tones(arguments, desk, tones)?
     };
     let report = Printout::new(table.plain_header());
     report.print(arguments.format)?;
     output.write(&report, || portrait(arguments, states))?;
     Ok(Exit::Done)
+}
+
+fn on_one_tone(arguments: &Arguments, desk: &Desk) -> Result<(Table, States), Refusal> {
+    match arguments.arithmetic {
+        Arithmetic::F64 => table(arguments, desk, Map::build, one_by_one),
+        Arithmetic::F64Exact => table(arguments, desk, Exact::build, one_by_one),
+        Arithmetic::Hybrid => table(arguments, desk, Hybrid::build, one_by_one),
+        Arithmetic::F32 => table(arguments, desk, Single::build, one_by_one),
+        Arithmetic::Integer => table(arguments, desk, Integer::build, one_by_one),
+        Arithmetic::Batch => {
+            let mut block = Block::new();
+            table(arguments, desk, Map::build, |rows| {
+                in_blocks(&mut block, rows)
+            })
+        }
+    }
+}
+
+fn on_tones(
+    arguments: &Arguments,
+    desk: &Desk,
+    tones: [Tone; 2],
+) -> Result<(Table, States), Refusal> {
+    fn of<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
+        move |k, restitution| K::on_tones(tones, k, restitution)
+    }
+    match arguments.arithmetic {
+        Arithmetic::F64 => table(arguments, desk, of::<WaveMap>(tones), one_by_one),
+        Arithmetic::F64Exact => table(arguments, desk, of::<WaveExact>(tones), one_by_one),
+        Arithmetic::Hybrid => table(arguments, desk, of::<WaveHybrid>(tones), one_by_one),
+        Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
+        Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
+        Arithmetic::Integer => Err(Refusal::value(
+            "arithmetic",
+            "integer",
+            "f64, f64-exact, hybrid, f32 or batch on several tones",
+            "choose one of them, or leave out --second-tone and --third-tone",
+        )),
+    }
+}
+
+fn in_registers(rows: &[Row<WaveMap>]) -> Vec<Impact<State>> {
+    rows.iter()
+        .map(|row| {
+            // Room for one, which the map fills.
+            let mut impact = [row.kernel.impact(row.state)];
+            row.kernel.elastic_impacts(&[row.state], &mut impact);
+            let [mut impact] = impact;
+            if impact.flight > 0.0 {
+                impact.next.velocity *= row.kernel.restitution();
+            }
+            impact
+        })
+        .collect()
 }
 
 fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {
@@ -130,6 +195,7 @@ fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<State>> {
 fn table<K: Kernel>(
     arguments: &Arguments,
     desk: &Desk,
+    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
     mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
 ) -> Result<(Table, States), Refusal> {
     let mut states = Vec::new();
@@ -142,7 +208,7 @@ fn table<K: Kernel>(
         ));
     }
     if let Some(path) = &arguments.from {
-        let Rows { held, places, left } = read_rows::<K>(path, &file::read_text(path)?)?;
+        let Rows { held, places, left } = read_rows(path, &file::read_text(path)?, build)?;
         let mut table = Table::new(&[
             Column::new("flight", "rad").digits(17),
             Column::new("next_phase", "rad").digits(17),
@@ -174,7 +240,7 @@ fn table<K: Kernel>(
     // clap has seen to it that all four are there.
     let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
     let mut row = [Row {
-        kernel: K::build(given(arguments.k), given(arguments.restitution))?,
+        kernel: build(given(arguments.k), given(arguments.restitution))?,
         state: K::state(given(arguments.phase), given(arguments.velocity))?,
     }];
     let mut scatter = arguments.scatter.stream(given(arguments.restitution), 0)?;

@@ -35,7 +35,11 @@ pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
 
 /// All rows of the file. The first that is no launch at all is refused with its line and column, before
 /// anything is printed; a launch that only this arithmetic cannot hold is left out.
-pub(super) fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Rows<K>, Refusal> {
+pub(super) fn read_rows<K: Kernel>(
+    path: &Path,
+    text: &str,
+    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+) -> Result<Rows<K>, Refusal> {
     const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
     let name = path.display();
     let mut lines = text
@@ -82,7 +86,7 @@ pub(super) fn read_rows<K: Kernel>(path: &Path, text: &str) -> Result<Rows<K>, R
         let refused = |refused| {
             not_held::<K>(refused, "correct or remove this row").at(format!("{name}, line {line}"))
         };
-        let launch = K::build(k, restitution)
+        let launch = build(k, restitution)
             .and_then(|kernel| K::state(phase, velocity).map(|state| Row { kernel, state }));
         match launch {
             Ok(row) => {
@@ -119,7 +123,7 @@ mod tests {
     use super::*;
 
     fn refusal(text: &str) -> String {
-        match read_rows::<Map>(Path::new("a.csv"), text) {
+        match read_rows(Path::new("a.csv"), text, Map::build) {
             Ok(_) => panic!("accepted: {text}"),
             Err(refusal) => refusal.to_string(),
         }
@@ -165,7 +169,7 @@ mod tests {
     #[test]
     fn a_row_that_only_the_arithmetic_cannot_hold_is_left_out() {
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
-        let rows = read_rows::<Hybrid>(Path::new("a.csv"), text).unwrap();
+        let rows = read_rows(Path::new("a.csv"), text, Hybrid::build).unwrap();
         assert_eq!(rows.places, [None, Some(0), None]);
         let (count, first) = rows.left.unwrap();
         assert_eq!(count, 2);
@@ -174,17 +178,17 @@ mod tests {
             "{first}"
         );
         // Where nothing is left, it is refused.
-        let none = read_rows::<Hybrid>(
-            Path::new("a.csv"),
-            "k,restitution,phase,velocity\n0.4,0.2,1,70\n",
-        );
+        let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n";
+        let none = read_rows(Path::new("a.csv"), text, Hybrid::build);
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
     }
 
     #[test]
     fn columns_may_come_in_any_order_among_others() {
         let text = "class,velocity,phase,restitution,k\nhigh,2,1,0.5,0.4\n";
-        let rows = read_rows::<Map>(Path::new("a.csv"), text).unwrap().held;
+        let rows = read_rows(Path::new("a.csv"), text, Map::build)
+            .unwrap()
+            .held;
         assert_eq!(
             (rows.len(), rows[0].kernel.k(), rows[0].state.velocity),
             (1, 0.4, 2.0)
