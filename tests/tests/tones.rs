@@ -284,17 +284,17 @@ fn golden_in<K: WaveKernel>(held: &Held) {
         let error = (impact.flight - row.flight).abs();
         if impact.grazes {
             flagged += 1;
+        } else if row.class == "grazing" && error > 1e-3 {
+            // A launch rounded otherwise touches where the exact one just does not, or the reverse.
+            let slow = K::observe(impact.next).velocity.min(row.next.velocity);
+            assert!(slow < 0.02, "{n} {impact:?} {}", row.flight);
+            flagged += 1;
         } else if row.condition < 30.0 && row.flight < 6.0 {
             squares += error * error;
             counted += 1.0;
             largest = largest.max(error);
             let error = (K::observe(impact.next).velocity - row.next.velocity).abs();
             assert!(error < 8.0 * held.golden[1], "{n} {} {impact:?}", row.class);
-        } else if row.class == "grazing" && error > 1e-3 {
-            // A launch rounded otherwise touches where the exact one just does not, or the reverse.
-            let slow = K::observe(impact.next).velocity.min(row.next.velocity);
-            assert!(slow < 0.02, "{n} {impact:?} {}", row.flight);
-            flagged += 1;
         } else {
             // Of a flight whose end hangs on every digit the place alone.
             let hanging = held.height[0] * row.condition * (1.0 + row.flight * row.flight);
@@ -436,7 +436,8 @@ fn golden_impacts_in_f64_exact() {
 }
 
 const HYBRID: Held = Held {
-    golden: [1e-8, 1e-7],
+    // Half a step of the velocity and of the angles, times a condition of up to 30.
+    golden: [4e-8, 5e-7],
     height: [2e-8, 2e-9],
 };
 

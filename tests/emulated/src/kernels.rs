@@ -164,8 +164,12 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
         (Single::NAME, hash_orbits::<Single>),
         (Integer::NAME, hash_orbits::<Integer>),
-        (WaveHybrid::NAME, hash_waves::<WaveHybrid>),
-        (WaveSingle::NAME, hash_waves::<WaveSingle>),
+        (WaveHybrid::NAME, |count| {
+            hash_waves::<WaveHybrid>(count / 4)
+        }),
+        (WaveSingle::NAME, |count| {
+            hash_waves::<WaveSingle>(count / 4)
+        }),
     ]
     .into_iter()
     .map(|(name, hash)| (name, hash(10_000)))

@@ -3,7 +3,7 @@
 
 use super::harmonics::{Harmonic, Harmonics, Parts};
 use super::launch::Launch;
-use super::search::{Edged, candidate, search};
+use super::search::{Edged, candidate, halved, has_left, search};
 use super::track::Track;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
@@ -11,11 +11,12 @@ use crate::arithmetic::trigonometry::sine_cosine_fine;
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::approach::fall;
-use crate::impact::anchor::flight::{self, Flight, Local};
+use crate::impact::anchor::flight::{self, Flight, Local, STEPS_PER_RADIAN};
 use crate::impact::anchor::hybrid::{
     Exact, Parabola, TOP_VELOCITY, landing, product_32, settled, speed,
 };
 use crate::impact::anchor::settle::settle;
+use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
 use crate::impact::{Hybrid, Tone};
 
@@ -176,8 +177,16 @@ impl Tones {
                 }
             }
         }
-        let (found, grazes) = search(track, &launch, &flight);
-        settled(track.k, restitution, &flight, found, grazes)
+        let (found, grazes, bracket) = search(track, &launch, &flight);
+        let found_impact = settled(track.k, restitution, &flight, found, grazes);
+        let speed = found_impact.next.velocity.fixed().single();
+        if matches!(found, Found::Near { .. }) && has_left(&bracket, found_impact.steps, speed) {
+            let (time, speed) = halved(track, &launch, &flight, &bracket);
+            let steps = (time * STEPS_PER_RADIAN) as i64;
+            let speed = Fixed::<26, u32>::from_single(speed);
+            return landing(phase, steps, speed, restitution, true);
+        }
+        found_impact
     }
 }
 

@@ -80,14 +80,18 @@ impl Limits {
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(super) fn search<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Found, bool) {
+pub(super) fn search<F: Edged>(
+    track: &Track,
+    launch: &Launch,
+    flight: &F,
+) -> (Found, bool, Bracket) {
     let (mut bracket, grazes) = stretch(track, launch, flight);
     let short = longest::<F>(track);
     if bracket.low < short {
         let high = smaller(bracket.high, short);
         if launch.short(high).value <= 0.0 {
             let (flight, arrival) = hop(launch, bracket.low, high, bracket.start);
-            return (Found::Short { flight, arrival }, grazes);
+            return (Found::Short { flight, arrival }, grazes, bracket);
         }
         bracket.low = high;
         bracket.start = larger(bracket.start, high);
@@ -97,7 +101,48 @@ pub(super) fn search<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (F
         height: launch.height,
         rise: launch.rise,
     };
-    (solve(track, &start, flight, &bracket), grazes)
+    let found = solve(track, &start, flight, &bracket);
+    (found, grazes, bracket)
+}
+
+/// Whether an arrival at `speed` may have been settled elsewhere than in its bracket: where the gap is all but flat steps
+/// lead anywhere, back to launch for one.
+#[inline(always)]
+pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
+    const SLACK: f32 = 1e-3;
+    if speed > 0.02 {
+        return false;
+    }
+    let time = steps as f32 * RADIANS_PER_STEP;
+    time < bracket.low - SLACK || time > bracket.high + SLACK || time < 0.5 * bracket.low
+}
+
+/// The root in a bracket by halving it alone: time in rad and arrival speed, both as f32 has them.
+#[inline(never)]
+pub(super) fn halved<F: Edged>(
+    track: &Track,
+    launch: &Launch,
+    flight: &F,
+    bracket: &Bracket,
+) -> (f32, f32) {
+    let edges = Edges {
+        track,
+        launch,
+        flight,
+        short: longest::<F>(track),
+    };
+    let (mut low, mut high) = (bracket.low, bracket.high);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        let (height, slope, half) = edges.at(middle);
+        // On a concave rise even a height rounded below 0 is before the root.
+        if height > 0.0 || (half < 0.0 && slope > 0.0) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    (high, larger(-edges.at(high).1, 0.0))
 }
 
 /// The stretch between edges that holds the first impact, with one root of the gap in it, and whether the

@@ -2,16 +2,17 @@
 
 use super::harmonics::Harmonics;
 use super::launch::Launch;
-use super::search::{Edged, candidate, search};
+use super::search::{Edged, candidate, halved, has_left, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::flight::{
-    self, Flight, Local, RADIANS_PER_STEP, node_from_near, smaller,
+    self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, node_from_near, smaller,
 };
 use crate::impact::anchor::single::{self, SingleState, TOP, settled, steps_after, steps_to};
+use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{Impact, Kernel, Landing, State, WaveKernel};
 use crate::impact::{Single, Tone};
 
@@ -117,8 +118,16 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
             return single::landing(phase, steps, approach.arrival(), restitution, false);
         }
     }
-    let (found, grazes) = search(track, &launch, &flight);
-    settled(track.k, restitution, phase, &flight, found, grazes)
+    let (found, grazes, bracket) = search(track, &launch, &flight);
+    let landing = settled(track.k, restitution, phase, &flight, found, grazes);
+    if matches!(found, Found::Near { .. })
+        && has_left(&bracket, landing.steps, landing.next.velocity)
+    {
+        let (time, speed) = halved(track, &launch, &flight, &bracket);
+        let steps = (time * STEPS_PER_RADIAN) as i64;
+        return single::landing(phase, steps, speed, restitution, true);
+    }
+    landing
 }
 
 /// A flight in f32.
