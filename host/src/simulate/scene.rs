@@ -422,12 +422,12 @@ mod tests {
                 ],
             ),
             (
-                "locked = 1 ",
+                "gear = 1 ",
                 "tones = [0.35, 0.15, 2.356]",
                 &["target.tones", "degrees", "135.0"],
             ),
             (
-                "locked = 1 ",
+                "gear = 1 ",
                 "tones = [0.35, 0.15, 135]",
                 &["second tone, ratio = 0.15", "what the drive affords"],
             ),
