@@ -91,6 +91,9 @@ fn narrow_lot(scene: &mut Scene) {
 fn fixed_frequency(scene: &mut Scene) {
     scene.settings.tracking = 0.0;
 }
+fn quiet(scene: &mut Scene) {
+    scene.sensor.noise = 0.15;
+}
 fn no_kicks(scene: &mut Scene) {
     scene.settings.capture_attempts = 0.0;
 }
@@ -103,7 +106,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 64] = [
+const PROOFS: [(&str, Shows, Break); 65] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -125,6 +128,7 @@ const PROOFS: [(&str, Shows, Break); 64] = [
         Restarted(StartCause::Ordinary),
     ),
     ("chaotic", Obeying, Told(another_target)),
+    ("deaf", Shows::Limit(Limits::DEAF), Told(quiet)),
     ("drawn_parts", Listening, Seen(deaf)),
     (
         "empty_band",

@@ -120,6 +120,7 @@ scenes! {
     brown_out
     brown_out_stays_off
     chaotic
+    deaf
     drawn_parts
     empty_band
     enable_in_stopping

@@ -93,7 +93,7 @@ enum Action {
     /// Have the board listen to its parts, and print the interval of restitution that it offers.
     ///
     /// With parts of one kind on the track and the enable input given, the board shakes them so that they chatter and hears their
-    /// restitution; it needs about half a minute. Nothing is changed without --apply.
+    /// restitution; it needs about a minute. Nothing is changed without --apply.
     #[command(
         after_help = "Examples:\n  kband settings commission --on /dev/ttyACM0\n  kband settings commission --second-tone --on /dev/ttyACM0"
     )]

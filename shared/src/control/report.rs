@@ -72,7 +72,8 @@ pub struct Report {
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
     /// Share of the parts' time in gear as heard, 0..=1, over the last
-    /// [`GEAR_WINDOW`](crate::control::GEAR_WINDOW) cycles.
+    /// [`GEAR_WINDOW`](crate::control::GEAR_WINDOW) cycles. Of one part, or of several that strike as one; where several
+    /// are told apart it is a least, down to 0, for whose flight is whose is not heard.
     pub in_gear: f32,
     /// Order (symbol r) of that gear: of the lock or gear that is wanted, else 1.
     pub gear: u8,

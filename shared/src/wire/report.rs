@@ -304,6 +304,8 @@ pub struct Identified {
     pub deviation: f32,
     /// k at which the parts hopped.
     pub k: f32,
+    /// Standard deviation of restitution from impact to impact; 0 where none is heard.
+    pub scatter: f32,
     /// Hops that it stands on.
     pub hops: u16,
 }
@@ -317,6 +319,10 @@ pub enum Unidentified {
     Unlike,
     /// The second impact of the parts drowns in the ringing of the first.
     Dead,
+    /// Their restitution scatters, and they are several or too soft.
+    Scattered,
+    /// The drive did not hold still in time.
+    Unsteady,
 }
 
 /// The same variants in a module of the controller and on the line, each made of the other.
@@ -344,7 +350,7 @@ macro_rules! mirrored {
 mirrored!(Regime of classify: Rest, HopAndRest { cycles }, Locked { order }, Doubled { order, doublings },
     Periodic { impacts, cycles }, Chaotic, Undecided);
 mirrored!(Identification of control: Idle, Listening { hops }, Found(found), NotFound(why));
-mirrored!(Unidentified of control: Quiet, Unlike, Dead);
+mirrored!(Unidentified of control: Quiet, Unlike, Dead, Scattered, Unsteady);
 
 impl From<control::Margin> for Margin {
     fn from(own: control::Margin) -> Self {
@@ -394,12 +400,14 @@ impl From<control::Identified> for Identified {
             restitution,
             deviation,
             k,
+            scatter,
             hops,
         } = found;
         Self {
             restitution,
             deviation,
             k,
+            scatter,
             hops,
         }
     }
@@ -411,12 +419,14 @@ impl From<Identified> for control::Identified {
             restitution,
             deviation,
             k,
+            scatter,
             hops,
         } = found;
         Self {
             restitution,
             deviation,
             k,
+            scatter,
             hops,
         }
     }

@@ -111,6 +111,10 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
                             Unidentified::Dead => {
                                 "the parts bounce so little that the ringing of an impact hides the next"
                             }
+                            Unidentified::Scattered =>
+                                "the parts' restitution scatters from impact to impact, and they are several or too soft to hear one by one",
+                            Unidentified::Unsteady =>
+                                "the drive did not hold the amplitudes that are needed still in time",
                             Unidentified::Unlike =>
                                 "what is heard is not the chatter of parts of one restitution",
                         }
@@ -134,7 +138,7 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
             "after {} s the board has heard {heard} hops and has no result",
             within.as_secs()
         ),
-        "give it longer with --within S; it needs half a minute of its own time",
+        "give it longer with --within S; it needs up to 80 s of its own time",
     ))
 }
 
@@ -231,6 +235,7 @@ mod tests {
                 restitution,
                 deviation,
                 k: 0.5,
+                scatter: 0.0,
                 hops: 64,
             };
             assert_eq!(offered(&found), (low, high));

@@ -175,11 +175,27 @@ pub(super) fn told(
     }
     if let Some(found) = outcome.identified() {
         say(format!(
-            "restitution      {} identified, standard error {}, {} hops at k {}",
+            "restitution      {} identified{}, standard error {}, {} hops at k {}",
             number(f64::from(found.restitution), 3),
+            if found.scatter > 0.0 {
+                format!(", scattering by {}", number(f64::from(found.scatter), 2))
+            } else {
+                String::new()
+            },
             number(f64::from(found.deviation), 1),
             found.hops,
             number(f64::from(found.k), 3)
+        ));
+    }
+    if let Some(margin) = last.margin {
+        say(format!(
+            "margin heard     {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
+            number(f64::from(margin.flip), 2),
+            number(f64::from(margin.trace), 2),
+            number(f64::from(margin.restitution), 3),
+            number(f64::from(margin.error), 1),
+            number(f64::from(margin.scatter), 2),
+            number(f64::from(margin.to_loss), 0)
         ));
     }
     if let Some(phase) = outcome.lock_phase() {

@@ -1,5 +1,7 @@
 //! The controller: one call per drive cycle decides what the drive does next.
 
+use core::f32::consts::TAU;
+
 use crate::arithmetic::Phase;
 use crate::control::aim::{Selection, Target};
 use crate::control::angle::{phase_of, radians_of};
@@ -12,7 +14,7 @@ use num_complex::Complex32 as Complex;
 use crate::control::drive::{
     AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone,
 };
-use crate::control::hear::{Cycle, GearHearing, HeardWith, Listener};
+use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::report::{Inputs, Report, StartCause};
 use crate::control::settings::Settings;
@@ -96,6 +98,7 @@ pub struct Controller {
     selection: Selection,
     machine: StateMachine,
     listener: Listener,
+    deafness: Deafness,
     identifier: Identifier,
     /// Lead of the track at the last cycle that could be trusted, in rad.
     lead: f32,
@@ -142,11 +145,8 @@ impl Controller {
             amplitude,
             selection: Selection::at(target, settings, &scale)?,
             machine: StateMachine::begin(start, settings.frequency, settings.capture_attempts),
-            listener: Listener::build(GearHearing::new(
-                settings.restitution_low,
-                settings.restitution_high,
-                settings.scatter,
-            ))?,
+            listener: Listener::build(gear_hearing(settings, false))?,
+            deafness: Deafness::default(),
             identifier: Identifier::new(),
             lead: 0.0,
             news: Events::default(),
@@ -188,8 +188,10 @@ impl Controller {
     /// Begins the way to the target.
     fn pursue(&mut self) {
         self.machine.pursue(self.selection.chaos.is_some());
+        let identifies = self.selection.target() == Target::Identify;
+        self.listener.gear = gear_hearing(&self.settings, identifies);
         self.listener.forget();
-        if self.selection.target() == Target::Identify {
+        if identifies {
             self.identifier.begin();
         } else {
             self.identifier.stop();
@@ -252,6 +254,7 @@ impl Controller {
                 self.follow_resonance(measured);
                 self.make_second_tone(&motion, &mut events);
             }
+            self.listen(cycle, goal, measured);
             self.progress(goal, measured, &mut events);
             self.retune_gear();
             self.identify(cycle, goal, measured, &mut events);
@@ -389,6 +392,35 @@ impl Controller {
         }
     }
 
+    /// Whether what is heard decides something, and nothing is heard.
+    fn listen(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
+        let limits = self.limits.limits();
+        let settled = match self.machine.state() {
+            State::Holding | State::Capturing | State::Locked | State::Lost => true,
+            State::Limiting => limits == Limits::DEAF,
+            _ => false,
+        };
+        let near = (measured - goal).abs() < 2.0 * NEAR * goal || self.machine.kick().is_some();
+        let order = self.order();
+        let wanted = match self.selection.target() {
+            Target::Gear { .. } => true,
+            _ => self.selection.lock().is_some(),
+        };
+        let turns = f32::from(order.unwrap_or(1));
+        let unit = measured * libm::sqrtf(self.scale.square);
+        let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
+        self.deafness.cycle(&Sound {
+            listening: settled && wanted && self.selection.chosen(),
+            near,
+            rate: self.listener.hearing.rate() * turns,
+            concentration: self.listener.hearing.concentration(),
+            thrown: unit * self.listener.gear.thrown(),
+            locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
+            kicked: self.machine.attempts() > 0,
+            noise: cycle.noise,
+        });
+    }
+
     /// What holds the drive back in this cycle.
     fn limit(&mut self, inputs: &Inputs) {
         let timeout = self.settings.link_timeout;
@@ -401,6 +433,7 @@ impl Controller {
             cut: !self.resonance.sweeps()
                 && self.selection.setpoint(&self.scale) > self.scale.ceiling,
             ceiling_limit: self.scale.ceiling_limit,
+            deaf: self.deafness.is_deaf(),
             saturated: self.amplitude.saturated(),
             second_tone: self.second.held_back(),
         });
@@ -440,6 +473,7 @@ impl Controller {
         self.amplitude.reset();
         self.second.rest();
         self.listener.forget();
+        self.deafness = Deafness::default();
         self.limits.rest();
         let decision = self.machine.rest();
         self.carry_out(decision);
@@ -530,7 +564,9 @@ impl Controller {
             return;
         }
         if self.machine.state() != State::Holding {
-            self.identifier.interrupt();
+            if self.identifier.wait() != Step::Going {
+                events.push(Event::NotIdentified);
+            }
             return;
         }
         let off = if self.reference.now == goal {
@@ -545,6 +581,7 @@ impl Controller {
             least: f64::from(self.scale.k(self.scale.reach(&self.settings))),
             normal_gravity: self.scale.normal_gravity,
             step: self.scale.step,
+            margin: self.listener.margin(),
         };
         match self.identifier.cycle(&driven, cycle) {
             Step::Going => {}
@@ -563,6 +600,21 @@ impl Controller {
         self.selection
             .step(&self.settings, &self.scale, &mut self.news)
             || self.identifier.step()
+    }
+}
+
+/// What hears parts in gear: of the lot as told, or of any where that is what is asked.
+fn gear_hearing(settings: &Settings, any: bool) -> GearHearing {
+    let Settings {
+        restitution_low,
+        restitution_high,
+        scatter,
+        ..
+    } = *settings;
+    if any {
+        GearHearing::new(0.0, 1.0, scatter)
+    } else {
+        GearHearing::new(restitution_low, restitution_high, scatter)
     }
 }
 

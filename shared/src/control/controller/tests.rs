@@ -2,6 +2,8 @@ use super::*;
 use crate::control::{Heard, Report};
 use crate::regime::classify::Regime;
 
+#[cfg(feature = "plant")]
+mod hearing;
 mod table;
 
 #[test]

@@ -23,6 +23,8 @@ pub struct LimitInputs {
     pub ceiling_limit: Limits,
     /// Whether the output stands at its limit.
     pub saturated: bool,
+    /// Whether nothing is heard where parts must be heard.
+    pub deaf: bool,
     /// Whether less is made of the second tone than is wanted.
     pub second_tone: bool,
 }
@@ -63,6 +65,7 @@ impl LimitMonitor {
         self.limits
             .set(Limits::NO_SETPOINT, running && inputs.no_setpoint);
         self.limits.set(inputs.ceiling_limit, running && inputs.cut);
+        self.limits.set(Limits::DEAF, running && inputs.deaf);
         self.limits
             .set(Limits::SECOND_TONE, running && inputs.second_tone);
         self.limits

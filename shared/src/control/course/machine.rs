@@ -161,7 +161,7 @@ impl StateMachine {
             glide: Glide::Unwanted,
             falls: 0,
             borne: attempts,
-            capture: Capture::new(attempts as u8),
+            capture: Capture::new(attempts as u8, pace),
         }
     }
 
@@ -225,6 +225,7 @@ impl StateMachine {
     pub fn count(&mut self) {
         self.in_state = self.in_state.saturating_add(1);
         self.now = self.now.wrapping_add(1);
+        self.capture.count();
     }
 
     /// Whether the setpoint was reached since the drive started.

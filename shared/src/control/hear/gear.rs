@@ -48,6 +48,9 @@ const UNKNOWN: f32 = 0.3;
 const FAINT: f32 = 2.2;
 /// The faintest speed over b w before the loudness of the parts is known.
 const FAINT_AT_FIRST: f32 = 0.4;
+/// Correlation of two implied restitutions in a row from which on they are not one part's: of 128 that are, four times its
+/// standard error.
+const RELATED: f32 = 0.35;
 /// Error in rad of the mean phase of a lock's stamps: a sample at 300 Hz.
 const STAMPED: f32 = 0.1;
 /// Change of k, as a share, after which the flight from rest is computed anew.
@@ -396,6 +399,11 @@ impl GearHearing {
         self.before = restitution;
     }
 
+    /// Speed over b w with which a part lands that the track throws from rest; 0 where it throws none.
+    pub fn thrown(&self) -> f32 {
+        self.thrown.arrival
+    }
+
     /// Whether a lock may strike at a phase of the track: there the track rises ever more slowly
     /// (docs/theory-bands.md#t5.1); within [`STAMPED`] for what the stamps are late.
     pub fn may_lock_at(&self, phase: f32) -> bool {
@@ -458,6 +466,14 @@ impl GearHearing {
         }
         let mean = self.sum / self.impacts;
         let scatter = self.spread();
+        let variance = scatter * scatter;
+        // One part's restitutions do not know of each other; of several parts the first to strike does.
+        let related = self.products / self.impacts - mean * mean;
+        if scatter > LEAST_SCATTER
+            && (related > RELATED * variance || -related > RELATED * variance)
+        {
+            return None;
+        }
         let squeezed = (1.0 + mean) * (1.0 + mean);
         let trace = 1.0 + mean * mean - squeezed * self.bends / (self.impacts * self.k);
         Some(Margin {

@@ -6,11 +6,13 @@
 //! | `onset` | impacts, detected in what the drive does not explain |
 //! | `fold` | that residual, summed over many cycles |
 //! | `phases` | circular statistics of the impacts' phases |
+//! | `deaf` | whether it hears at all |
 //! | `gear` | the share of time in gear |
 //! | `margin` | how far that is from being lost |
 //! | `lock` | the phases at which a wanted lock strikes |
 //! | `listener` | whether the parts are locked, and their regime |
 
+mod deaf;
 mod fold;
 mod gear;
 mod listener;
@@ -20,6 +22,7 @@ mod onset;
 mod phases;
 mod signal;
 
+pub use deaf::{Deafness, Sound};
 #[cfg(feature = "plant")]
 pub use fold::Fold;
 pub use fold::{HANDED, Layout, PLACES};

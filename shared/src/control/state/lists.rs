@@ -77,14 +77,18 @@ impl Limits {
     /// 7: the link was silent for `link_timeout`; at the safe amplitude.
     pub const LINK_LOST: Self = Self(1 << 7);
 
+    /// 8: nothing is heard where parts must be heard; the setpoint is held and nothing is kicked.
+    pub const DEAF: Self = Self(1 << 8);
+
     /// Every limit, in the order of their numbers.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::OUTPUT,
         Self::AMPLITUDE,
         Self::ACCELERATION,
         Self::NO_SETPOINT,
         Self::SECOND_TONE,
         Self::LINK_LOST,
+        Self::DEAF,
     ];
 
     /// Its number, for one limit alone.
@@ -103,6 +107,7 @@ impl Limits {
             Self::NO_SETPOINT => "no setpoint for the lot",
             Self::SECOND_TONE => "second tone cut",
             Self::LINK_LOST => "link lost",
+            Self::DEAF => "deaf",
             _ => "several limits",
         }
     }
