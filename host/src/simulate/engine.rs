@@ -70,7 +70,7 @@ impl Glance {
 pub(super) enum Engine<'a> {
     Envelope(Box<EnvelopeLoop>),
     /// What gives its moment with each cycle, and that of the last one.
-    Whole(Whole<'a>, Option<Moment>),
+    Whole(Whole<'a>, Box<Option<Moment>>),
 }
 
 /// A closed loop whose every cycle is a whole moment.
@@ -83,7 +83,7 @@ pub(super) enum Whole<'a> {
 
 impl<'a> From<Whole<'a>> for Engine<'a> {
     fn from(whole: Whole<'a>) -> Self {
-        Self::Whole(whole, None)
+        Self::Whole(whole, Box::new(None))
     }
 }
 
@@ -116,7 +116,7 @@ impl Engine<'_> {
             }
             Self::Whole(closed, last) => {
                 let moment = closed.cycle(None)?;
-                *last = Some(moment);
+                **last = Some(moment);
                 Ok(Glance::at(&moment))
             }
         }
@@ -128,7 +128,7 @@ impl Engine<'_> {
             Self::Envelope(_) => self.cycle(),
             Self::Whole(closed, last) => {
                 let moment = closed.cycle(Some(show))?;
-                *last = Some(moment);
+                **last = Some(moment);
                 Ok(Glance::at(&moment))
             }
         }
@@ -138,7 +138,7 @@ impl Engine<'_> {
     pub fn moment(&self) -> Option<Moment> {
         match self {
             Self::Envelope(closed) => Some(closed.moment()),
-            Self::Whole(_, last) => *last,
+            Self::Whole(_, last) => **last,
         }
     }
 

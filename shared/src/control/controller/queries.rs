@@ -29,7 +29,7 @@ impl Controller {
             confidence: self.listener.confidence(self.selection.lock()),
             in_gear: self.listener.gear.share(),
             gear: self.order().unwrap_or(1),
-            to_loss: self.listener.gear.to_loss(),
+            to_loss: self.listener.gear.time_to_loss(),
             margin: self.listener.margin(),
             expected_in_gear: self.gear().map_or(0.0, |plan| plan.share),
             attempts: self.machine.attempts(),

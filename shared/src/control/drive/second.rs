@@ -147,9 +147,13 @@ pub fn affordable_second_tone(settings: &Settings, k: f32) -> f32 {
     let scale = Scale::at(settings, settings.frequency);
     let amplitude = scale.amplitude(k);
     let room = settings.output_maximum - amplitude / scale.strength;
-    (room * size_of(Answer::at(settings).second) / amplitude)
-        .max(0.0)
-        .min(0.5)
+    let most = room * size_of(Answer::at(settings).second) / amplitude;
+    // No amplitude at all (k infinite) leaves nothing to measure a second tone against: none.
+    if most.is_nan() {
+        0.0
+    } else {
+        most.clamp(0.0, 0.5)
+    }
 }
 
 /// The loop that holds the second tone.

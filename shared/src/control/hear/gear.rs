@@ -143,7 +143,10 @@ impl Thrown {
         }
         for _ in 0..5 {
             let (height, speed) = above(duration);
-            duration -= (height / speed).max(-0.25).min(0.25);
+            let step = height / speed;
+            if !step.is_nan() {
+                duration -= step.clamp(-0.25, 0.25);
+            }
         }
         let turns = duration / TAU;
         Self {
@@ -441,7 +444,7 @@ impl GearHearing {
 
     /// Mean drive cycles in gear until it was lost; infinite where it was not.
     #[must_use]
-    pub fn to_loss(&self) -> f32 {
+    pub fn time_to_loss(&self) -> f32 {
         if self.losses > 0.5 {
             self.cycles / self.losses
         } else {

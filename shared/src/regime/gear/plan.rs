@@ -1,6 +1,8 @@
 //! At which k, and with which second tone, the parts of a lot stay in gear: a search bounded in time and memory, for the
 //! board.
 
+use core::f32::consts::{FRAC_PI_2, PI};
+
 use heapless::Vec;
 
 use super::Gear;
@@ -123,7 +125,7 @@ const STEPS_OF_TWO: usize = 10;
 /// Angles of the second tone tried at first, in rad: of order 1 the best of 32 around the circle lay between them for every
 /// lot that was asked (docs/theory-real-parts.md#t10.2); else around the circle.
 const ANGLES: [f32; 4] = [2.4, 2.6, 2.2, 2.8];
-const ROUND: [f32; 4] = [0.0, 1.570_796_4, 3.141_592_7, 4.712_389];
+const ROUND: [f32; 4] = [0.0, FRAC_PI_2, PI, 1.5 * PI];
 
 /// Steps in k (over the first distance), e (over the largest) and th (rad) to the candidates about the best one.
 const ABOUT_ONE: [[f32; 3]; 4] = [
