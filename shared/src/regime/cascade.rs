@@ -65,6 +65,10 @@ enum Track {
 }
 
 /// The map on it.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one at a time lives, and without an allocator there is no box"
+)]
 enum Over {
     Sine(Map),
     Tones(WaveMap),
