@@ -273,7 +273,7 @@ impl Part {
         let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
             return;
         };
-        let mut part = WavePart::resting_at(1.0, swing.phase.radians() - BACK);
+        let mut part = WavePart::at_rest(1.0, swing.phase.radians() - BACK);
         let Some(Next::Contact(Event::LiftOff { wait, .. })) = part.next(&map) else {
             return;
         };

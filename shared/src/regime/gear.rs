@@ -261,7 +261,7 @@ pub fn shares_from_rest(
     };
     for (number, scatters) in scatters.chunks(ABREAST).enumerate() {
         let begun = |scatter: &Scatter| Rider {
-            part: WavePart::at_rest(scatter.mean()),
+            part: WavePart::at_rest(scatter.mean(), 0.0),
             scatter: *scatter,
             watch,
         };

@@ -27,7 +27,7 @@ impl WaveOrbit {
     pub fn from_rest(map: &WaveMap) -> Self {
         Self {
             map: *map,
-            part: WavePart::at_rest(map.restitution()),
+            part: WavePart::at_rest(map.restitution(), 0.0),
         }
     }
 
@@ -91,29 +91,16 @@ impl WavePart {
         }
     }
 
-    /// A part that rests at phase 0.
-    #[must_use]
-    pub fn at_rest(restitution: f64) -> Self {
-        let origin = State {
-            phase: 0.0,
-            velocity: 0.0,
-        };
-        Self {
-            stage: Stage::Resting,
-            ..Self::new(restitution, origin)
-        }
-    }
-
     /// A part that rests at a phase in rad.
     #[must_use]
-    pub fn resting_at(restitution: f64, phase: f64) -> Self {
+    pub fn at_rest(restitution: f64, phase: f64) -> Self {
         let state = State {
             phase: in_turn(phase),
             velocity: 0.0,
         };
         Self {
-            state,
-            ..Self::at_rest(restitution)
+            stage: Stage::Resting,
+            ..Self::new(restitution, state)
         }
     }
 
