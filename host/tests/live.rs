@@ -150,12 +150,13 @@ impl Drop for Dashboard {
 }
 
 #[test]
-fn parts_lock_the_keys_work_and_the_terminal_is_restored() {
+fn parts_go_into_gear_the_keys_work_and_the_terminal_is_restored() {
     let mut dashboard = Dashboard::start(&["--speed", "10"]);
-    dashboard.wait_for(" LOCKED ");
+    dashboard.wait_for(" HOLDING ");
     for words in [
         "k against the band",
-        "% below the flip",
+        "in gear 9",
+        "band of the lock",
         "impact phase",
         "no fault",
     ] {

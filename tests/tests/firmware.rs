@@ -191,7 +191,7 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
         println!("{name} mean {mean}, most {most} instructions a sample");
         // 420 is a tenth of 84 MHz / 20 kHz.
         assert!(mean > 20 && mean <= 250, "{text}");
-        assert!(most <= 510, "{text}");
+        assert!(most <= 500, "{text}");
     }
     let (mean, most) = counts("control:");
     println!("control: mean {mean}, most {most} instructions a cycle");
@@ -390,8 +390,9 @@ fn images_fit_their_budget() {
             f64::from(size.stack) / 1024.0
         );
         assert!(size.flash > 1024 && size.stack > 1024);
-        // The emulated image carries the plant and its counters as well.
-        let most = if name == "virtual_feeder" { 512 } else { 256 };
+        // What the linker gives the boards, three quarters of the smaller one's 512 KiB; the emulated image carries the
+        // plant and its counters as well.
+        let most = if name == "virtual_feeder" { 512 } else { 384 };
         assert!(size.flash <= most * 1024 && size.memory <= 76 * 1024);
     }
 }

@@ -91,9 +91,6 @@ fn narrow_lot(scene: &mut Scene) {
 fn fixed_frequency(scene: &mut Scene) {
     scene.settings.tracking = 0.0;
 }
-fn quiet(scene: &mut Scene) {
-    scene.sensor.noise = 0.15;
-}
 fn no_kicks(scene: &mut Scene) {
     scene.settings.capture_attempts = 0.0;
 }
@@ -106,7 +103,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 65] = [
+const PROOFS: [(&str, Shows, Break); 66] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -128,7 +125,7 @@ const PROOFS: [(&str, Shows, Break); 65] = [
         Restarted(StartCause::Ordinary),
     ),
     ("chaotic", Obeying, Told(another_target)),
-    ("deaf", Shows::Limit(Limits::DEAF), Told(quiet)),
+    ("deaf", Shows::Limit(Limits::DEAF), Told(another_target)),
     ("drawn_parts", Listening, Seen(deaf)),
     (
         "empty_band",
@@ -213,6 +210,11 @@ const PROOFS: [(&str, Shows, Break); 65] = [
         Hidden(hot),
     ),
     ("resonance_tracking", Obeying, Told(fixed_frequency)),
+    (
+        "second_tone_cut",
+        Shows::Limit(Limits::SECOND_TONE),
+        Hidden(gain),
+    ),
     (
         "sensor_inverted",
         Shows::Fault(Fault::SensorInverted),

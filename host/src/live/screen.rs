@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::control::{Limits, State};
+use kband::control::{Limits, State, Target};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -56,8 +56,7 @@ pub(super) fn draw(
     draw_clock(frame, clock, history, assignment);
     draw_numbers(frame, numbers, history);
     draw_events(frame, events, history);
-    let help =
-        "q quit  e enable  1-8 lock order  g gear  x chaotic  + - k  c capture anew  p pause";
+    let help = "q quit  e enable  1-8 lock  g gear  x chaotic  + - k  c capture anew  p pause";
     frame.render_widget(Paragraph::new(help).dim(), keys);
 }
 
@@ -141,6 +140,13 @@ fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
     };
     let gauge = Line::from((0..width).map(cell).collect::<Vec<_>>());
     let last = match band {
+        // Gear holds beyond the band of a lock too, where the plan put it.
+        Some(band) if matches!(assignment.target, Target::Gear { .. }) => format!(
+            "in gear {:.0} %; band of the lock {:.4} to {:.4}",
+            now.map_or(0.0, |telemetry| 100.0 * telemetry.in_gear),
+            band.low(),
+            band.high()
+        ),
         None => "no band for this lot and target".to_string(),
         Some(band) if band.contains(k) => {
             let margins = band.margins(k);
@@ -268,7 +274,7 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
         lines.push(Line::from(format!("impacts {:.2} a cycle", telemetry.rate)));
         lines.push(Line::from(format!("phase   {:+.3} rad", telemetry.phase)));
         lines.push(Line::from(format!(
-            "in gear {:.0} %, lock {:.0} % sure",
+            "in gear {:.0} %, lock {:.0} %",
             100.0 * telemetry.in_gear,
             100.0 * telemetry.confidence
         )));
@@ -277,13 +283,18 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
                 .margin
                 .map_or(Line::from("margin  not heard"), |margin| {
                     Line::from(format!(
-                        "margin  {:.2}, R {:.2}, s {:.2}",
+                        "margin {:.2} R {:.2} s {:.2}",
                         margin.flip, margin.restitution, margin.scatter
                     ))
                 }),
         );
+        let second = if telemetry.second_ratio > 0.0 {
+            format!(", e {:.3}", telemetry.second_ratio)
+        } else {
+            String::new()
+        };
         lines.push(Line::from(format!(
-            "output  {:.1} %",
+            "output  {:.1} %{second}",
             100.0 * telemetry.output
         )));
         lines.push(match seen.fault() {
@@ -360,12 +371,13 @@ mod tests {
             "kband live",
             "target gear of order 1",
             "k against the band",
-            "% below the flip",
+            "band of the lock",
             "mm/s",
             "impact phase",
             "no fault",
             "no limit",
             "c capture anew",
+            "p pause",
             "◆",
             "•",
         ] {

@@ -149,8 +149,9 @@ const ABOUT_TWO: [[f32; 3]; 8] = [
 const LEAST: f32 = 0.01;
 
 /// Impacts after which the search of one tone, and of two, ends with what it has: within what 84 million instructions buy on
-/// a Cortex-M4F, where one takes 449 to 470 of one tone with all that belongs to it, and the map alone 190 more of two.
-const EFFORT: [u32; 2] = [170_000, 110_000];
+/// a Cortex-M4F, where one takes 449 to 470 of one tone with all that belongs to it, and 804 of two (88.5 million were
+/// counted for 110 000 impacts).
+const EFFORT: [u32; 2] = [170_000, 101_000];
 
 /// The search for the k, and the second tone, with which parts of a lot are in gear for the largest share of time, from
 /// rest and without a kick.
@@ -448,8 +449,8 @@ impl GearPlanner {
         let [low, high] = self.settings.k;
         let most = self.settings.second_tone;
         for &[k, ratio, angle] in steps {
-            let k = (best.k + k * scale * self.step).clamp(low, high);
-            let ratio = (best.second[0] + ratio * scale * most).clamp(0.0, most);
+            let k = (best.k + k * scale * self.step).max(low).min(high);
+            let ratio = (best.second[0] + ratio * scale * most).max(0.0).min(most);
             let second = if ratio < LEAST {
                 [0.0; 2]
             } else {
