@@ -156,6 +156,7 @@ scenes! {
     over_temperature_in_start
     resonance_tracking
     sensor_implausible
+    second_tone_cut
     sensor_inverted
     sensor_lost
     sensor_saturated
