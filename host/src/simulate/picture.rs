@@ -107,7 +107,15 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let mut throw = Panel::new(time(), Axis::new("k", Unit::NONE, 0.0, top)).height(190.0);
     if let Some(band) = band {
         throw = throw.shelf(
-            &format!("band of order {} for the whole lot", band.order()),
+            &format!(
+                "band of order {} for the whole lot{}",
+                band.order(),
+                if outcome.file().scatters() {
+                    ", did it not scatter"
+                } else {
+                    ""
+                }
+            ),
             band.low(),
             band.high(),
         );

@@ -213,7 +213,9 @@ pub fn of_the_sensor() -> Vec<Hazard> {
         strong("sensitivity fades to 0.2").acts(fades).until(4.8),
         strong("its cable bounces").acts(bounces),
         strong("it is turned").acts([plant(GOES_WRONG, Change::SensorInverted(true))]),
-        strong("its supply falls to half").acts([(GOES_WRONG, Act::SensorSupply(0.5))]),
+        strong("its supply falls to half")
+            .acts([(GOES_WRONG, Act::SensorSupply(0.5))])
+            .until(5.5),
         strong("its supply is gone").acts([(GOES_WRONG, Act::SensorSupply(0.0))]),
         fast("it stands still, 500 Hz").acts([plant(GOES_WRONG, Change::SensorLost(true))]),
         fast("it gives noise alone, 500 Hz").acts([

@@ -109,10 +109,15 @@ pub(super) fn told(
     }
     match outcome.band() {
         Some(band) => say(format!(
-            "band             k {} .. {} (order {}), {}",
+            "band             k {} .. {} (order {}{}), {}",
             number(band.low(), 4),
             number(band.high(), 4),
             band.order(),
+            if outcome.file().scatters() {
+                ", of a lock without scatter"
+            } else {
+                ""
+            },
             if band.contains(k) {
                 "k inside"
             } else {
@@ -167,11 +172,17 @@ pub(super) fn told(
             .regime
             .is_some_and(|heard| heard.regime == Regime::Undecided);
     if let Some(heard) = last.regime {
-        say(format!(
-            "heard            {} (confidence {})",
-            words(heard.regime),
-            number(f64::from(heard.confidence), 2)
-        ));
+        // Scattering phases repeat nothing, in gear or not.
+        let unrepeated = matches!(heard.regime, Regime::Chaotic | Regime::Undecided);
+        say(if unrepeated && last.in_gear >= 0.5 {
+            format!("heard            in gear, order {}", last.gear)
+        } else {
+            format!(
+                "heard            {} (confidence {})",
+                words(heard.regime),
+                number(f64::from(heard.confidence), 2)
+            )
+        });
     }
     if let Some(found) = outcome.identified() {
         say(format!(
