@@ -329,7 +329,8 @@ fn logged(out: &str) -> Vec<(u32, String)> {
 #[cfg(feature = "log")]
 #[test]
 fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
-    use kband::plant::{ClosedLoop, Scene};
+    use kband::control::StartCause;
+    use kband::plant::{Change, ClosedLoop, Disturbance, Scene};
 
     let folder = folder();
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
@@ -351,7 +352,17 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
         .status()
         .unwrap();
     assert!(status.success());
-    let mut closed = ClosedLoop::build(&Scene::default()).unwrap();
+    // From power-on, with the enable input given once the board is up: as its trial is.
+    let enables = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
+    let scene = Scene {
+        start: StartCause::PowerOn,
+        disturbances: enables
+            .map(|(at, change)| Disturbance { at, change })
+            .into_iter()
+            .collect(),
+        ..Scene::default()
+    };
+    let mut closed = ClosedLoop::build(&scene).unwrap();
     let expected: Vec<(u32, String)> = (0..500)
         .flat_map(|_| {
             let report = closed.cycle().report;
@@ -379,7 +390,7 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
     let words = "monitor --rows 5 --format json --record-log again.defmt";
     let out = kband_with(folder.path(), words, &["--elf", image]).done();
     let heard = logged(&out);
-    assert_eq!(heard[0], (1, "started".into()), "{out}");
+    assert_eq!(heard[0], expected[0], "{out}");
     assert!(out.contains("\"state\":\"starting\""), "{out}");
     let again = "monitor --log again.defmt --format json";
     let again = run(folder.path(), again, &["--elf", image]).done();
