@@ -38,6 +38,8 @@ const OPTIONS_START: u32 = 1 << 1;
 const SOFTWARE_WATCHDOG: u32 = 1 << 5;
 /// As the factory leaves them: brown-out reset off, the watchdog started by software.
 const OPTIONS: u32 = 0x0fff_aaed;
+/// What of that register is option bytes, and not its lock and its start.
+const OPTION_BYTES: u32 = 0x0fff_ffec;
 /// Lines of 16 bytes that the accelerator keeps: of instructions, of data (3.5.2).
 const LINES: [usize; 2] = [64, 8];
 /// Time to program a word, 16 us; to erase 16, 64, 128 KiB and all, with words; twice that at most.
@@ -136,7 +138,7 @@ impl Default for Flash {
             control: LOCKED,
             status: 0,
             option_control: OPTIONS,
-            options: OPTIONS,
+            options: OPTIONS & OPTION_BYTES,
             busy: 0,
             instructions: Lines::new(LINES[0]),
             data: Lines::new(LINES[1]),
@@ -170,7 +172,7 @@ impl Flash {
 
     /// Sets the option bytes, as if they had been programmed and loaded.
     pub fn set_options(&mut self, options: u32) {
-        self.options = options;
+        self.options = options & OPTION_BYTES;
         self.option_control = options | OPTIONS_LOCKED;
     }
 
@@ -293,7 +295,7 @@ impl Flash {
                 }
                 if value & OPTIONS_START != 0 {
                     // Loaded at the next reset; here at once, as the board's reset follows.
-                    self.options = value & 0x0fff_ffec;
+                    self.options = value & OPTION_BYTES;
                     self.busy = now + self.time(ERASE_TIMES[0]);
                 }
             }
