@@ -453,6 +453,25 @@ unsafe fn erase(status: *const u32, control: *mut u32, page: u32) {
 /// Time that the watchdog is given for the erasure of a page, as its prescaler and reload: 32 s.
 const ERASURE: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
 
+/// Forgets what was read of the flash before an erasure. A cache is reset while it is off (RM0090, 3.5.2; RM0440, 3.3.5).
+pub fn forget_flash() {
+    let access = pac::FLASH.acr();
+    let before = access.read();
+    access.modify(|access| {
+        access.set_icen(false);
+        access.set_dcen(false);
+    });
+    access.modify(|access| {
+        access.set_icrst(true);
+        access.set_dcrst(true);
+    });
+    access.modify(|access| {
+        access.set_icrst(false);
+        access.set_dcrst(false);
+    });
+    access.write_value(before);
+}
+
 /// While `work` is done the independent watchdog is given 32 s: an erasure of 128 KiB takes up to 4 s.
 pub fn with_patience<T>(work: impl FnOnce() -> T) -> T {
     let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());

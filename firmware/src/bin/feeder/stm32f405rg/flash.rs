@@ -7,7 +7,7 @@ use embassy_stm32::flash::{Bank1Region3, Blocking, Error};
 use embassy_stm32::pac;
 use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use kband_firmware::stm32::{erase_page, with_patience};
+use kband_firmware::stm32::{erase_page, forget_flash, with_patience};
 
 /// The first sector of 128 KiB, and the size of each.
 const FIRST: u32 = 5;
@@ -29,25 +29,6 @@ pub fn read_ahead() {
         access.set_icen(true);
         access.set_dcen(true);
     });
-}
-
-/// Forgets what was read of a sector that is erased. A cache is reset while it is off (RM0090, 3.5.2).
-fn forget() {
-    let access = pac::FLASH.acr();
-    let before = access.read();
-    access.modify(|access| {
-        access.set_icen(false);
-        access.set_dcen(false);
-    });
-    access.modify(|access| {
-        access.set_icrst(true);
-        access.set_dcrst(true);
-    });
-    access.modify(|access| {
-        access.set_icrst(false);
-        access.set_dcrst(false);
-    });
-    access.write_value(before);
 }
 
 /// The sectors of 128 KiB.
@@ -92,7 +73,7 @@ impl NorFlash for Sectors {
                 // SAFETY: the registers are this chip's, and the flash is unlocked.
                 unsafe { erase_page(STATUS, CONTROL, ERASE_SECTOR | (FIRST + sector) << 3) };
                 pac::FLASH.cr().modify(|control| control.set_lock(true));
-                forget();
+                forget_flash();
             });
         }
         Ok(())

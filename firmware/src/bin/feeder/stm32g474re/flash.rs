@@ -9,7 +9,7 @@ use embassy_stm32::pac;
 use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::cortex::unexpected;
-use kband_firmware::stm32::{erase_page, forget_break, with_patience};
+use kband_firmware::stm32::{erase_page, forget_break, forget_flash, with_patience};
 
 /// Size of a page with the flash in two banks.
 const SIZE: u32 = 2 * 1024;
@@ -95,7 +95,7 @@ impl NorFlash for Pages {
                 // SAFETY: the registers are this chip's, and the flash is unlocked.
                 unsafe { erase_page(STATUS, CONTROL, ERASE_PAGE | SECOND_BANK | page << 3) };
                 pac::FLASH.cr().modify(|control| control.set_lock(true));
-                forget();
+                forget_flash();
             });
         }
         Ok(())
@@ -104,23 +104,4 @@ impl NorFlash for Pages {
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         self.0.write(offset, bytes)
     }
-}
-
-/// Forgets what was read of a page that is erased. A cache is reset while it is off (RM0440, 3.3.5).
-fn forget() {
-    let access = pac::FLASH.acr();
-    let before = access.read();
-    access.modify(|access| {
-        access.set_icen(false);
-        access.set_dcen(false);
-    });
-    access.modify(|access| {
-        access.set_icrst(true);
-        access.set_dcrst(true);
-    });
-    access.modify(|access| {
-        access.set_icrst(false);
-        access.set_dcrst(false);
-    });
-    access.write_value(before);
 }
