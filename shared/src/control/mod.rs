@@ -14,8 +14,8 @@
 //! | `course` | the state machine, captures, faults and limits |
 //! | `controller` | [`Controller`]: the wings in the order of one drive cycle |
 //!
-//! On the ground: `settings`, `angle`, `saturate`, `state` (the numbered lists and the state table);
-//! `report` is what goes in and comes out each cycle.
+//! On the ground: `settings`, `angle`, `saturate`, `inputs` (what goes in each cycle), `state` (the numbered lists and the
+//! state table); `report` is what comes out.
 //!
 //! The words are those of docs/glossary.md#the-controller.
 
@@ -26,6 +26,7 @@ mod course;
 mod drive;
 mod hear;
 mod identify;
+mod inputs;
 mod report;
 mod saturate;
 mod settings;
@@ -45,6 +46,7 @@ pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, Standard,
 };
 pub use identify::{Identification, Identified, Unidentified};
-pub use report::{Inputs, Report, StartCause};
+pub use inputs::{Inputs, StartCause};
+pub use report::Report;
 pub use settings::{Key, Settings};
 pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};

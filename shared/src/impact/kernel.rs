@@ -1,6 +1,6 @@
 //! What the arithmetics have in common: the state of a part, its impact, and the map as a trait.
 
-use super::Tone;
+use super::wave::Tone;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
@@ -150,55 +150,5 @@ pub(super) fn accept_phase(phase: f64) -> Result<(), OutOfRange> {
         Ok(())
     } else {
         accept("phase", phase, accepts, accepted).map(|_| ())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::impact::{Exact, Hybrid, Integer, Map, Single};
-
-    /// The part of the track, in rad, that an arithmetic takes `phase` for.
-    fn place<K: Kernel>(phase: f64) -> Option<f64> {
-        K::state(phase, 0.5)
-            .ok()
-            .map(|state| K::observe(state).phase)
-    }
-
-    #[test]
-    fn every_arithmetic_takes_a_phase_for_the_same_part_of_the_track() {
-        // The input itself is exact to half a digit, 9.3e-10 rad at most; so is its remainder by 2 pi, whose
-        // own last digit, times 2^21 turns, adds 2^21 2.4e-16 = 5.1e-10; half a step of the phase is 7.3e-10.
-        let tolerance = 9.4e-10 + 5.2e-10 + 7.4e-10;
-        for turns in [0.0, 1.0, 12_345.0, 2_097_150.0, -1.0, -2_097_151.0] {
-            for part in [0.1, 1.0, 3.0, 6.2] {
-                let phase = turns * core::f64::consts::TAU + part;
-                let places = [
-                    place::<Map>(phase),
-                    place::<Exact>(phase),
-                    place::<Hybrid>(phase),
-                    place::<Single>(phase),
-                    place::<Integer>(phase),
-                ];
-                for place in places {
-                    let place = place.unwrap();
-                    assert!((place - part).abs() < tolerance, "{phase}: {places:?}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_phase_too_large_to_mean_a_place_is_refused_by_every_arithmetic() {
-        for phase in [1.32e7, -1.32e7, 1e12, 1e16, 1e300, f64::INFINITY, f64::NAN] {
-            let places = [
-                place::<Map>(phase),
-                place::<Exact>(phase),
-                place::<Hybrid>(phase),
-                place::<Single>(phase),
-                place::<Integer>(phase),
-            ];
-            assert_eq!(places, [None; 5], "{phase}");
-        }
     }
 }

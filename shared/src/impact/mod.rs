@@ -21,8 +21,8 @@
 //! | [`WaveSingle`] | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
 //!
-//! `kernel.rs` says what they have in common, `set_up.rs` what those for microcontrollers are set up
-//! from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is
+//! `kernel.rs` says what they have in common, `wave.rs` how a track of several tones moves, `set_up.rs` what those for
+//! microcontrollers are set up from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is
 //! certified by the rounding of its own arithmetic.
 
 #[cfg(test)]
@@ -36,6 +36,7 @@ mod orbit;
 mod scatter;
 mod set_up;
 mod tones;
+mod wave;
 
 pub use anchor::{Hybrid, Single, SingleState, WaveHybrid, WaveSingle};
 #[cfg(any(test, feature = "unstable"))]
@@ -43,14 +44,15 @@ pub use double::PassedHumps;
 pub use double::{Exact, Map, Refined};
 pub use integer::Integer;
 pub use kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
-pub(crate) use orbit::LATE;
 #[cfg(feature = "control")]
 pub(crate) use orbit::Release;
 #[cfg(any(test, feature = "unstable"))]
 pub use orbit::Skips;
 pub use orbit::{
     Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent, Tangential, TangentialSettings,
+    WaveContact, WaveOrbit,
 };
+pub(crate) use orbit::{LATE, Next, WavePart};
 pub use scatter::Scatter;
-pub(crate) use tones::{Next, WavePart};
-pub use tones::{Tone, Wave, WaveContact, WaveExact, WaveMap, WaveOrbit};
+pub use tones::{WaveExact, WaveMap};
+pub use wave::{Tone, Wave};

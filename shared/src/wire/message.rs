@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::report::{Identification, Margin, Report};
+use super::report::{Identification, Margin, Report, SecondTone};
 use crate::control;
 
 /// What the desk asks of the board.
@@ -249,27 +249,6 @@ pub enum Target {
     Gear(u8),
     /// A value of k, with a second tone of the track: its amplitude over the first tone's, and its phase in rad.
     Tones(f32, SecondTone),
-}
-
-/// A second tone of the track; [`control::SecondTone`] on the line.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SecondTone {
-    /// Amplitude over that of the first tone (symbol e).
-    pub ratio: f32,
-    /// Phase angle (symbol th) in rad.
-    pub phase: f32,
-}
-
-impl From<control::SecondTone> for SecondTone {
-    fn from(control::SecondTone { ratio, phase }: control::SecondTone) -> Self {
-        Self { ratio, phase }
-    }
-}
-
-impl From<SecondTone> for control::SecondTone {
-    fn from(SecondTone { ratio, phase }: SecondTone) -> Self {
-        Self { ratio, phase }
-    }
 }
 
 impl From<control::Target> for Target {

@@ -29,12 +29,11 @@ pub use frame::{
     write_question, write_request, write_response,
 };
 pub use message::{
-    Counters, Kept, KeptFault, Record, Refusal, Request, Response, SecondTone, SelfTest, SetUp,
-    Setting, SimulatedInputs, StartCause, Target, Telemetry, fold_output, read_reading,
-    write_reading,
+    Counters, Kept, KeptFault, Record, Refusal, Request, Response, SelfTest, SetUp, Setting,
+    SimulatedInputs, StartCause, Target, Telemetry, fold_output, read_reading, write_reading,
 };
 pub use receiver::{FRAME_MOST, Receiver, Unreadable};
-pub use report::{Identification, Identified, Margin, Report, Unidentified};
+pub use report::{Identification, Identified, Margin, Report, SecondTone, Unidentified};
 
 /// Version of everything but the question who is there.
 pub const VERSION: u8 = 1;

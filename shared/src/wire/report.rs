@@ -6,10 +6,30 @@
 use serde::{Deserialize, Serialize};
 
 use super::Unreadable;
-use super::message::SecondTone;
 use crate::arithmetic::Phase;
 use crate::control;
 use crate::regime::classify;
+
+/// A second tone of the track; [`control::SecondTone`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SecondTone {
+    /// Amplitude over that of the first tone (symbol e).
+    pub ratio: f32,
+    /// Phase angle (symbol th) in rad.
+    pub phase: f32,
+}
+
+impl From<control::SecondTone> for SecondTone {
+    fn from(control::SecondTone { ratio, phase }: control::SecondTone) -> Self {
+        Self { ratio, phase }
+    }
+}
+
+impl From<SecondTone> for control::SecondTone {
+    fn from(SecondTone { ratio, phase }: SecondTone) -> Self {
+        Self { ratio, phase }
+    }
+}
 
 /// What the controller saw and did in one cycle: [`control::Report`] on the line, made of one and into one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -16,7 +16,8 @@ use crate::control::drive::{
 };
 use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound};
 use crate::control::identify::{self, Driven, Identifier, Step};
-use crate::control::report::{Inputs, Report, StartCause};
+use crate::control::inputs::{Inputs, StartCause};
+use crate::control::report::Report;
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::feeder::OutOfRange;

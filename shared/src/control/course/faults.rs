@@ -143,7 +143,8 @@ impl FaultDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{Settings, Target};
+    use crate::control::aim::Target;
+    use crate::control::settings::Settings;
     use crate::plant::{ClosedLoop, DriveModel, EnvelopeLoop, Scene};
 
     /// What the detector says of a number of cycles alike.

@@ -2,7 +2,7 @@
 
 use super::capture::{Capture, CaptureEvent};
 use crate::control::aim::Chaos;
-use crate::control::report::{Inputs, StartCause};
+use crate::control::inputs::{Inputs, StartCause};
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::regime::capture::Plan;
 use crate::regime::classify::{Regime, Verdict};

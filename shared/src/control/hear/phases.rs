@@ -113,8 +113,8 @@ impl PhaseStatistics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::Heard;
     use crate::control::angle::phase_of;
+    use crate::control::hear::Heard;
 
     fn heard(phases: &[f32]) -> Cycle {
         let heard = phases.iter().map(|&phase| Heard {

@@ -443,8 +443,8 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::control::OnsetDetector;
     use crate::control::angle::phase_step;
+    use crate::control::hear::OnsetDetector;
     use crate::plant::Noise;
 
     /// The chatter of some parts at k, heard in noise over one cycle, with a ringing that lasts for some samples.

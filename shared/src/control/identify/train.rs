@@ -239,7 +239,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::control::OnsetDetector;
+    use crate::control::hear::OnsetDetector;
     use crate::plant::Noise;
 
     const RINGING: Ringing = Ringing {

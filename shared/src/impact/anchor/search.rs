@@ -10,7 +10,7 @@ use super::flight::{
 use super::settle::expand;
 use super::shape::Shape;
 use super::short::{ShortFlight, hop, short_flight};
-use super::solve::{Bracket, Found, Start, solve};
+use super::solve::{Bracket, Found, LaunchPoint, solve};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
@@ -30,7 +30,7 @@ pub(crate) fn search<F: OverSine>(shape: &Shape, launch: &Launch, flight: &F) ->
         _ => {}
     }
     let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
-    let start = Start {
+    let start = LaunchPoint {
         phase: launch.phase,
         height: launch.sine,
         rise: launch.velocity + launch.cosine,

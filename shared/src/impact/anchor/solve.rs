@@ -59,7 +59,7 @@ pub(crate) enum Found {
 
 /// The ball at launch: phase of the track in steps, its height and upward speed there.
 #[derive(Clone, Copy)]
-pub(super) struct Start {
+pub(super) struct LaunchPoint {
     pub(super) phase: u32,
     pub(super) height: f32,
     pub(super) rise: f32,
@@ -79,11 +79,11 @@ pub(super) struct Bracket {
 #[inline(always)]
 pub(super) fn solve<F: Flight>(
     track: &impl Track,
-    start: &Start,
+    start: &LaunchPoint,
     flight: &F,
     bracket: &Bracket,
 ) -> Found {
-    let Start {
+    let LaunchPoint {
         phase,
         height,
         rise: v,

@@ -6,6 +6,8 @@ mod observe;
 mod release;
 mod tangent;
 mod tangential;
+mod wave_contact;
+mod wave_orbit;
 
 pub use contact::Contact;
 #[cfg(any(test, feature = "unstable"))]
@@ -17,3 +19,6 @@ pub use release::LATE;
 pub use release::Release;
 pub use tangent::{Growth, Tangent};
 pub use tangential::{Tangential, TangentialSettings};
+pub use wave_contact::WaveContact;
+pub use wave_orbit::WaveOrbit;
+pub(crate) use wave_orbit::{Next, WavePart};

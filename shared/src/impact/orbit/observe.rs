@@ -130,7 +130,9 @@ impl Observer for Count {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Map, Orbit, Skips};
+    use crate::impact::double::Map;
+    use crate::impact::kernel::Kernel;
+    use crate::impact::orbit::{Orbit, Skips};
 
     /// Impact phases and flights, folded into 64 bits in order (FNV-1a over the bits).
     struct Hash(u64);

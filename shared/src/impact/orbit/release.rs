@@ -33,7 +33,9 @@ impl<S: Copy> Release<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Exact, Hybrid, Integer, Map, Single};
+    use crate::impact::anchor::{Hybrid, Single};
+    use crate::impact::double::{Exact, Map};
+    use crate::impact::integer::Integer;
 
     /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is flat.
     fn flights<K: Kernel>(delay: f64) -> impl Iterator<Item = (f64, Option<f64>)> {

@@ -176,7 +176,8 @@ impl Observer for Growth<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Event, Kernel, Orbit, Skips};
+    use crate::impact::kernel::Kernel;
+    use crate::impact::orbit::{Event, Orbit, Skips};
 
     #[test]
     fn the_determinant_is_r_squared_psi_over_psi_next() {

@@ -2,7 +2,7 @@
 
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
-use crate::impact::tones::Wave;
+use crate::impact::wave::Wave;
 
 /// What the motion along the track depends on besides k.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -202,7 +202,9 @@ fn sagitta(d: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Event, Kernel, Map, Orbit};
+    use crate::impact::double::Map;
+    use crate::impact::kernel::Kernel;
+    use crate::impact::orbit::{Event, Orbit};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,

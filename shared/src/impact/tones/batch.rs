@@ -7,7 +7,7 @@ use super::track::Track;
 use crate::arithmetic::lane::simd::Simd;
 use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::double::step::Landing;
-use crate::impact::{Impact, State};
+use crate::impact::kernel::{Impact, State};
 
 /// The impacts of parts that lose nothing, in the widest registers of this CPU.
 pub(super) fn impacts(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
@@ -142,9 +142,10 @@ mod x86 {
 mod tests {
     use std::vec::Vec;
 
-    use super::super::wave::{Tone, Wave};
     use super::*;
-    use crate::impact::{Kernel, WaveMap};
+    use crate::impact::kernel::Kernel;
+    use crate::impact::tones::WaveMap;
+    use crate::impact::wave::{Tone, Wave};
 
     #[test]
     fn every_lane_is_the_map_bit_for_bit_in_every_width() {

@@ -3,12 +3,13 @@
 use super::first::first_impact;
 use super::launch::Launch;
 use super::map::WaveMap;
-use super::wave::{Tone, Wave};
 use crate::arithmetic::lane::Node;
 use crate::arithmetic::twofold::Twofold;
 use crate::feeder::OutOfRange;
+use crate::impact::double::Refined;
 use crate::impact::double::exact::{Polished, at_node, nodes, sine_cosine, turned};
-use crate::impact::{Impact, Kernel, Refined, State, WaveKernel};
+use crate::impact::kernel::{Impact, Kernel, State, WaveKernel};
+use crate::impact::wave::{Tone, Wave};
 
 /// The impact map of [`WaveMap`], its root polished once by the gap in twofold arithmetic
 /// (`f64-exact-tones`), as [`Exact`](crate::impact::Exact) is that of one tone.

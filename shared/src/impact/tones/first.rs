@@ -11,9 +11,9 @@ use super::launch::{Launch, SPARE};
 use super::search;
 use super::short;
 use super::track::Track;
-use super::wave::motion;
 use crate::arithmetic::lane::{Arc, Lane, Node, floor};
 use crate::impact::double::step::{Landing, householder, in_turn};
+use crate::impact::wave::motion;
 
 /// Flights shorter than this, in rad of the highest tone, are left to the search where they are not short hops: it
 /// keeps their relative accuracy. From 0.03 to 0.25 `every_golden_impact_has_the_right_root`.

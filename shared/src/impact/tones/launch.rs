@@ -3,8 +3,8 @@
 use core::f64::consts::TAU;
 
 use super::track::Track;
-use super::wave::{Motion, Parts, motion};
 use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::impact::wave::{Motion, Parts, motion};
 
 /// The state just after an impact, with what every kind of flight needs of it.
 #[derive(Clone, Copy)]

@@ -6,12 +6,13 @@ use super::launch::Launch;
 #[cfg(any(test, feature = "unstable"))]
 use super::search;
 use super::track::Track;
-use super::wave::{Tone, Wave};
 #[cfg(any(test, feature = "unstable"))]
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
+use crate::impact::double::Map;
 use crate::impact::double::step::Landing;
-use crate::impact::{Impact, Kernel, Map, State, WaveKernel};
+use crate::impact::kernel::{Impact, Kernel, State, WaveKernel};
+use crate::impact::wave::{Tone, Wave};
 
 /// The impact map in f64 for one [`Wave`], one k and one restitution; with the sine alone it is the map of
 /// [`Map`], to rounding.
@@ -117,7 +118,7 @@ impl WaveMap {
     }
 
     /// The impact of a part that loses nothing: its velocity is the speed of arrival.
-    pub(super) fn elastic_impact(&self, state: State) -> Impact<State> {
+    pub(in crate::impact) fn elastic_impact(&self, state: State) -> Impact<State> {
         let mut impact = [Impact {
             flight: 0.0,
             next: state,
@@ -135,7 +136,7 @@ impl WaveMap {
         batch::impacts(&self.track, states, impacts);
     }
 
-    pub(super) fn track(&self) -> &Track {
+    pub(in crate::impact) fn track(&self) -> &Track {
         &self.track
     }
 }

@@ -9,11 +9,11 @@ use core::f64::consts::TAU;
 use super::launch::{Launch, SPARE};
 use super::short::{LONGEST_HOP, deflated};
 use super::track::{Hump, Track, ahead};
-use super::wave::motion;
 use crate::arithmetic::lane::{Arc, Node, floor};
 use crate::arithmetic::square_root;
 use crate::impact::double::bracket::{Gap, Path, lowest, root};
 use crate::impact::double::step::Landing;
+use crate::impact::wave::motion;
 
 /// A flight on a track.
 struct Flight<'a, const N: usize> {

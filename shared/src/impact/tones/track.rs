@@ -2,11 +2,11 @@
 
 use core::f64::consts::TAU;
 
-use super::wave::{MOST, Motion, Wave, crossing};
+use crate::impact::wave::{MOST, Motion, Wave, crossing};
 
 /// The track where its push passes k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct HumpEnd {
+pub(in crate::impact) struct HumpEnd {
     /// Phase in rad, 0..2 pi.
     pub phase: f64,
     /// S there.
@@ -21,7 +21,7 @@ pub(super) struct HumpEnd {
 
 /// A stretch on which the track pushes harder than k: there the gap is convex, elsewhere concave.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Hump {
+pub(in crate::impact) struct Hump {
     /// Where it begins: a resting part is thrown off here.
     pub begin: HumpEnd,
     /// Where it ends.
@@ -37,7 +37,7 @@ const HUMPS: usize = MOST / 2;
 
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Track {
+pub(in crate::impact) struct Track {
     pub wave: Wave,
     /// k.
     pub k: f64,
@@ -160,10 +160,4 @@ pub(super) fn ahead(from: f64, to: f64) -> f64 {
     } else {
         to - from
     }
-}
-
-/// `angle` in 0..2 pi.
-pub(super) fn in_turn(angle: f64) -> f64 {
-    let turned = angle - TAU * libm::floor(angle / TAU);
-    if turned < TAU { turned } else { 0.0 }
 }

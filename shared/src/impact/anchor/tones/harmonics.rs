@@ -5,8 +5,8 @@ use crate::arithmetic::node::SINGLE;
 use crate::arithmetic::trigonometry::sine_cosine_fine;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::Tone;
 use crate::impact::anchor::flight::Motion;
+use crate::impact::wave::Tone;
 
 /// One harmonic, `e sin(n t + th)`.
 #[derive(Clone, Copy, Debug, PartialEq)]

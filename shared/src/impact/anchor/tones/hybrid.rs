@@ -12,13 +12,14 @@ use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::flight::{self, Flight, Local, STEPS_PER_RADIAN};
+use crate::impact::anchor::hybrid::Hybrid;
 use crate::impact::anchor::hybrid::{
     Exact, Parabola, TOP_VELOCITY, landing, product_32, settled, speed,
 };
 use crate::impact::anchor::settle::settle;
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
-use crate::impact::{Hybrid, Tone};
+use crate::impact::wave::Tone;
 
 /// The impact map for the Cortex-M4F on a track of two or three tones (`hybrid-tones`); of one tone it is
 /// [`Hybrid`], bit for bit.

@@ -11,7 +11,7 @@ use crate::impact::anchor::flight::{
     Flight, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
-use crate::impact::anchor::solve::{Bracket, Found, Start, solve};
+use crate::impact::anchor::solve::{Bracket, Found, LaunchPoint, solve};
 
 /// A flight that knows its height over an edge to the precision of its kernel.
 pub(super) trait Edged: Flight {
@@ -96,7 +96,7 @@ pub(super) fn search<F: Edged>(
         bracket.low = high;
         bracket.start = larger(bracket.start, high);
     }
-    let start = Start {
+    let start = LaunchPoint {
         phase: launch.phase,
         height: launch.height,
         rise: launch.rise,

@@ -11,10 +11,11 @@ use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::flight::{
     self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, node_from_near, smaller,
 };
+use crate::impact::anchor::single::Single;
 use crate::impact::anchor::single::{self, SingleState, TOP, settled, steps_after, steps_to};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{Impact, Kernel, Landing, State, WaveKernel};
-use crate::impact::{Single, Tone};
+use crate::impact::wave::Tone;
 
 /// The impact map in f32 on a track of two or three tones (`f32-tones`); of one tone it is [`Single`], bit for
 /// bit.

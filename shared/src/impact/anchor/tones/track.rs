@@ -6,10 +6,10 @@ use super::harmonics::Harmonics;
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::Tone;
 use crate::impact::anchor::flight::{
     self, Motion, RADIANS_PER_STEP, SPACING, STEPS_PER_RADIAN, abs, larger,
 };
+use crate::impact::wave::Tone;
 
 /// Where the push passes k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

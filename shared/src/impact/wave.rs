@@ -2,7 +2,6 @@
 
 use core::f64::consts::TAU;
 
-use super::track::in_turn;
 use crate::arithmetic::lane::{Lane, sine_cosine};
 use crate::feeder::{OutOfRange, accept};
 
@@ -311,6 +310,12 @@ pub(super) fn motion<L: Lane, const N: usize>(parts: &Parts<L>) -> Motion<L> {
         surge: two.surge + times(27.0, c3),
         bend: two.bend + times(81.0, s3),
     }
+}
+
+/// `angle` in 0..2 pi.
+pub(super) fn in_turn(angle: f64) -> f64 {
+    let turned = angle - TAU * libm::floor(angle / TAU);
+    if turned < TAU { turned } else { 0.0 }
 }
 
 /// Where a function, given with its derivative, crosses zero between two places at which it has two signs.

@@ -1,9 +1,9 @@
 //! Contact with a track of several tones: chatter, rest and lift-off.
 
-use super::map::WaveMap;
-use super::track::Track;
-use crate::impact::State;
 use crate::impact::double::launch::{CHANGE, REMAINDER};
+use crate::impact::kernel::State;
+use crate::impact::tones::WaveMap;
+use crate::impact::tones::track::Track;
 
 /// When contact of a part with a track of several tones begins and ends: [`Contact`](crate::impact::Contact)
 /// with the track's push A for the sine, A' for the cosine and -A'' for the sine of its curvature.

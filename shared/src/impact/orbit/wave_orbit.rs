@@ -1,9 +1,10 @@
 //! The stream of events of one part on a track of several tones.
 
-use super::contact::time_to_rest;
-use super::map::WaveMap;
-use super::track::in_turn;
-use crate::impact::{Event, Impact, Kernel, State};
+use super::events::Event;
+use super::wave_contact::time_to_rest;
+use crate::impact::kernel::{Impact, Kernel, State};
+use crate::impact::tones::WaveMap;
+use crate::impact::wave::in_turn;
 
 /// The orbit of one part on a track of several tones: impacts, rests and lift-offs, ended only by rest for ever.
 #[derive(Clone, Copy, Debug)]
@@ -168,9 +169,10 @@ impl WavePart {
 
 #[cfg(test)]
 mod tests {
-    use super::super::wave::{Tone, Wave};
     use super::*;
-    use crate::impact::{Map, Orbit};
+    use crate::impact::double::Map;
+    use crate::impact::orbit::Orbit;
+    use crate::impact::wave::{Tone, Wave};
 
     #[test]
     fn one_tone_has_the_events_of_the_sine() {
