@@ -1,219 +1,467 @@
-//! `kband explain`: the manual's paragraph on a word, a fault or a limit.
+//! `kband explain`: what the manual says on a word, with its formula and a number in mm.
 
-use clap::ValueEnum;
+mod manual;
+mod number;
+mod plain;
 
+use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
+use kband::feeder::Restitution;
+
+use crate::arguments::{self, DriveArguments};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report;
+use manual::Word;
+use number::Example;
 
-/// Print what the manual says on a word, the states, a fault or a limit.
+/// Print what the manual says on a word, a state, an event, a fault or a limit, with its formula and a number in mm.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband explain k
-  kband explain capture
-  kband explain fault 4")]
+  kband explain flip --restitution 0.4 --frequency 100
+  kband explain in gear
+  kband explain capturing
+  kband explain fault 4
+
+Every word of the glossary, every symbol, and whatever kband prints as a state, event, regime, fault or limit.")]
 pub struct Arguments {
-    /// The word; without it, the list of them.
-    #[arg(value_enum)]
-    topic: Option<Topic>,
+    /// The word or words; `fault N` and `limit N` by their numbers. Without any, the list of them.
+    #[arg(value_name = "WORD", value_parser = Topics)]
+    words: Vec<String>,
 
-    /// Number of the fault or limit; without it, all of them.
-    #[arg(value_name = "N")]
-    number: Option<u8>,
+    /// Restitution of the part that the number is of, or LO..HI of the lot.
+    #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
+    restitution: Restitution,
+
+    #[command(flatten)]
+    drive: DriveArguments,
 }
 
-/// What can be explained.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Topic {
-    /// The number that is controlled.
-    K,
-    /// Restitution, and why it is an interval.
-    #[value(alias = "r")]
-    Restitution,
-    /// Where parts lock to the drive.
-    #[value(alias = "lock")]
-    Band,
-    /// Period doublings.
-    Cascade,
-    /// Flights that never repeat.
-    Chaos,
-    /// Two regimes at one setting.
-    Basin,
-    /// The kick that brings parts into lock.
-    #[value(alias = "kick")]
-    Capture,
-    /// What the drive is doing, and what it does next.
-    State,
-    /// What stopped the drive.
-    Fault,
-    /// What holds the drive back.
-    Limit,
+/// Words with a paragraph or more of the manual of their own: name, what it says in a line, what else it is called,
+/// page, and how the headings begin.
+const TOPICS: [(&str, &str, &[&str], &str, &[&str]); 15] = [
+    (
+        "k",
+        "The number that is controlled.",
+        &[],
+        "theory-model.md",
+        &["## 1.2 "],
+    ),
+    (
+        "restitution",
+        "How a part rebounds, and why it is an interval.",
+        &["lot"],
+        "theory-model.md",
+        &["## 1.4 "],
+    ),
+    (
+        "rest",
+        "When a part lies, and when it is thrown.",
+        &["lift-off", "chatter"],
+        "theory-impacts.md",
+        &["## 4."],
+    ),
+    (
+        "band",
+        "Where parts lock to the drive.",
+        &["lock", "order"],
+        "theory-bands.md",
+        &["## 5."],
+    ),
+    (
+        "cascade",
+        "Period doublings.",
+        &["flip", "doubled"],
+        "theory-bands.md",
+        &["## 6.1 ", "## 6.2 "],
+    ),
+    (
+        "chaos",
+        "Flights that never repeat.",
+        &["chaotic", "chaos edge"],
+        "theory-bands.md",
+        &["## 6.3 "],
+    ),
+    (
+        "basin",
+        "Two regimes at one setting.",
+        &["reached from rest"],
+        "theory-capture.md",
+        &["## 7.1 ", "## 7.2 "],
+    ),
+    (
+        "capture",
+        "The kick that brings parts into lock.",
+        &["kick"],
+        "theory-capture.md",
+        &["## 7.3 ", "## 7.4 ", "## 7.5 "],
+    ),
+    (
+        "conveying speed",
+        "How fast parts travel.",
+        &["speed"],
+        "theory-transport.md",
+        &["## 8.3 "],
+    ),
+    (
+        "gear",
+        "Parts that stay in step though they scatter.",
+        &["in gear"],
+        "theory-real-parts.md",
+        &["## 10.1 "],
+    ),
+    (
+        "second tone",
+        "A drive with a tone at twice its frequency.",
+        &["tones", "e", "th"],
+        "theory-real-parts.md",
+        &["## 10.3 "],
+    ),
+    (
+        "margin",
+        "How far from losing it, as it is heard.",
+        &["margin heard", "heard"],
+        "theory-real-parts.md",
+        &["## 10.7 "],
+    ),
+    (
+        "state",
+        "What the drive is doing, and what it does next.",
+        &["states"],
+        "faults.md",
+        &["## States"],
+    ),
+    (
+        "fault",
+        "What stopped the drive; fault N for one.",
+        &["faults"],
+        "faults.md",
+        &["## Fault "],
+    ),
+    (
+        "limit",
+        "What holds the drive back; limit N for one.",
+        &["limits"],
+        "faults.md",
+        &["## Limit "],
+    ),
+];
+
+/// Takes any word, and completes the topics.
+#[derive(Clone, Debug)]
+struct Topics;
+
+impl TypedValueParser for Topics {
+    type Value = String;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        argument: Option<&clap::Arg>,
+        value: &std::ffi::OsStr,
+    ) -> Result<String, clap::Error> {
+        StringValueParser::new().parse_ref(command, argument, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        let single = TOPICS.iter().filter(|topic| !topic.0.contains(' '));
+        Some(Box::new(
+            single.map(|topic| PossibleValue::new(topic.0).help(topic.1)),
+        ))
+    }
 }
 
-const MODEL: &str = include_str!("../../../docs/theory-model.md");
-const BANDS: &str = include_str!("../../../docs/theory-bands.md");
-const CAPTURE: &str = include_str!("../../../docs/theory-capture.md");
-const FAULTS: &str = include_str!("../../../docs/faults.md");
-
-/// Prints the section.
+/// Prints what is known of the word.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    report::print(&match arguments.topic {
-        Some(topic) => text(topic, arguments.number)?,
-        None => topics(),
-    })?;
+    if arguments.words.is_empty() {
+        report::print(&topics())?;
+        return Ok(Exit::Done);
+    }
+    let example = Example {
+        track: arguments.drive.track()?,
+        lot: arguments.restitution,
+    };
+    let told = text(&arguments.words, &example)?;
+    report::print(&plain::plain(&told))?;
     Ok(Exit::Done)
 }
 
-/// What can be explained, a line each.
+/// What can be explained at length, a line each.
 fn topics() -> String {
-    Topic::value_variants()
+    let mut text = String::new();
+    for (name, help, ..) in TOPICS {
+        text.push_str(&format!("kband explain {name:<16} {help}\n"));
+    }
+    text.push_str("\nAnd every word of the glossary, every state, event, regime, fault and limit by its name.\n");
+    text
+}
+
+/// What the manual says on these words, as Markdown.
+fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
+    if let [kind, number] = words
+        && let Ok(number) = number.parse::<u32>()
+    {
+        return numbered(kind, number);
+    }
+    let asked = words.join(" ");
+    let name = asked.trim().to_lowercase().replace('_', " ");
+    let mut parts: Vec<String> = Vec::new();
+    let topic = TOPICS
         .iter()
-        .filter_map(ValueEnum::to_possible_value)
-        .map(|topic| {
-            let help = topic.get_help().map(ToString::to_string);
-            let (name, help) = (topic.get_name(), help.unwrap_or_default());
-            format!("kband explain {name:<12} {help}\n")
+        .find(|topic| topic.0 == name || topic.2.contains(&name.as_str()));
+    let rows = glossary(asked.trim(), &name);
+    for word in &rows {
+        parts.push(entry(word));
+        let term = word.term.split(", ").next();
+        parts.extend(term.and_then(|term| example.of(term)));
+    }
+    if rows.is_empty()
+        && let Some(topic) = topic
+    {
+        parts.extend(example.of(topic.0));
+    }
+    parts.extend(manual::state(&name));
+    parts.extend(manual::event(&name));
+    parts.extend(manual::fault_or_limit(&name));
+    match topic {
+        Some((_, _, _, page, headings)) => {
+            let page = manual::page(page).unwrap_or_default();
+            parts.extend(
+                headings
+                    .iter()
+                    .flat_map(|heading| manual::sections(page, heading)),
+            );
+        }
+        None => parts.extend(rows.iter().filter_map(Word::section)),
+    }
+    parts.dedup();
+    if parts.is_empty() {
+        return Err(unknown(asked.trim(), &name));
+    }
+    Ok(parts.join("\n"))
+}
+
+/// The words of the glossary that are written so: a symbol as it stands, a term or name in any case.
+fn glossary(asked: &str, name: &str) -> Vec<Word> {
+    let symbols: Vec<Word> = manual::words()
+        .filter(|word| word.symbols.iter().any(|symbol| symbol == asked))
+        .collect();
+    if !symbols.is_empty() {
+        return symbols;
+    }
+    let is = |text: &str| text.to_lowercase().replace('_', " ") == name;
+    manual::words()
+        .filter(|word| {
+            is(&word.term)
+                || word.term.split(", ").any(is)
+                || word.symbols.iter().chain(&word.names).any(|text| is(text))
         })
         .collect()
 }
 
-fn text(topic: Topic, number: Option<u8>) -> Result<String, Refusal> {
-    let (page, headings): (_, &[_]) = match topic {
-        Topic::K => (MODEL, &["## 1.2 "]),
-        Topic::Restitution => (MODEL, &["## 1.4 "]),
-        Topic::Band => (BANDS, &["## 5."]),
-        Topic::Cascade => (BANDS, &["## 6.1 ", "## 6.2 "]),
-        Topic::Chaos => (BANDS, &["## 6.3 "]),
-        Topic::Basin => (CAPTURE, &["## 7.1 ", "## 7.2 "]),
-        Topic::Capture => (CAPTURE, &["## 7.3 ", "## 7.4 ", "## 7.5 "]),
-        Topic::State => (FAULTS, &["## States"]),
-        Topic::Fault => (FAULTS, &["## Fault "]),
-        Topic::Limit => (FAULTS, &["## Limit "]),
+/// A row of the glossary in a sentence.
+fn entry(word: &Word) -> String {
+    let mut line = format!("**{}**", word.term);
+    if !word.symbols.is_empty() {
+        line.push_str(&format!(" ({})", word.symbols.join(", ")));
+    }
+    line.push_str(&format!(": {}.", word.meaning));
+    if !word.unit.is_empty() && word.unit != "1" {
+        line.push_str(&format!(" Unit: {}.", word.unit));
+    }
+    line.push('\n');
+    line
+}
+
+fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
+    let heading = match kind.to_lowercase().as_str() {
+        "fault" => "## Fault ",
+        "limit" => "## Limit ",
+        _ => {
+            return Err(Refusal::value(
+                "number",
+                number,
+                "a number after fault or limit only",
+                "leave the number out",
+            ));
+        }
     };
-    let many = matches!(topic, Topic::Fault | Topic::Limit);
-    match number {
-        Some(number) if many => {
-            let heading = headings.concat();
-            let found = sections(page, &format!("{heading}{number}:"));
-            found.into_iter().next().ok_or_else(|| {
-                Refusal::value(
-                    format!(
-                        "number of the {}",
-                        if topic == Topic::Fault {
-                            "fault"
-                        } else {
-                            "limit"
-                        }
-                    ),
-                    number,
-                    numbers(page, &heading),
-                    "leave the number out to read about all of them",
-                )
-            })
-        }
-        Some(number) => Err(Refusal::value(
-            "number",
+    let faults = manual::page("faults.md").unwrap_or_default();
+    let found = manual::sections(faults, &format!("{heading}{number}:"));
+    found.into_iter().next().ok_or_else(|| {
+        Refusal::value(
+            format!("number of the {}", kind.to_lowercase()),
             number,
-            "a number after fault or limit only",
-            "leave the number out",
-        )),
-        None => Ok(headings
-            .iter()
-            .flat_map(|heading| sections(page, heading))
-            .collect::<Vec<_>>()
-            .join("\n")),
-    }
+            manual::numbers(heading),
+            "leave the number out to read about all of them",
+        )
+    })
 }
 
-/// The sections whose headings begin so, each up to the next heading.
-fn sections(page: &str, heading: &str) -> Vec<String> {
-    let mut sections: Vec<String> = Vec::new();
-    let mut within = false;
-    for line in page.lines() {
-        if line.starts_with("# ") || line.starts_with("## ") {
-            within = line.starts_with(heading);
-            if within {
-                sections.push(String::new());
-            }
-        }
-        let shown = within && !line.starts_with("<a id=");
-        if let (true, Some(section)) = (shown, sections.last_mut()) {
-            section.push_str(line.trim_start_matches("## "));
-            section.push('\n');
-        }
-    }
-    for section in &mut sections {
-        section.truncate(section.trim_end().len());
-        section.push('\n');
-    }
-    sections
-}
-
-fn numbers(page: &str, heading: &str) -> String {
-    let numbers: Vec<&str> = page
-        .lines()
-        .filter_map(|line| line.strip_prefix(heading)?.split(':').next())
+/// The refusal of a word that nothing explains, with those that are most like it.
+fn unknown(asked: &str, name: &str) -> Refusal {
+    let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.0).collect();
+    let mut like: Vec<(f64, String)> = manual::words()
+        .map(|word| word.term)
+        .chain(topics.iter().map(ToString::to_string))
+        .map(|term| (strsim::jaro_winkler(&term, name), term))
+        .filter(|(likeness, _)| *likeness > 0.85)
         .collect();
-    numbers.join(", ")
+    like.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let next = match like.first() {
+        Some((_, term)) => {
+            format!("did you mean '{term}'? kband explain alone lists what is explained at length")
+        }
+        None => "kband explain alone lists what is explained at length".into(),
+    };
+    Refusal::value(
+        "WORD",
+        asked,
+        format!("{}, and every word of the glossary", topics.join(", ")),
+        next,
+    )
 }
 
 #[cfg(test)]
 mod tests {
-    use kband::control::{Fault, Limits};
+    use kband::control::{Event, Fault, Limits, State};
 
     use super::*;
 
+    fn told(words: &str) -> Result<String, Refusal> {
+        let example = Example {
+            track: DriveArguments {
+                frequency: 50.0,
+                incline: 3.0,
+            }
+            .track()?,
+            lot: Restitution::interval(0.18, 0.22)?,
+        };
+        let words: Vec<String> = words.split(' ').map(Into::into).collect();
+        text(&words, &example).map(|text| plain::plain(&text))
+    }
+
     #[test]
-    fn every_word_has_its_section() {
-        for topic in Topic::value_variants() {
-            let text = text(*topic, None).unwrap();
-            assert!(text.len() > 100, "{topic:?}: {text}");
-            assert!(!text.contains("<a id="), "{topic:?}: {text}");
+    fn every_topic_and_every_name_of_it_has_its_section() {
+        for (name, _, others, page, headings) in TOPICS {
+            for heading in headings {
+                let found = manual::sections(manual::page(page).unwrap(), heading);
+                assert!(!found.is_empty(), "{name}: {page} {heading}");
+            }
+            for name in others.iter().chain([&name]) {
+                let text = told(name).unwrap();
+                assert!(text.len() > 200, "{name}: {text}");
+                for raw in ["**", "](", "`", "<a id"] {
+                    assert!(!text.contains(raw), "{name}: {raw} in {text}");
+                }
+            }
         }
     }
 
     #[test]
-    fn every_section_of_the_theory_that_a_word_names_is_there() {
-        for (page, numbers) in [
-            (MODEL, &["1.2", "1.4"][..]),
-            (BANDS, &["5.1", "5.2", "5.3", "5.4", "6.1", "6.2", "6.3"]),
-            (CAPTURE, &["7.1", "7.2", "7.3", "7.4", "7.5"]),
-        ] {
-            for number in numbers {
-                assert_eq!(
-                    sections(page, &format!("## {number} ")).len(),
-                    1,
-                    "{number}"
-                );
+    fn every_word_of_the_glossary_is_explained_by_term_symbol_and_name() {
+        for word in manual::words() {
+            let names = word.symbols.iter().chain(&word.names).chain([&word.term]);
+            for name in names.filter(|name| !name.is_empty()) {
+                let text = told(name);
+                assert!(text.is_ok_and(|text| text.len() > 15), "{name}");
             }
         }
     }
 
     #[test]
     fn every_fault_and_limit_has_its_paragraph_with_cause_and_remedy() {
-        let titled = |topic, number, name: &str| {
-            let text = text(topic, Some(number)).unwrap();
+        let titled = |kind: &str, number: u8, name: &str| {
+            let text = told(&format!("{kind} {number}")).unwrap();
             let title = text.lines().next().unwrap_or_default().to_string();
             assert!(title.ends_with(&format!(" {number}: {name}")), "{title}");
             assert!(
-                text.contains("**Cause.**") && text.contains("**Remedy.**"),
+                text.contains("Cause.") && text.contains("Remedy."),
                 "{title}"
             );
+            assert!(told(name).unwrap().contains(&title), "{title}");
         };
         for fault in Fault::ALL {
-            titled(Topic::Fault, fault.number(), fault.name());
+            titled("fault", fault.number(), fault.name());
         }
         for limit in Limits::ALL {
-            titled(Topic::Limit, limit.number(), limit.name());
+            titled("limit", limit.number(), limit.name());
         }
-        assert_eq!(sections(FAULTS, "## Fault ").len(), Fault::ALL.len());
-        assert_eq!(sections(FAULTS, "## Limit ").len(), Limits::ALL.len());
+        let faults = manual::page("faults.md").unwrap();
+        assert_eq!(
+            manual::sections(faults, "## Fault ").len(),
+            Fault::ALL.len()
+        );
+        assert_eq!(
+            manual::sections(faults, "## Limit ").len(),
+            Limits::ALL.len()
+        );
     }
 
     #[test]
-    fn an_unknown_number_is_refused_with_the_known_ones() {
-        let message = text(Topic::Fault, Some(7)).unwrap_err().to_string();
+    fn what_the_tools_print_is_explained() {
+        let states = State::ALL.iter().map(|state| state.name());
+        let events = Event::ALL.iter().map(|event| event.name());
+        let regimes = crate::ending::FILLS.iter().map(|(_, name)| *name);
+        let printed = [
+            "amplitude b",
+            "regime",
+            "in gear",
+            "heard",
+            "margin heard",
+            "conveying speed",
+            "throw",
+            "peak",
+            "k2",
+            "k1",
+            "chaos edge",
+            "reached from rest",
+            "lost",
+            "setpoint",
+            "flip",
+            "lot",
+            "order",
+            "gear",
+            "throw number",
+        ];
+        for name in states.chain(events).chain(regimes).chain(printed) {
+            assert!(told(name).is_ok(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_word_comes_with_its_formula_and_a_number_in_mm() {
+        // b = g cos(3 degrees)/(k w^2) = 9.80665 x 0.998630/(0.431391 x 98696.04) = 0.230013 mm.
+        let told = |word: &str| told(word).unwrap().replace('\n', " ");
+        let k = told("k");
+        assert!(k.contains("k = g cos(alpha)/(b w^2)"), "{k}");
+        assert!(
+            k.contains("At 50 Hz, 3 degrees, R = 0.18..0.22: k = 0.4314 is b = 0.2300 mm"),
+            "{k}"
+        );
+        for word in [
+            "b",
+            "throw number",
+            "lift-off",
+            "band",
+            "lock",
+            "setpoint",
+            "margin",
+            "flip",
+            "cascade",
+            "lot",
+        ] {
+            assert!(told(word).contains(" mm"), "{word}");
+        }
+        assert!(told("V").contains(" mm/s in lock"));
+    }
+
+    #[test]
+    fn an_unknown_word_or_number_is_refused_with_the_known_ones() {
+        let message = told("fault 7").unwrap_err().to_string();
         assert!(message.contains("1, 2, 3, 4, 5, 6, 8, 9, 10"), "{message}");
-        assert!(text(Topic::K, Some(1)).is_err());
+        assert!(told("k 1").is_err());
+        let message = told("restituton").unwrap_err().to_string();
+        assert!(message.contains("did you mean 'restitution'"), "{message}");
     }
 }

@@ -1,0 +1,199 @@
+//! Markdown of the manual as plain text for a terminal.
+
+use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
+use textwrap::{Options as Wrap, fill};
+
+/// Columns that a text takes at most.
+pub const WIDTH: usize = 80;
+
+/// Least width of a table's last column beside the others; below it each row becomes a paragraph.
+const LEAST_COLUMN: usize = 24;
+
+/// The text of `markdown`: paragraphs wrapped, lists indented, tables aligned, links by their words.
+pub fn plain(markdown: &str) -> String {
+    let mut page = Page::default();
+    for event in Parser::new_ext(markdown, Options::ENABLE_TABLES) {
+        page.take(event);
+    }
+    page.text.truncate(page.text.trim_end().len());
+    page.text.push('\n');
+    page.text
+}
+
+#[derive(Default)]
+struct Page {
+    text: String,
+    /// Words of the block that is read.
+    words: String,
+    /// Depth of lists.
+    depth: usize,
+    code: bool,
+    rows: Vec<Vec<String>>,
+}
+
+impl Page {
+    fn take(&mut self, event: Event<'_>) {
+        match event {
+            Event::Text(text) if self.code => {
+                for line in text.lines() {
+                    self.text.push_str(&format!("    {line}"));
+                    self.text.push('\n');
+                }
+            }
+            Event::Text(text) | Event::Code(text) => self.words.push_str(&text),
+            Event::SoftBreak | Event::HardBreak => self.words.push(' '),
+            Event::Start(Tag::List(_)) => {
+                self.block("");
+                self.depth += 1;
+            }
+            Event::Start(Tag::CodeBlock(_)) => self.code = true,
+            Event::Start(Tag::TableRow | Tag::TableHead) => self.rows.push(Vec::new()),
+            Event::End(TagEnd::TableCell) => {
+                let cell = std::mem::take(&mut self.words);
+                if let Some(row) = self.rows.last_mut() {
+                    row.push(cell);
+                }
+            }
+            Event::End(TagEnd::Table) => {
+                let rows = std::mem::take(&mut self.rows);
+                self.text.push_str(&table(&rows));
+                self.text.push('\n');
+            }
+            Event::End(TagEnd::CodeBlock) => {
+                self.code = false;
+                self.text.push('\n');
+            }
+            Event::End(TagEnd::Item) => self.block("- "),
+            Event::End(TagEnd::List(_)) => {
+                self.depth = self.depth.saturating_sub(1);
+                self.text.push('\n');
+            }
+            Event::End(TagEnd::Heading(_)) => {
+                let heading = std::mem::take(&mut self.words);
+                self.text.push_str(&heading);
+                self.text.push('\n');
+                self.text.push_str(&"-".repeat(heading.chars().count()));
+                self.text.push_str("\n\n");
+            }
+            Event::End(TagEnd::Paragraph) if self.depth == 0 => {
+                self.block("");
+                self.text.push('\n');
+            }
+            _ => {}
+        }
+    }
+
+    /// Ends the block that is read, if there is one.
+    fn block(&mut self, mark: &str) {
+        let words = std::mem::take(&mut self.words);
+        if words.trim().is_empty() {
+            return;
+        }
+        let first = format!("{}{mark}", "  ".repeat(self.depth.saturating_sub(1)));
+        let rest = " ".repeat(first.len());
+        let wrap = Wrap::new(WIDTH)
+            .initial_indent(&first)
+            .subsequent_indent(&rest);
+        self.text.push_str(&fill(words.trim(), wrap));
+        self.text.push('\n');
+    }
+}
+
+/// A table whose last column is wrapped; where there is no room for it, a paragraph for each row.
+fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or_default();
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells
+            .map(|cell| cell.chars().count())
+            .max()
+            .unwrap_or_default()
+    };
+    let Some(last) = columns.checked_sub(1) else {
+        return String::new();
+    };
+    let before: usize = (0..last).map(|column| width(column) + 2).sum();
+    if before + LEAST_COLUMN.min(width(last)) > WIDTH {
+        return listed(rows);
+    }
+    let mut text = String::new();
+    for row in rows {
+        let mut first = String::new();
+        for (column, cell) in row.iter().take(last).enumerate() {
+            first.push_str(&format!("{cell:<width$}  ", width = width(column)));
+        }
+        let rest = " ".repeat(before);
+        let wrap = Wrap::new(WIDTH)
+            .initial_indent(&first)
+            .subsequent_indent(&rest);
+        let cell = row.get(last).map_or("", String::as_str);
+        text.push_str(fill(cell, wrap).trim_end());
+        text.push('\n');
+    }
+    text
+}
+
+fn listed(rows: &[Vec<String>]) -> String {
+    let Some((head, rows)) = rows.split_first() else {
+        return String::new();
+    };
+    let mut text = String::new();
+    for row in rows {
+        let said = row.iter().zip(head).filter(|(cell, _)| !cell.is_empty());
+        let mut said = said.map(|(cell, name)| {
+            if name.is_empty() {
+                cell.clone()
+            } else {
+                format!("{name}: {cell}")
+            }
+        });
+        let first = said.next().unwrap_or_default();
+        text.push_str(&fill(&first, WIDTH));
+        text.push('\n');
+        for line in said {
+            let wrap = Wrap::new(WIDTH)
+                .initial_indent("  ")
+                .subsequent_indent("    ");
+            text.push_str(&fill(&line, wrap));
+            text.push('\n');
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn marks_of_the_source_are_gone() {
+        let text = plain(
+            "## 1.2 A **few** numbers\n\n`k` is [small](page.md#t1) and *rising*.\n\n- one\n- two\n\n```console\n$ kband bands\n```\n",
+        );
+        assert_eq!(
+            text,
+            "1.2 A few numbers\n-----------------\n\nk is small and rising.\n\n- one\n- two\n\n    $ kband bands\n"
+        );
+    }
+
+    #[test]
+    fn a_table_is_aligned_or_told_row_by_row_within_the_width() {
+        let narrow = plain("| a | b |\n|---|---|\n| one | first |\n| seven | second |\n");
+        assert_eq!(narrow, "a      b\none    first\nseven  second\n");
+        let cell = "x".repeat(30);
+        let wide = plain(&format!(
+            "| a | b | c |\n|---|---|---|\n| {cell} | {cell} | {cell} |\n"
+        ));
+        assert_eq!(wide, format!("a: {cell}\n  b: {cell}\n  c: {cell}\n"));
+    }
+
+    #[test]
+    fn no_line_of_the_manual_is_wider_than_the_terminal() {
+        for (page, source) in super::super::manual::PAGES {
+            let text = plain(source);
+            for line in text.lines().filter(|line| !line.starts_with("    ")) {
+                assert!(line.chars().count() <= WIDTH, "{page}: {line}");
+            }
+        }
+    }
+}
