@@ -37,108 +37,134 @@ pub struct Arguments {
     drive: DriveArguments,
 }
 
-/// Words with a paragraph or more of the manual of their own: name, what it says in a line, what else it is called,
-/// page, and how the headings begin.
-const TOPICS: [(&str, &str, &[&str], &str, &[&str]); 15] = [
-    (
+/// A word with a paragraph or more of the manual of its own.
+struct Topic {
+    name: &'static str,
+    /// What it says in a line.
+    help: &'static str,
+    /// What else it is called.
+    others: &'static [&'static str],
+    page: &'static str,
+    /// How the headings of its sections begin.
+    headings: &'static [&'static str],
+}
+
+const fn topic(
+    name: &'static str,
+    help: &'static str,
+    others: &'static [&'static str],
+    page: &'static str,
+    headings: &'static [&'static str],
+) -> Topic {
+    Topic {
+        name,
+        help,
+        others,
+        page,
+        headings,
+    }
+}
+
+const TOPICS: [Topic; 15] = [
+    topic(
         "k",
         "The number that is controlled.",
         &[],
         "theory-model.md",
         &["## 1.2 "],
     ),
-    (
+    topic(
         "restitution",
         "How a part rebounds, and why it is an interval.",
         &["lot"],
         "theory-model.md",
         &["## 1.4 "],
     ),
-    (
+    topic(
         "rest",
         "When a part lies, and when it is thrown.",
         &["lift-off", "chatter"],
         "theory-impacts.md",
         &["## 4."],
     ),
-    (
+    topic(
         "band",
         "Where parts lock to the drive.",
         &["lock", "order"],
         "theory-bands.md",
         &["## 5."],
     ),
-    (
+    topic(
         "cascade",
         "Period doublings.",
         &["flip", "doubled"],
         "theory-bands.md",
         &["## 6.1 ", "## 6.2 "],
     ),
-    (
+    topic(
         "chaos",
         "Flights that never repeat.",
         &["chaotic", "chaos edge"],
         "theory-bands.md",
         &["## 6.3 "],
     ),
-    (
+    topic(
         "basin",
         "Two regimes at one setting.",
         &["reached from rest"],
         "theory-capture.md",
         &["## 7.1 ", "## 7.2 "],
     ),
-    (
+    topic(
         "capture",
         "The kick that brings parts into lock.",
         &["kick"],
         "theory-capture.md",
         &["## 7.3 ", "## 7.4 ", "## 7.5 "],
     ),
-    (
+    topic(
         "conveying speed",
         "How fast parts travel.",
         &["speed"],
         "theory-transport.md",
         &["## 8.3 "],
     ),
-    (
+    topic(
         "gear",
         "Parts that stay in step though they scatter.",
         &["in gear"],
         "theory-real-parts.md",
         &["## 10.1 "],
     ),
-    (
+    topic(
         "second tone",
         "A drive with a tone at twice its frequency.",
         &["tones", "e", "th"],
         "theory-real-parts.md",
         &["## 10.3 "],
     ),
-    (
+    topic(
         "margin",
         "How far from losing it, as it is heard.",
         &["margin heard", "heard"],
         "theory-real-parts.md",
         &["## 10.7 "],
     ),
-    (
+    topic(
         "state",
         "What the drive is doing, and what it does next.",
         &["states"],
         "faults.md",
         &["## States"],
     ),
-    (
+    topic(
         "fault",
         "What stopped the drive; fault N for one.",
         &["faults"],
         "faults.md",
         &["## Fault "],
     ),
-    (
+    topic(
         "limit",
         "What holds the drive back; limit N for one.",
         &["limits"],
@@ -164,10 +190,10 @@ impl TypedValueParser for Topics {
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        let single = TOPICS.iter().filter(|topic| !topic.0.contains(' '));
-        Some(Box::new(
-            single.map(|topic| PossibleValue::new(topic.0).help(topic.1)),
-        ))
+        let single = TOPICS.iter().filter(|topic| !topic.name.contains(' '));
+        Some(Box::new(single.map(|topic| {
+            PossibleValue::new(topic.name).help(topic.help)
+        })))
     }
 }
 
@@ -189,7 +215,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
 /// What can be explained at length, a line each.
 fn topics() -> String {
     let mut text = String::new();
-    for (name, help, ..) in TOPICS {
+    for Topic { name, help, .. } in TOPICS {
         text.push_str(&format!("kband explain {name:<16} {help}\n"));
     }
     text.push_str("\nAnd every word of the glossary, every state, event, regime, fault and limit by its name.\n");
@@ -208,7 +234,7 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     let mut parts: Vec<String> = Vec::new();
     let topic = TOPICS
         .iter()
-        .find(|topic| topic.0 == name || topic.2.contains(&name.as_str()));
+        .find(|topic| topic.name == name || topic.others.contains(&name.as_str()));
     let rows = glossary(asked.trim(), &name);
     for word in &rows {
         parts.push(entry(word));
@@ -218,13 +244,13 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     if rows.is_empty()
         && let Some(topic) = topic
     {
-        parts.extend(example.of(topic.0));
+        parts.extend(example.of(topic.name));
     }
     parts.extend(manual::state(&name));
     parts.extend(manual::event(&name));
     parts.extend(manual::fault_or_limit(&name));
     match topic {
-        Some((_, _, _, page, headings)) => {
+        Some(Topic { page, headings, .. }) => {
             let page = manual::page(page).unwrap_or_default();
             parts.extend(
                 headings
@@ -300,7 +326,7 @@ fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
 
 /// The refusal of a word that nothing explains, with those that are most like it.
 fn unknown(asked: &str, name: &str) -> Refusal {
-    let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.0).collect();
+    let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.name).collect();
     let mut like: Vec<(f64, String)> = manual::words()
         .map(|word| word.term)
         .chain(topics.iter().map(ToString::to_string))
@@ -343,7 +369,14 @@ mod tests {
 
     #[test]
     fn every_topic_and_every_name_of_it_has_its_section() {
-        for (name, _, others, page, headings) in TOPICS {
+        for Topic {
+            name,
+            others,
+            page,
+            headings,
+            ..
+        } in TOPICS
+        {
             for heading in headings {
                 let found = manual::sections(manual::page(page).unwrap(), heading);
                 assert!(!found.is_empty(), "{name}: {page} {heading}");
