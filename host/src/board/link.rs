@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use kband::wire::{
     FRAME_MOST, Identity, Outgoing, Receiver, Refusal as Refused, Request, Response, SCHEMA,
-    Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
+    Target, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
 use crate::refusal::Refusal;
@@ -193,6 +193,17 @@ impl Link {
             Response::Refused(refused) => Err(refusal(&name, refused)),
             other => Err(Refusal::new(
                 format!("{name} answered something else: {other:?}"),
+                "reset the board",
+            )),
+        })?
+    }
+
+    /// The target that the board holds, whoever set it.
+    pub fn held(&mut self) -> Result<Target, Refusal> {
+        self.ask(&Request::Held, |response| match response {
+            Response::Held(target) => Ok(target),
+            other => Err(Refusal::new(
+                format!("asked for its target, the board answered {other:?}"),
                 "reset the board",
             )),
         })?

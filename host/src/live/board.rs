@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use kband::control::{Event, Target};
+use kband::control::Event;
 use kband::wire::{Record, Request, Response, Telemetry};
 
 use super::source::{Assignment, Seen, Source, Wish};
@@ -32,7 +32,7 @@ impl Board {
     pub fn start(mut link: Link) -> Result<Self, Refusal> {
         let settings = BoardSettings::read(&mut link)?.known();
         link.wait_at_most(PATIENCE);
-        let target = held(&mut link)?;
+        let target = link.held()?.into();
         let mut board = Self {
             link,
             assignment: Assignment { settings, target },
@@ -78,17 +78,6 @@ impl Board {
     }
 }
 
-/// The target that the board holds, whoever set it.
-fn held(link: &mut Link) -> Result<Target, Refusal> {
-    link.ask(&Request::Held, |response| match response {
-        Response::Held(target) => Ok(target.into()),
-        other => Err(Refusal::new(
-            format!("asked for its target, the board answered {other:?}"),
-            "reset the board",
-        )),
-    })?
-}
-
 impl Source for Board {
     fn name(&self) -> String {
         self.link.name().into()
@@ -108,7 +97,7 @@ impl Source for Board {
                     self.next = 0;
                     self.clock = Clock::default();
                     self.assignment.settings = BoardSettings::read(&mut self.link)?.known();
-                    self.assignment.target = held(&mut self.link)?;
+                    self.assignment.target = self.link.held()?.into();
                     self.listen_to_cycles()?;
                 }
             }
@@ -124,7 +113,7 @@ impl Source for Board {
                 last.events.extend(event);
             }
             if last.events.contains(&Event::TargetSet) {
-                self.assignment.target = held(&mut self.link)?;
+                self.assignment.target = self.link.held()?.into();
             }
         }
         Ok(cycles)

@@ -1,6 +1,7 @@
 //! `kband settings`: the settings of a board.
 
 mod commission;
+mod offer;
 mod second_tone;
 
 use std::fmt::Write as _;

@@ -1,6 +1,7 @@
 //! The number systems: binary angles, their sine and cosine, fixed-point formats.
 
 pub(crate) mod fixed;
+mod gauss;
 pub(crate) mod lane;
 pub(crate) mod node;
 mod phase;
@@ -10,6 +11,7 @@ pub(crate) mod trigonometry;
 pub(crate) mod twofold;
 
 pub use fixed::Velocity;
+pub(crate) use gauss::gauss;
 pub use phase::Phase;
 pub(crate) use root::{square_root, square_root_single};
 pub use trigonometry::{sine_cosine_fixed, sine_cosine_integer, sine_cosine_single};

@@ -1,5 +1,6 @@
 //! Restitution that scatters from impact to impact, as that of every body that tumbles.
 
+use crate::arithmetic::gauss;
 use crate::feeder::{OutOfRange, accept};
 
 /// Largest restitution that is drawn: the clip to 0..1, 1 itself excluded.
@@ -11,7 +12,7 @@ const WIDEST: f64 = 0.3_f32 as f64;
 /// A seeded stream of restitutions: Gaussian about a mean, clipped to [0, 1).
 ///
 /// Only sums, products, quotients and square roots of f64 are used, so that a seed gives the same bits on every
-/// machine. The Gaussian is exact but for the 53 bits of its uniform numbers (ratio of uniforms, Leva 1992).
+/// machine. The Gaussian is exact but for the 53 bits of its uniform numbers.
 ///
 /// ```
 /// use kband::impact::Scatter;
@@ -74,7 +75,7 @@ impl Scatter {
         if self.deviation == 0.0 {
             return self.mean;
         }
-        (self.mean + self.deviation * self.gauss()).clamp(0.0, HIGHEST)
+        (self.mean + self.deviation * gauss(|| self.uniform())).clamp(0.0, HIGHEST)
     }
 
     /// The next 64 bits (splitmix64: Steele, Lea & Flood 2014).
@@ -92,62 +93,11 @@ impl Scatter {
     fn uniform(&mut self) -> f64 {
         ((self.bits() >> 11) as f64 + 0.5) * (1.0 / 9_007_199_254_740_992.0)
     }
-
-    /// Gaussian with mean 0 and deviation 1.
-    ///
-    /// The ratio of uniforms; two quadratic curves decide all but 1.2 % of the pairs without a logarithm
-    /// (J. L. Leva, ACM Trans. Math. Softw. 18 (1992) 449, constants there).
-    #[inline]
-    fn gauss(&mut self) -> f64 {
-        loop {
-            let u = self.uniform();
-            // Twice sqrt(2/e) wide: the whole region v^2 <= -4 u^2 ln u lies inside.
-            let v = 1.7156 * (self.uniform() - 0.5);
-            let x = u - 0.449_871;
-            let y = v.abs() + 0.386_595;
-            let q = x * x + y * (0.196 * y - 0.254_72 * x);
-            if q < 0.275_97 || (q <= 0.278_46 && v * v <= -4.0 * u * u * logarithm(u)) {
-                return v / u;
-            }
-        }
-    }
-}
-
-/// Natural logarithm of a normal positive number, within 3e-16 or an ulp, in the operations that every machine
-/// rounds alike.
-fn logarithm(x: f64) -> f64 {
-    let bits = x.to_bits();
-    let mut exponent = (bits >> 52) as i32 - 1023;
-    let mut mantissa = f64::from_bits(bits & ((1 << 52) - 1) | 1023 << 52);
-    if mantissa > core::f64::consts::SQRT_2 {
-        mantissa *= 0.5;
-        exponent += 1;
-    }
-    // 2 atanh z, |z| <= 0.1716.
-    let z = (mantissa - 1.0) / (mantissa + 1.0);
-    let square = z * z;
-    let mut sum = 0.0;
-    let mut n = 21.0;
-    while n > 0.0 {
-        sum = sum * square + 1.0 / n;
-        n -= 2.0;
-    }
-    f64::from(exponent) * core::f64::consts::LN_2 + 2.0 * z * sum
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_logarithm_is_that_of_libm() {
-        let mut x = 1e-17;
-        while x < 3.0 {
-            let error = (logarithm(x) - libm::log(x)).abs();
-            assert!(error <= 3e-16 + 3e-16 * libm::log(x).abs(), "{x} {error}");
-            x *= 1.000_37;
-        }
-    }
 
     #[test]
     fn it_is_gaussian() {
@@ -156,7 +106,7 @@ mod tests {
         let mut moments = [0.0; 4];
         let mut beyond = [0_u32; 5];
         for _ in 0..COUNT {
-            let x = scatter.gauss();
+            let x = gauss(|| scatter.uniform());
             for (moment, power) in moments.iter_mut().zip(1..) {
                 *moment += libm::pow(x, f64::from(power)) / f64::from(COUNT);
             }

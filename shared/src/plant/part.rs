@@ -198,7 +198,8 @@ impl Part {
         };
         self.along = 0.0;
         self.rested = true;
-        self.fly(&map, launch.phase, &impact, amplitude, track, start);
+        let flight = Flight::on_sine(&map, launch.phase, impact);
+        self.fly(&flight, amplitude, track, start);
     }
 
     /// Takes the event that is due: the strike, if it is one, and the part's next motion. `swing` is
@@ -234,7 +235,7 @@ impl Part {
         if let Some(wave) = track.wave {
             let velocity = self.restitution.draw() * arrival / (amplitude * track.angular);
             let state = State { phase, velocity };
-            self.go_on_on_tones(wave, k, state, amplitude, track, time);
+            self.bounce_on_tones(wave, k, state, amplitude, track, time);
             return Some(strike);
         }
         let Some(map) = self.map(k) else {
@@ -262,7 +263,8 @@ impl Part {
             self.motion = Motion::Resting;
             return Some(strike);
         }
-        self.fly(&map, state.phase, &impact, amplitude, track, time);
+        let flight = Flight::on_sine(&map, state.phase, impact);
+        self.fly(&flight, amplitude, track, time);
         Some(strike)
     }
 
@@ -289,10 +291,8 @@ impl Part {
         self.along = 0.0;
         self.rested = true;
         let amplitude = f64::from(swing.amplitude);
-        self.fly_on_tones(
-            &map,
-            launch.phase,
-            &impact,
+        self.fly(
+            &Flight::on_tones(&map, launch.phase, impact),
             amplitude,
             track,
             time.saturating_add_signed(ticks),
@@ -300,7 +300,7 @@ impl Part {
     }
 
     /// The part's next motion after an impact on a track of several tones.
-    fn go_on_on_tones(
+    fn bounce_on_tones(
         &mut self,
         wave: &Wave,
         k: f64,
@@ -325,77 +325,77 @@ impl Part {
                 if impact.flight <= 0.0 {
                     self.motion = Motion::Resting;
                 } else {
-                    self.fly_on_tones(&map, state.phase, &impact, amplitude, track, time);
+                    let flight = Flight::on_tones(&map, state.phase, impact);
+                    self.fly(&flight, amplitude, track, time);
                 }
             }
             _ => self.motion = Motion::Resting,
         }
     }
 
-    /// As [`Part::fly`], on a track of several tones and by the map of a part that loses nothing.
-    fn fly_on_tones(
-        &mut self,
-        map: &WaveMap,
-        phase: f64,
-        impact: &Impact<State>,
-        amplitude: f64,
-        track: &Track<'_>,
-        start: u64,
-    ) {
+    fn fly(&mut self, flight: &Flight, amplitude: f64, track: &Track<'_>, start: u64) {
         self.began = start;
         let unit = amplitude * track.angular;
+        let Flight {
+            k, phase, impact, ..
+        } = flight;
         let launch = State {
-            phase,
+            phase: *phase,
             velocity: 0.0,
         };
         let along = track
             .tangential
-            .and_then(|settings| Tangential::build(map.k(), settings).ok());
-        let (displacement, along) = along.map_or((0.0, 0.0), |tangential| {
-            let velocity = self.along / unit;
-            (
-                tangential.distance_on(map.wave(), launch, impact, velocity),
-                tangential.after_on(map.wave(), launch, impact, velocity),
-            )
-        });
+            .and_then(|settings| Tangential::build(*k, settings).ok());
+        let velocity = self.along / unit;
+        let (displacement, along) = match (along, track.wave) {
+            (None, _) => (0.0, 0.0),
+            (Some(along), None) => (
+                along.distance(launch, impact, velocity),
+                along.after(launch, impact, velocity),
+            ),
+            (Some(along), Some(wave)) => (
+                along.distance_on(wave, launch, impact, velocity),
+                along.after_on(wave, launch, impact, velocity),
+            ),
+        };
         self.motion = Motion::Flying {
             until: start + (impact.flight / TAU * Phase::TURN) as u64,
-            arrival: impact.next.velocity * unit,
+            arrival: flight.arrival * unit,
             displacement: displacement * amplitude,
             along: along * unit,
         };
     }
+}
 
-    fn fly(
-        &mut self,
-        map: &Map,
-        phase: f64,
-        impact: &Impact<State>,
-        amplitude: f64,
-        track: &Track<'_>,
-        start: u64,
-    ) {
-        self.began = start;
-        let unit = amplitude * track.angular;
-        let launch = State {
+/// A flight that begins, in units of the track's motion.
+struct Flight {
+    k: f64,
+    /// Phase of the launch in rad.
+    phase: f64,
+    impact: Impact<State>,
+    /// Speed relative to the track at its end in units of b w (symbol s).
+    arrival: f64,
+}
+
+impl Flight {
+    /// The flight of a part on a sine.
+    fn on_sine(map: &Map, phase: f64, impact: Impact<State>) -> Self {
+        Self {
+            k: map.k(),
             phase,
-            velocity: 0.0,
-        };
-        let along = track
-            .tangential
-            .and_then(|settings| Tangential::build(map.k(), settings).ok());
-        let (displacement, along) = along.map_or((0.0, 0.0), |tangential| {
-            (
-                tangential.distance(launch, impact, self.along / unit),
-                tangential.after(launch, impact, self.along / unit),
-            )
-        });
-        self.motion = Motion::Flying {
-            until: start + (impact.flight / TAU * Phase::TURN) as u64,
-            arrival: arrival_speed(map, phase, impact) * unit,
-            displacement: displacement * amplitude,
-            along: along * unit,
-        };
+            impact,
+            arrival: arrival_speed(map, phase, &impact),
+        }
+    }
+
+    /// The flight on several tones of a part that loses nothing, whose next velocity is its arrival speed.
+    fn on_tones(map: &WaveMap, phase: f64, impact: Impact<State>) -> Self {
+        Self {
+            k: map.k(),
+            phase,
+            impact,
+            arrival: impact.next.velocity,
+        }
     }
 }
 

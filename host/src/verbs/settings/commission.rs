@@ -7,11 +7,11 @@ use serde_json::json;
 use kband::control::State;
 use kband::wire::{Identification, Identified, Request, Response, Target, Telemetry, Unidentified};
 
-use super::kept;
+use super::offer::{Offer, print};
 use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Printout, Table, shortest};
+use crate::report::{Column, Format, Table, shortest};
 
 /// Time between two questions how far it has come; the board takes them for a sign of life too.
 const LOOK: Duration = Duration::from_millis(300);
@@ -33,30 +33,18 @@ pub(super) fn run(
 ) -> Result<(), Refusal> {
     let mut link = address.open(Emulated::Running)?;
     let mut settings = BoardSettings::read(&mut link)?;
+    let held = link.held()?;
     link.tell(&Request::Target(Target::Identify))?;
     let found = listen(&mut link, Duration::from_secs_f64(within), desk);
-    // Found or not, the board goes on with the target that it starts with.
-    link.tell(&Request::Target(Target::Locked(1)))?;
+    // Found or not, the board goes on with the target that it had.
+    link.tell(&Request::Target(held))?;
     let found = found?;
     let (low, high) = offered(&found);
     let mut notes = vec![format!(
         "offered: restitution_low = {low}, restitution_high = {high} (twice the deviation, {NARROWEST} at least)"
     )];
-    if apply {
-        rest(&mut link)?;
-        let wanted = [
-            ("restitution_low".to_string(), low),
-            ("restitution_high".to_string(), high),
-        ];
-        let taken = settings
-            .change(&mut link, &wanted)
-            .and_then(|()| kept(&mut link, true, address));
-        link.tell(&Request::Enable(true))?;
-        notes.push(taken?);
-    } else {
-        notes.push("nothing was changed; to take it, with the drive at rest:".into());
-        notes.extend(commands(&settings, low, high, address));
-    }
+    let offer = in_order(low, high, settings.known().restitution_high);
+    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[
         Column::new("restitution", "").digits(3),
         Column::new("deviation", "").digits(2),
@@ -69,21 +57,16 @@ pub(super) fn run(
         shortest(found.k).into(),
         u32::from(found.hops).into(),
     ]);
-    notes
-        .iter()
-        .fold(Printout::new(table), |report, note| {
-            report.note(note.as_str())
-        })
-        .json(&json!({
-            "restitution": shortest(found.restitution),
-            "deviation": shortest(found.deviation),
-            "k": shortest(found.k),
-            "hops": found.hops,
-            "restitution_low": shortest(low),
-            "restitution_high": shortest(high),
-            "applied": apply,
-        }))?
-        .print(format)
+    let document = json!({
+        "restitution": shortest(found.restitution),
+        "deviation": shortest(found.deviation),
+        "k": shortest(found.k),
+        "hops": found.hops,
+        "restitution_low": shortest(low),
+        "restitution_high": shortest(high),
+        "applied": apply,
+    });
+    print(table, &notes, &document, format)
 }
 
 /// Waits for the result.
@@ -197,25 +180,18 @@ fn offered(found: &Identified) -> (f32, f32) {
     (low.max(0.0), high.min(1.0))
 }
 
-/// The commands that do by hand what `--apply` does, in an order that the board takes.
-fn commands(settings: &BoardSettings, low: f32, high: f32, address: &Address) -> [String; 2] {
-    let now = settings.known();
-    let set = |key: &str, value: f32, save: &str| {
-        format!(
-            "  kband settings set {key} {value}{save}{}",
-            address.options()
-        )
-    };
-    if low <= now.restitution_high {
-        [
-            set("restitution_low", low, ""),
-            set("restitution_high", high, " --save"),
-        ]
+/// The interval as settings: where it lies above the present one, its upper end goes first.
+fn in_order(low: f32, high: f32, high_now: f32) -> Offer {
+    if low <= high_now {
+        Offer {
+            keys: ["restitution_low", "restitution_high"],
+            values: [low, high],
+        }
     } else {
-        [
-            set("restitution_high", high, ""),
-            set("restitution_low", low, " --save"),
-        ]
+        Offer {
+            keys: ["restitution_high", "restitution_low"],
+            values: [high, low],
+        }
     }
 }
 

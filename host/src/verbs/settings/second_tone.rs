@@ -7,12 +7,12 @@ use serde_json::json;
 
 use kband::wire::{Request, SecondTone, Target, Telemetry};
 
-use super::commission::{rest, why_off};
-use super::kept;
+use super::commission::why_off;
+use super::offer::{Offer, print};
 use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Printout, Table};
+use crate::report::{Column, Format, Table};
 
 /// k of the trial: the track throws no part.
 const K: f32 = 1.3;
@@ -93,10 +93,11 @@ pub(super) fn run(
         ratio: RATIO.min(affords),
         phase: PHASE,
     };
+    let held = link.held()?;
     link.tell(&Request::Target(Target::Tones(K, second)))?;
     let cycles = follow(&mut link, Duration::from_secs_f64(within), desk);
     link.tell(&Request::Telemetry(0))?;
-    link.tell(&Request::Target(Target::Gear(1)))?;
+    link.tell(&Request::Target(held))?;
     let Some(found) = answer(&cycles?) else {
         return Err(Refusal::new(
             format!("no second tone was made for {CYCLES} cycles"),
@@ -109,28 +110,11 @@ pub(super) fn run(
         format!("offered: second_gain = {gain}, second_lag = {lag}"),
         "measured anew with these it is more exact: what was told before is the beginning".into(),
     ];
-    if apply {
-        rest(&mut link)?;
-        let wanted = [
-            ("second_gain".to_string(), gain),
-            ("second_lag".to_string(), lag),
-        ];
-        let taken = settings
-            .change(&mut link, &wanted)
-            .and_then(|()| kept(&mut link, true, address));
-        link.tell(&Request::Enable(true))?;
-        notes.push(taken?);
-    } else {
-        notes.push("nothing was changed; to take it, with the drive at rest:".into());
-        notes.push(format!(
-            "  kband settings set second_gain {gain}{}",
-            address.options()
-        ));
-        notes.push(format!(
-            "  kband settings set second_lag {lag} --save{}",
-            address.options()
-        ));
-    }
+    let offer = Offer {
+        keys: ["second_gain", "second_lag"],
+        values: [gain, lag],
+    };
+    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[
         Column::new("second_gain", "mm").digits(4),
         Column::new("second_lag", "degrees").digits(4),
@@ -141,18 +125,13 @@ pub(super) fn run(
         found.lag.into(),
         (found.scatter * 100.0).into(),
     ]);
-    notes
-        .iter()
-        .fold(Printout::new(table), |printout, note| {
-            printout.note(note.as_str())
-        })
-        .json(&json!({
-            "second_gain": found.gain,
-            "second_lag": found.lag,
-            "scatter": found.scatter,
-            "applied": apply,
-        }))?
-        .print(format)
+    let document = json!({
+        "second_gain": found.gain,
+        "second_lag": found.lag,
+        "scatter": found.scatter,
+        "applied": apply,
+    });
+    print(table, &notes, &document, format)
 }
 
 /// The cycles from now on, until the second tone has settled or was given up.

@@ -1,8 +1,5 @@
 //! The amplitude at which the parts stay in gear the longest, planned slice by slice.
 
-#[cfg(any(test, feature = "unstable"))]
-use heapless::Vec;
-
 use super::setpoint::{Choice, Level, NoSetpoint};
 use crate::control::drive::{Answer, Scale, SecondTone};
 use crate::control::settings::Settings;
@@ -22,34 +19,11 @@ const HIGHEST: f64 = 1.02;
 /// every test and scene passes.
 const THROWS: f64 = 0.98;
 
-/// A plan for gear that has come to its end: what was asked, and what was found after how many slices.
-///
-/// Two controllers with the same question find the same after as many slices, so that one that is told need not search
-/// ([`Controller::gear_known`](crate::control::Controller::gear_known)).
-#[cfg(any(test, feature = "unstable"))]
-#[derive(Clone, Debug, PartialEq)]
-pub struct GearPlanned {
-    /// What was asked.
-    pub settings: GearPlanSettings,
-    /// What was found, and the slice after which it was, the last one settled.
-    pub found: Vec<(u32, GearPlan), FOUND>,
-}
-
-/// Most plans, each better than the one before, that a search finds.
-#[cfg(any(test, feature = "unstable"))]
-pub const FOUND: usize = 8;
-
 /// The search for the k at which the lot is in gear the longest, within what the drive reaches.
 #[derive(Clone, Debug)]
 pub struct GearSearch {
     planner: GearPlanner,
-    plan: Option<GearPlan>,
-    #[cfg(any(test, feature = "unstable"))]
-    slices: u32,
-    #[cfg(any(test, feature = "unstable"))]
-    planned: GearPlanned,
-    #[cfg(any(test, feature = "unstable"))]
-    known: Option<GearPlanned>,
+    pub(super) plan: Option<GearPlan>,
 }
 
 impl GearSearch {
@@ -85,43 +59,13 @@ impl GearSearch {
         Ok(Ok(Self {
             planner: GearPlanner::new(asked)?,
             plan: None,
-            #[cfg(any(test, feature = "unstable"))]
-            slices: 0,
-            #[cfg(any(test, feature = "unstable"))]
-            planned: GearPlanned {
-                settings: asked,
-                found: Vec::new(),
-            },
-            #[cfg(any(test, feature = "unstable"))]
-            known: None,
         }))
     }
 
     /// One slice; whether more are to be done.
     pub fn step(&mut self) -> bool {
-        #[cfg(any(test, feature = "unstable"))]
-        {
-            self.slices = self.slices.saturating_add(1);
-            if let Some(known) = &self.known {
-                let slices = self.slices;
-                let found = known.found.iter().rev();
-                self.plan = found
-                    .clone()
-                    .find(|(after, _)| *after <= slices)
-                    .map(|(_, plan)| *plan);
-                return !self.is_over();
-            }
-        }
         let more = self.planner.advance(SLICE);
-        let plan = self.planner.plan().copied();
-        #[cfg(any(test, feature = "unstable"))]
-        if let Some(plan) = plan
-            && self.plan != Some(plan)
-        {
-            // One for each round at most, and there are no more rounds.
-            let _ = self.planned.found.push((self.slices, plan));
-        }
-        self.plan = plan;
+        self.plan = self.planner.plan().copied();
         more
     }
 
@@ -151,65 +95,11 @@ impl GearSearch {
             ..Choice::level(Level::K(f64::from(plan.k)))
         }
     }
-
-    /// What is being searched; `None` once it is known or found.
-    #[cfg(any(test, feature = "unstable"))]
-    pub fn asked(&self) -> Option<&GearPlanSettings> {
-        Some(&self.planned.settings).filter(|_| !self.is_over() && self.known.is_none())
-    }
-
-    /// Spares the search, if it is for this: the same is then found after as many slices.
-    #[cfg(any(test, feature = "unstable"))]
-    pub fn know(&mut self, known: GearPlanned) {
-        if self.asked() == Some(&known.settings) {
-            self.known = Some(known);
-        }
-    }
-
-    /// The search that has come to its end.
-    #[cfg(any(test, feature = "unstable"))]
-    pub fn planned(&self) -> Option<&GearPlanned> {
-        Some(self.known.as_ref().unwrap_or(&self.planned)).filter(|_| self.is_over())
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn search(settings: &Settings) -> GearSearch {
-        let scale = Scale::at(settings, settings.frequency);
-        GearSearch::begin(1, settings, &scale).unwrap().unwrap()
-    }
-
-    #[test]
-    fn a_search_that_is_spared_finds_the_same_at_the_same_slices() {
-        let settings = Settings::default();
-        let mut first = search(&settings);
-        let mut spared = search(&settings);
-        let mut found = std::vec![];
-        while first.step() {
-            found.push(first.plan().copied());
-        }
-        let planned = first.planned().unwrap().clone();
-        assert!(planned.found.len() > 3);
-        // Of another lot nothing is taken.
-        let mut other = search(&Settings {
-            restitution_high: 0.3,
-            ..settings
-        });
-        other.know(planned.clone());
-        assert!(other.asked().is_some());
-        spared.step();
-        spared.know(planned.clone());
-        assert_eq!(spared.plan().copied(), found[0]);
-        for plan in &found[1..] {
-            assert!(spared.step());
-            assert_eq!(spared.plan(), plan.as_ref());
-        }
-        assert!(!spared.step() && spared.is_over());
-        assert_eq!(spared.planned(), Some(&planned));
-    }
 
     #[test]
     fn a_drive_that_is_too_weak_is_told_what_would_serve() {

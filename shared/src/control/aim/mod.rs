@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `setpoint` | the amplitude for a target, chosen for the whole lot |
 //! | `gear` | the amplitude at which the lot stays in gear the longest |
+//! | `spared` | that search, where another controller has done it |
 //! | `retune` | whether the plan for gear is to be made anew |
 //! | `speed` | the lock that conveys at a wanted speed |
 //! | `chaos` | the widest chaotic stretch of k |
@@ -16,14 +17,18 @@ mod kicks;
 mod retune;
 mod selection;
 mod setpoint;
+#[cfg(any(test, feature = "unstable"))]
+mod spared;
 mod speed;
 
 pub use chaos::Chaos;
 #[cfg(any(test, feature = "unstable"))]
 pub use chaos::ChaosSearch;
-#[cfg(any(test, feature = "unstable"))]
-pub use gear::{GearPlanned, GearSearch};
+#[cfg(not(any(test, feature = "unstable")))]
+pub use gear::GearSearch;
 #[cfg(any(test, feature = "unstable"))]
 pub use kicks::Planned;
 pub use selection::Selection;
 pub use setpoint::{NoSetpoint, Target};
+#[cfg(any(test, feature = "unstable"))]
+pub use spared::{GearPlanned, SparedGear as GearSearch};

@@ -1,7 +1,7 @@
 //! Setpoint selection: the target, the setpoint chosen for it, and the searches that belong to it.
 
+use super::GearSearch;
 use super::chaos::{Chaos, ChaosSearch};
-use super::gear::GearSearch;
 use super::kicks::Search;
 use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint, Target};

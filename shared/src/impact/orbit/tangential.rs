@@ -115,7 +115,7 @@ impl Tangential {
         let d = impact.flight;
         let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
         let shaken = sine * versine(d) + cosine * d * sagitta(d);
-        d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.gravity))
+        self.travelled(d, velocity, shaken)
     }
 
     /// As [`Tangential::distance`], on a track of several tones: the motion along it is `eta` times the normal one, led by
@@ -138,7 +138,19 @@ impl Tangential {
                 n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
             })
             .sum();
-        d * (velocity + d * (self.settings.amplitude_ratio * shaken - 0.5 * self.gravity))
+        self.travelled(d, velocity, shaken)
+    }
+
+    /// The distance of a flight in which the track's own motion gave `shaken d^2`.
+    fn travelled(&self, flight: f64, velocity: f64, shaken: f64) -> f64 {
+        let push = self.settings.amplitude_ratio * shaken - 0.5 * self.gravity;
+        flight * (velocity + flight * push)
+    }
+
+    /// The velocity after a flight in which that of the track changed by `change`.
+    fn kept(&self, flight: f64, velocity: f64, change: f64) -> f64 {
+        let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * flight;
+        self.settings.restitution * arrived
     }
 
     /// As [`Tangential::after`], on a track of several tones.
@@ -160,8 +172,7 @@ impl Tangential {
                 -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
             })
             .sum();
-        self.settings.restitution
-            * (velocity - self.settings.amplitude_ratio * change - self.gravity * d)
+        self.kept(d, velocity, change)
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
@@ -172,8 +183,7 @@ impl Tangential {
         let lead = launch.phase + self.settings.phase_lead;
         // cos(t+d+gamma) - cos(t+gamma), without cancellation.
         let change = -2.0 * libm::sin(lead + half) * libm::sin(half);
-        self.settings.restitution
-            * (velocity - self.settings.amplitude_ratio * change - self.gravity * d)
+        self.kept(d, velocity, change)
     }
 }
 

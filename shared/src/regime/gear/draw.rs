@@ -1,6 +1,6 @@
 //! Restitution that scatters, drawn in single precision: what a plan on the board tries its parts with.
 
-use core::f32::consts::LN_2;
+use crate::arithmetic::gauss;
 
 /// Largest restitution that is drawn.
 const HIGHEST: f32 = 1.0 - f32::EPSILON;
@@ -36,7 +36,7 @@ impl Draw {
         if self.deviation == 0.0 {
             return self.mean;
         }
-        (self.mean + self.deviation * self.gauss()).clamp(0.0, HIGHEST)
+        (self.mean + self.deviation * gauss(|| self.uniform())).clamp(0.0, HIGHEST)
     }
 
     #[inline]
@@ -50,22 +50,6 @@ impl Draw {
     fn uniform(&mut self) -> f32 {
         ((self.bits() >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
     }
-
-    /// Gaussian with mean 0 and deviation 1: the ratio of uniforms within two curves (J. L. Leva, ACM Trans. Math.
-    /// Softw. 18 (1992) 449), which a logarithm decides for 1.2 % of the pairs.
-    #[inline]
-    fn gauss(&mut self) -> f32 {
-        loop {
-            let u = self.uniform();
-            let v = 1.7156 * (self.uniform() - 0.5);
-            let x = u - 0.449_871;
-            let y = v.abs() + 0.386_595;
-            let q = x * x + y * (0.196 * y - 0.254_72 * x);
-            if q < 0.275_97 || (q <= 0.278_46 && v * v <= -4.0 * u * u * logarithm(u)) {
-                return v / u;
-            }
-        }
-    }
 }
 
 /// A bijection of 32 bits whose every output bit depends on every input bit (C. Wellons, hash-prospector: bias 0.17).
@@ -76,32 +60,9 @@ fn mixed(mut z: u32) -> u32 {
     z ^ (z >> 15)
 }
 
-/// Natural logarithm of a normal number in 0..1, within 2e-6.
-fn logarithm(x: f32) -> f32 {
-    let bits = x.to_bits();
-    let exponent = (bits >> 23) as i32 - 127;
-    let mantissa = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000);
-    // 2 atanh z, 0 <= z < 1/3: the series' rest is below 2 z^13 / 13.
-    let z = (mantissa - 1.0) / (mantissa + 1.0);
-    let w = z * z;
-    let sum =
-        1.0 + w * (1.0 / 3.0 + w * (0.2 + w * (1.0 / 7.0 + w * (1.0 / 9.0 + w * (1.0 / 11.0)))));
-    exponent as f32 * LN_2 + 2.0 * z * sum
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_logarithm_keeps_its_error() {
-        let mut x = 3e-8_f32;
-        while x < 1.0 {
-            let error = f64::from(logarithm(x)) - libm::log(f64::from(x));
-            assert!(error.abs() < 2e-6, "{x} {error}");
-            x *= 1.000_37;
-        }
-    }
 
     #[test]
     fn it_is_gaussian_and_clipped() {

@@ -1,0 +1,143 @@
+//! A plan for gear that another controller has made: the desk runs many, and each asks the same.
+
+use core::ops::Deref;
+
+use heapless::Vec;
+
+use super::gear::GearSearch;
+use super::setpoint::NoSetpoint;
+use crate::control::drive::Scale;
+use crate::control::settings::Settings;
+use crate::feeder::OutOfRange;
+use crate::regime::gear::{GearPlan, GearPlanSettings};
+
+/// Most plans, each better than the one before, that a search finds.
+const FOUND: usize = 8;
+
+/// A plan for gear that has come to its end: what was asked, and what was found after how many slices.
+///
+/// Two controllers with the same question find the same after as many slices, so that one that is told need not search
+/// ([`Controller::gear_known`](crate::control::Controller::gear_known)).
+#[derive(Clone, Debug, PartialEq)]
+pub struct GearPlanned {
+    /// What was asked.
+    pub settings: GearPlanSettings,
+    /// What was found, and the slice after which it was, the last one settled.
+    pub found: Vec<(u32, GearPlan), FOUND>,
+}
+
+/// A [`GearSearch`] that keeps what it found, and may be told what another one did.
+#[derive(Clone, Debug)]
+pub struct SparedGear {
+    search: GearSearch,
+    slices: u32,
+    planned: GearPlanned,
+    /// Whether `planned` was told.
+    known: bool,
+}
+
+impl Deref for SparedGear {
+    type Target = GearSearch;
+
+    fn deref(&self) -> &GearSearch {
+        &self.search
+    }
+}
+
+impl SparedGear {
+    /// As [`GearSearch::begin`].
+    pub fn begin(
+        order: u8,
+        settings: &Settings,
+        scale: &Scale,
+    ) -> Result<Result<Self, NoSetpoint>, OutOfRange> {
+        Ok(
+            GearSearch::begin(order, settings, scale)?.map(|search| Self {
+                planned: GearPlanned {
+                    settings: *search.settings(),
+                    found: Vec::new(),
+                },
+                search,
+                slices: 0,
+                known: false,
+            }),
+        )
+    }
+
+    /// As [`GearSearch::step`].
+    pub fn step(&mut self) -> bool {
+        self.slices = self.slices.saturating_add(1);
+        if self.known {
+            let mut found = self.planned.found.iter().rev();
+            let latest = found.find(|(after, _)| *after <= self.slices);
+            self.search.plan = latest.map(|(_, plan)| *plan);
+            return !self.is_over();
+        }
+        let before = self.plan().copied();
+        let more = self.search.step();
+        if let Some(plan) = self.plan().copied()
+            && before != Some(plan)
+        {
+            // One for each round at most, and there are no more rounds.
+            let _ = self.planned.found.push((self.slices, plan));
+        }
+        more
+    }
+
+    /// What is being searched; `None` once it is known or found.
+    pub fn asked(&self) -> Option<&GearPlanSettings> {
+        Some(&self.planned.settings).filter(|_| !self.is_over() && !self.known)
+    }
+
+    /// Spares the search, if it is for this: the same is then found after as many slices.
+    pub fn know(&mut self, known: GearPlanned) {
+        if self.asked() == Some(&known.settings) {
+            self.planned = known;
+            self.known = true;
+        }
+    }
+
+    /// The search that has come to its end.
+    pub fn planned(&self) -> Option<&GearPlanned> {
+        Some(&self.planned).filter(|_| self.is_over())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn search(settings: &Settings) -> SparedGear {
+        let scale = Scale::at(settings, settings.frequency);
+        SparedGear::begin(1, settings, &scale).unwrap().unwrap()
+    }
+
+    #[test]
+    fn a_search_that_is_spared_finds_the_same_at_the_same_slices() {
+        let settings = Settings::default();
+        let mut first = search(&settings);
+        let mut spared = search(&settings);
+        let mut found = std::vec![];
+        while first.step() {
+            found.push(first.plan().copied());
+        }
+        let planned = first.planned().unwrap().clone();
+        assert!(planned.found.len() > 3);
+        // Of another lot nothing is taken.
+        let mut other = search(&Settings {
+            restitution_high: 0.3,
+            ..settings
+        });
+        other.know(planned.clone());
+        assert!(other.asked().is_some());
+        spared.step();
+        spared.know(planned.clone());
+        assert_eq!(spared.plan().copied(), found[0]);
+        for plan in &found[1..] {
+            assert!(spared.step());
+            assert_eq!(spared.plan(), plan.as_ref());
+        }
+        assert!(!spared.step() && spared.is_over());
+        assert_eq!(spared.planned(), Some(&planned));
+    }
+}
