@@ -1,5 +1,6 @@
 //! `kband simulate`: the controller against the impact map, for one scene.
 
+mod summary;
 mod told;
 
 use std::path::{Path, PathBuf};

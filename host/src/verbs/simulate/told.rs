@@ -6,6 +6,7 @@ use kband::control::{Event, State, Target};
 use kband::regime::classify::Regime;
 use serde_json::json;
 
+use super::summary::Seen;
 use crate::refusal::Refusal;
 use crate::report::{Column, Printout, Table, Value, number};
 use crate::simulate::{Outcome, SETTLED, describe, words};
@@ -58,8 +59,10 @@ pub(super) fn told(
     let scene = &outcome.file().scene;
     let settings = &scene.settings;
     let last = outcome.last();
+    let summary = Seen::of(outcome).lines();
     let mut report = Printout::new(table).heading(format!(
-        "target {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
+        "{}\n\ntarget {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
+        summary.join("\n"),
         describe(outcome.target()),
         settings.frequency,
         settings.incline,
@@ -206,7 +209,7 @@ pub(super) fn told(
             number(f64::from(margin.restitution), 3),
             number(f64::from(margin.error), 1),
             number(f64::from(margin.scatter), 2),
-            number(f64::from(margin.to_loss), 0)
+            margin.to_loss.round()
         ));
     }
     if let Some(phase) = outcome.lock_phase() {
@@ -262,6 +265,7 @@ pub(super) fn told(
         .map(|happened| json!({"time": happened.time, "event": happened.event.name(), "state": happened.report.state.name()}))
         .collect();
     report.json(&json!({
+        "summary": summary,
         "events": events,
         "state": last.state.name(),
         "fault": last.fault.map(|fault| fault.name()),

@@ -1,0 +1,374 @@
+//! A single run in plain words: what the track and the parts do, how far from losing it, and what to do next.
+
+use kband::control::{Fault, Identification, Limits, State, Target};
+
+use crate::report::number;
+use crate::simulate::Outcome;
+
+/// Length of a part along the track, in mm, for which a rate of parts is told: they touch each other.
+const PART: f64 = 15.0;
+
+/// Share of time in gear from which on parts are said to stay in it.
+const STAYS: f64 = 0.95;
+
+/// Margin in amplitude below which it is called thin: less than what a warm coil or a neighbour's hand on the bowl change.
+const THIN: f64 = 0.01;
+
+/// What the summary is made of.
+#[derive(Clone, Debug)]
+pub(super) struct Seen {
+    /// Amplitude in mm, and the track's peak acceleration over gravity.
+    amplitude: f64,
+    peak: f64,
+    target: Target,
+    state: State,
+    fault: Option<Fault>,
+    limits: Limits,
+    identification: Identification,
+    parts: usize,
+    order: u32,
+    /// Share of time in gear, for parts that scatter.
+    in_gear: Option<f64>,
+    /// Seconds in gear until it is lost.
+    loss: Option<f64>,
+    locked: bool,
+    regime: String,
+    /// In mm/s, upwards positive.
+    speed: f64,
+    /// Of a lock, in amplitude, relative.
+    margin: Option<f64>,
+    /// Restitution and scatter as options of the verbs.
+    lot: String,
+    scatter: f32,
+    strays: bool,
+    /// What the run could last for a target that takes longer, in s.
+    longer: f64,
+}
+
+impl Seen {
+    pub(super) fn of(outcome: &Outcome) -> Self {
+        let last = outcome.last();
+        let scene = &outcome.file().scene;
+        let settings = &scene.settings;
+        let frequency = f64::from(settings.frequency);
+        let amplitude = outcome.amplitude();
+        let k = outcome.k();
+        let (low, high) = (settings.restitution_low, settings.restitution_high);
+        let rate = std::f64::consts::TAU * frequency;
+        Self {
+            amplitude: amplitude * 1e3,
+            peak: amplitude * rate * rate / kband::feeder::STANDARD_GRAVITY,
+            target: outcome.target(),
+            state: last.state,
+            fault: last.fault,
+            limits: last.limits,
+            identification: last.identification,
+            parts: scene.parts.len(),
+            order: outcome.gear_order(),
+            in_gear: outcome.in_gear().filter(|_| outcome.file().scatters()),
+            loss: outcome.time_to_loss().map(|cycles| cycles / frequency),
+            locked: outcome.is_locked(),
+            regime: outcome.regime(),
+            speed: outcome.speed() * 1e3,
+            margin: outcome
+                .band()
+                .filter(|band| band.contains(k))
+                .map(|band| band.margins(k).smallest()),
+            lot: if low == high {
+                format!("{low}")
+            } else {
+                format!("{low}..{high}")
+            },
+            scatter: settings.scatter,
+            strays: !outcome.strays().is_empty(),
+            longer: (3.0 * outcome.file().duration).min(86_400.0),
+        }
+    }
+
+    /// The lines, the last of them the next step.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = vec![self.track()];
+        if self.amplitude > 1e-3 {
+            lines.extend(self.parts());
+            lines.extend(self.margin());
+        }
+        lines.push(format!("Next: {}.", self.next()));
+        lines
+    }
+
+    fn track(&self) -> String {
+        if self.amplitude <= 1e-3 {
+            return "The track stands still.".into();
+        }
+        format!(
+            "The track moves {} mm to each side, {} g at its peak.",
+            number(self.amplitude, 3),
+            number(self.peak, 3)
+        )
+    }
+
+    fn parts(&self) -> Option<String> {
+        if self.parts == 0 {
+            return Some("There are no parts on it.".into());
+        }
+        let stroke = match self.order {
+            1 => "every stroke".to_string(),
+            order => format!("every {order} strokes"),
+        };
+        let hop = match self.in_gear {
+            Some(share) => format!(
+                "Parts hop once {stroke} for {} % of the time (in gear)",
+                number(100.0 * share, 3)
+            ),
+            None if self.locked => format!("Parts hop once {stroke}, in lock with the drive"),
+            None => format!(
+                "Parts do not hop in one rhythm with the drive ({})",
+                self.regime
+            ),
+        };
+        let way = if self.speed < 0.0 { "DOWN" } else { "up" };
+        let rate = 60.0 * self.speed.abs() / PART;
+        Some(format!(
+            "{hop} and travel {} mm/s {way} the track: about {} parts a minute of {PART} mm each.",
+            number(self.speed.abs(), 3),
+            whole(rate)
+        ))
+    }
+
+    fn margin(&self) -> Option<String> {
+        if let Some(share) = self.in_gear {
+            let lost = self.loss?;
+            (share > 0.0).then(|| {
+                format!(
+                    "They lose it after {} s in the mean, and fall back into it by themselves.",
+                    number(lost, 2)
+                )
+            })
+        } else if self.locked {
+            let margin = self.margin?;
+            let told = format!(
+                "Margin: {} % of the amplitude ({} mm)",
+                number(100.0 * margin, 2),
+                number(margin * self.amplitude, 2)
+            );
+            Some(if margin < THIN {
+                format!("{told}: thin, not every part of this lot may hold.")
+            } else {
+                format!("{told} until the first part of the lot loses its lock.")
+            })
+        } else {
+            None
+        }
+    }
+
+    /// What to do next, for every state, limit and result.
+    fn next(&self) -> String {
+        if let Some(fault) = self.fault {
+            return format!(
+                "remove the cause of '{}': kband explain fault {}",
+                fault.name(),
+                fault.number()
+            );
+        }
+        if let Some(limit) = Limits::ALL
+            .into_iter()
+            .find(|limit| self.limits.contains(*limit))
+        {
+            return format!(
+                "{} (limit {}): kband explain limit {}",
+                limit.name(),
+                limit.number(),
+                limit.number()
+            );
+        }
+        if self.target == Target::Identify
+            && let Identification::Listening { hops } = self.identification
+        {
+            let longer = number(self.longer, 4);
+            return format!(
+                "the restitution is not known yet ({hops} hops heard): --duration {longer} gives it time"
+            );
+        }
+        match self.identification {
+            Identification::Found(found) if self.target == Target::Identify => {
+                let r = number(f64::from(found.restitution), 3);
+                return format!(
+                    "the parts rebound with R = {r}: give part.restitution an interval about it, and [target] gear = 1"
+                );
+            }
+            Identification::NotFound(_) if self.target == Target::Identify => {
+                return "no restitution was found; the manual's commissioning says what parts and sensor it takes".into();
+            }
+            _ => {}
+        }
+        let longer = number(self.longer, 4);
+        match self.state {
+            State::Off => "the enable input starts the drive: kband explain off".into(),
+            State::Starting => format!("the setpoint is not reached yet: --duration {longer} gives it time"),
+            State::Capturing => format!("the parts are not in lock yet: --duration {longer} gives it time"),
+            State::Stopping => "the drive comes to rest: kband explain stopping".into(),
+            State::Lost => "the lock is lost; parts that scatter stay in gear where they do not stay locked: [target] gear = 1".into(),
+            State::Fault | State::Limiting => format!("kband explain {}", self.state.name()),
+            State::Holding | State::Locked if self.strays => {
+                "some parts are outside the lot that the controller is told: part.restitution has to hold them all".into()
+            }
+            State::Locked if self.margin.is_some_and(|margin| margin < THIN) => {
+                format!("a lot of less width has more margin: kband bands --restitution {}", self.lot)
+            }
+            State::Locked => "the lock holds; kband explain margin says what it stands".into(),
+            State::Holding => self.held(),
+        }
+    }
+
+    fn held(&self) -> String {
+        let gear = format!(
+            "kband gear --restitution {} --scatter {}",
+            self.lot, self.scatter
+        );
+        match (self.target, self.in_gear) {
+            _ if self.speed < 0.0 => {
+                "the track is too steep for this amplitude ratio: kband transport --help".into()
+            }
+            (Target::Gear { .. }, Some(share)) if share >= STAYS => {
+                format!("nothing has to be done; {gear} draws what else would hold them")
+            }
+            (Target::Gear { .. }, Some(_)) => {
+                format!("a second tone in the drive holds more: {gear}")
+            }
+            (Target::Locked { .. }, Some(_)) => {
+                "parts that scatter do not stay locked, but may stay in gear: [target] gear = 1"
+                    .into()
+            }
+            (Target::Locked { .. }, None) if !self.locked => {
+                format!(
+                    "no kick brought every part into lock: kband capture --restitution {}",
+                    self.lot
+                )
+            }
+            _ => "kband explain holding; kband live shows it running".into(),
+        }
+    }
+}
+
+/// A count of which two digits are known.
+fn whole(value: f64) -> f64 {
+    let step = 10_f64.powf((value.max(10.0).log10() - 1.0).floor());
+    (value / step).round() * step
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen() -> Seen {
+        Seen {
+            amplitude: 0.25,
+            peak: 2.5,
+            target: Target::Gear { order: 1 },
+            state: State::Holding,
+            fault: None,
+            limits: Limits::default(),
+            identification: Identification::Idle,
+            parts: 1,
+            order: 1,
+            in_gear: Some(0.99),
+            loss: Some(1.5),
+            locked: false,
+            regime: "in gear 0.99, order 1".into(),
+            speed: 87.5,
+            margin: None,
+            lot: "0.18..0.22".into(),
+            scatter: 0.04,
+            strays: false,
+            longer: 30.0,
+        }
+    }
+
+    #[test]
+    fn parts_in_gear_are_told_in_millimetres_strokes_and_parts_a_minute() {
+        assert_eq!(
+            seen().lines(),
+            [
+                "The track moves 0.25 mm to each side, 2.5 g at its peak.",
+                "Parts hop once every stroke for 99 % of the time (in gear) and travel 87.5 mm/s up the track: \
+                 about 350 parts a minute of 15 mm each.",
+                "They lose it after 1.5 s in the mean, and fall back into it by themselves.",
+                "Next: nothing has to be done; kband gear --restitution 0.18..0.22 --scatter 0.04 draws what else would \
+                 hold them.",
+            ]
+        );
+    }
+
+    #[test]
+    fn a_thin_margin_a_way_down_and_a_target_that_needs_longer_are_said() {
+        let locked = Seen {
+            state: State::Locked,
+            target: Target::Locked { order: 1 },
+            in_gear: None,
+            locked: true,
+            margin: Some(0.0005),
+            speed: -3.0,
+            ..seen()
+        };
+        let lines = locked.lines().join("\n");
+        for said in [
+            "0.05 % of the amplitude",
+            "thin",
+            "DOWN the track",
+            "kband bands --restitution 0.18..0.22",
+        ] {
+            assert!(lines.contains(said), "{said}: {lines}");
+        }
+        let identifying = Seen {
+            target: Target::Identify,
+            identification: Identification::Listening { hops: 12 },
+            ..seen()
+        };
+        assert!(identifying.next().contains("12 hops heard"));
+        assert!(identifying.next().contains("--duration 30"));
+        let capturing = Seen {
+            state: State::Capturing,
+            ..seen()
+        };
+        assert!(capturing.next().contains("--duration 30"));
+    }
+
+    #[test]
+    fn every_state_fault_and_limit_has_its_next_step() {
+        for &state in State::ALL {
+            let said = Seen { state, ..seen() }.next();
+            assert!(said.len() > 15, "{state:?}: {said}");
+        }
+        for &fault in Fault::ALL {
+            let said = Seen {
+                state: State::Fault,
+                fault: Some(fault),
+                ..seen()
+            }
+            .next();
+            assert!(
+                said.ends_with(&format!("kband explain fault {}", fault.number())),
+                "{said}"
+            );
+        }
+        for limits in Limits::ALL {
+            let said = Seen {
+                state: State::Limiting,
+                limits,
+                ..seen()
+            }
+            .next();
+            assert!(
+                said.ends_with(&format!("kband explain limit {}", limits.number())),
+                "{said}"
+            );
+        }
+        let still = Seen {
+            amplitude: 0.0,
+            state: State::Off,
+            ..seen()
+        };
+        assert_eq!(still.lines()[0], "The track stands still.");
+        assert_eq!(still.lines().len(), 2);
+    }
+}
