@@ -11,6 +11,7 @@ use super::fields::{PLANT, SCATTER, SENSOR};
 use super::parts::{self, Distribution};
 use super::section::Section;
 use super::timeline::{describe, read_disturbances, read_target};
+use crate::file;
 use crate::refusal::Refusal;
 
 /// The default scene, commented.
@@ -277,18 +278,10 @@ fn told_scatter(parts: &[f32]) -> f32 {
 
 /// The table of a scene's text; refused with the line that is not TOML.
 pub fn table(text: &str) -> Result<Table, Refusal> {
-    text.parse().map_err(|error: toml::de::Error| {
-        let line = error.span().map_or(1, |span| {
-            text[..span.start.min(text.len())].matches('\n').count() + 1
-        });
-        Refusal::new(
-            format!(
-                "line {line} is not TOML: {}",
-                error.message().replace('\n', " ")
-            ),
-            "correct this line; kband simulate --print-scene shows a whole scene",
-        )
-    })
+    file::toml(
+        text,
+        "correct this line; kband simulate --print-scene shows a whole scene",
+    )
 }
 
 #[cfg(test)]

@@ -297,18 +297,10 @@ impl Imported {
     }
 
     fn parse(text: &str) -> Result<Self, Refusal> {
-        let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
-            let line = error.span().map_or(1, |span| {
-                text[..span.start.min(text.len())].matches('\n').count() + 1
-            });
-            Refusal::new(
-                format!(
-                    "line {line} is not TOML: {}",
-                    error.message().replace('\n', " ")
-                ),
-                "correct this line; kband settings export shows a whole file",
-            )
-        })?;
+        let table = file::toml(
+            text,
+            "correct this line; kband settings export shows a whole file",
+        )?;
         let mut all = Vec::new();
         for (key, value) in table {
             let number = match value {

@@ -63,6 +63,16 @@ impl<S> Landing<S> {
     pub fn flight(&self) -> f64 {
         self.steps as f64 * Phase::RADIANS_PER_STEP
     }
+
+    /// The landing with its flight in rad.
+    #[inline(always)]
+    pub(super) fn impact(self) -> Impact<S> {
+        Impact {
+            flight: self.flight(),
+            next: self.next,
+            grazes: self.grazes,
+        }
+    }
 }
 
 /// The impact map in one arithmetic: parameters in, set-up constants kept, one impact at a time.

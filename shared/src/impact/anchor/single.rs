@@ -369,11 +369,6 @@ impl Kernel for Single {
 
     #[inline]
     fn impact(&self, state: SingleState) -> Impact<SingleState> {
-        let landing = self.land(state);
-        Impact {
-            flight: landing.flight(),
-            next: landing.next,
-            grazes: landing.grazes,
-        }
+        self.land(state).impact()
     }
 }

@@ -47,6 +47,20 @@ pub struct Refined {
     pub grazes: bool,
 }
 
+impl Refined {
+    /// The impact in f64.
+    pub(in crate::impact) fn rounded(&self) -> Impact<State> {
+        Impact {
+            flight: self.flight[0],
+            next: State {
+                phase: self.phase[0],
+                velocity: self.velocity[0],
+            },
+            grazes: self.grazes,
+        }
+    }
+}
+
 impl Exact {
     /// The first impact after `state` to more digits than an f64 holds: absolute error of flight and
     /// phase about 1e-19 rad times the condition of the flight; with it other kernels are judged.
@@ -108,15 +122,7 @@ impl Kernel for Exact {
     }
 
     fn impact(&self, state: State) -> Impact<State> {
-        let refined = self.refine(state);
-        Impact {
-            flight: refined.flight[0],
-            next: State {
-                phase: refined.phase[0],
-                velocity: refined.velocity[0],
-            },
-            grazes: refined.grazes,
-        }
+        self.refine(state).rounded()
     }
 }
 

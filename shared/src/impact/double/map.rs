@@ -6,7 +6,7 @@ use super::first::first_impact;
 use super::launch::{Launch, Track};
 #[cfg(any(test, feature = "unstable"))]
 use super::search::{self, PassedHumps};
-use super::step::Landing;
+use super::step::impact_of;
 #[cfg(any(test, feature = "unstable"))]
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
@@ -50,30 +50,11 @@ impl Map {
     pub fn search(&self, state: State, passed: PassedHumps) -> Impact<State> {
         let launch = Launch::new(state.phase, state.velocity);
         let rests = f64::any(launch.rests(&self.track));
-        self.impact_of(
+        impact_of(
+            self.restitution,
             state,
             (!rests).then(|| search::landing(&self.track, &launch, passed)),
         )
-    }
-
-    /// What a landing means; without one the part rests.
-    #[inline(always)]
-    fn impact_of(&self, state: State, landing: Option<(Landing<f64>, bool)>) -> Impact<State> {
-        let Some((landing, grazes)) = landing else {
-            return Impact {
-                flight: 0.0,
-                next: state,
-                grazes: false,
-            };
-        };
-        Impact {
-            flight: landing.flight,
-            next: State {
-                phase: landing.phase,
-                velocity: self.restitution * landing.arrival,
-            },
-            grazes,
-        }
     }
 
     pub(in crate::impact) fn track(&self) -> &Track<f64> {
@@ -135,7 +116,7 @@ impl Kernel for Map {
     #[inline]
     fn impact(&self, state: State) -> Impact<State> {
         let launch = Launch::new(state.phase, state.velocity);
-        self.impact_of(state, first_impact(&self.track, &launch))
+        impact_of(self.restitution, state, first_impact(&self.track, &launch))
     }
 }
 

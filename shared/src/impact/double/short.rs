@@ -45,11 +45,9 @@ pub(super) struct Deflated<L> {
     pub curvature: L,
 }
 
-/// `u/d` and `u'` after `d` <= 0.55 rad, each exact relative to its terms.
+/// `(d - sin d)/d^3` and `(d^2/2 - 1 + cos d)/d^4` from `d^2`, `d` <= 0.55 rad.
 #[inline(always)]
-pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L> {
-    let z = d * d;
-    // (d - sin d)/d^3 and (d^2/2 - 1 + cos d)/d^4.
+pub(in crate::impact) fn remainders<L: Lane>(z: L) -> [L; 2] {
     let third = L::splat(1.0 / 6.0)
         - z * (L::splat(1.0 / 120.0)
             - z * (L::splat(1.0 / 5040.0)
@@ -62,6 +60,14 @@ pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L
             - z * (L::splat(1.0 / 40_320.0)
                 - z * (L::splat(1.0 / 3_628_800.0)
                     - z * (L::splat(1.0 / 479_001_600.0) - z * L::splat(1.0 / 87_178_291_200.0)))));
+    [third, fourth]
+}
+
+/// `u/d` and `u'` after `d` <= 0.55 rad, each exact relative to its terms.
+#[inline(always)]
+pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L> {
+    let z = d * d;
+    let [third, fourth] = remainders(z);
     let versine = z * (L::splat(0.5) - z * fourth);
     let sagitta = d * z * third;
     let (s, c) = (launch.sine, launch.cosine);

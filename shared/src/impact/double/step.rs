@@ -5,6 +5,7 @@ use core::f64::consts::TAU;
 use super::launch::{Launch, Track};
 use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDER};
 use crate::arithmetic::node;
+use crate::impact::kernel::{Impact, State};
 
 /// The end of a flight.
 #[derive(Clone, Copy, Debug)]
@@ -15,6 +16,30 @@ pub(crate) struct Landing<L> {
     pub phase: L,
     /// Speed of arrival relative to the track, at least 0.
     pub arrival: L,
+}
+
+/// What a landing means for a part of this restitution, launched in `state`; without one it rests.
+#[inline(always)]
+pub(crate) fn impact_of(
+    restitution: f64,
+    state: State,
+    landing: Option<(Landing<f64>, bool)>,
+) -> Impact<State> {
+    let Some((landing, grazes)) = landing else {
+        return Impact {
+            flight: 0.0,
+            next: state,
+            grazes: false,
+        };
+    };
+    Impact {
+        flight: landing.flight,
+        next: State {
+            phase: landing.phase,
+            velocity: restitution * landing.arrival,
+        },
+        grazes,
+    }
 }
 
 impl<L: Lane> Landing<L> {

@@ -143,11 +143,6 @@ impl Kernel for Integer {
 
     #[inline]
     fn impact(&self, state: HybridState) -> Impact<HybridState> {
-        let landing = self.land(state);
-        Impact {
-            flight: landing.flight(),
-            next: landing.next,
-            grazes: landing.grazes,
-        }
+        self.land(state).impact()
     }
 }

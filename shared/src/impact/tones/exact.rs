@@ -234,15 +234,7 @@ impl Kernel for WaveExact {
     }
 
     fn impact(&self, state: State) -> Impact<State> {
-        let refined = self.refine(state);
-        Impact {
-            flight: refined.flight[0],
-            next: State {
-                phase: refined.phase[0],
-                velocity: refined.velocity[0],
-            },
-            grazes: refined.grazes,
-        }
+        self.refine(state).rounded()
     }
 }
 

@@ -10,7 +10,7 @@ use super::track::Track;
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
-use crate::impact::double::step::Landing;
+use crate::impact::double::step::impact_of;
 use crate::impact::kernel::{Impact, Kernel, State, WaveKernel};
 use crate::impact::wave::{Tone, Wave};
 
@@ -85,7 +85,8 @@ impl WaveMap {
     fn searched<const N: usize>(&self, state: State) -> Impact<State> {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
         let rests = f64::any(launch.rests(&self.track));
-        self.impact_of(
+        impact_of(
+            self.restitution,
             state,
             (!rests).then(|| search::landing::<N>(&self.track, &launch)),
         )
@@ -94,27 +95,11 @@ impl WaveMap {
     #[inline(always)]
     fn flown<const N: usize>(&self, state: State) -> Impact<State> {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
-        self.impact_of(state, first_impact::<N>(&self.track, &launch))
-    }
-
-    /// What a landing means; without one the part rests.
-    #[inline(always)]
-    fn impact_of(&self, state: State, landing: Option<(Landing<f64>, bool)>) -> Impact<State> {
-        let Some((landing, grazes)) = landing else {
-            return Impact {
-                flight: 0.0,
-                next: state,
-                grazes: false,
-            };
-        };
-        Impact {
-            flight: landing.flight,
-            next: State {
-                phase: landing.phase,
-                velocity: self.restitution * landing.arrival,
-            },
-            grazes,
-        }
+        impact_of(
+            self.restitution,
+            state,
+            first_impact::<N>(&self.track, &launch),
+        )
     }
 
     /// The impact of a part that loses nothing: its velocity is the speed of arrival.

@@ -6,6 +6,7 @@ use core::f64::consts::TAU;
 use super::launch::Launch;
 use super::track::Track;
 use crate::arithmetic::lane::Lane;
+use crate::impact::double::short::remainders;
 use crate::impact::double::step::{Landing, householder};
 
 /// Longest short hop in rad of the highest tone, about.
@@ -36,20 +37,7 @@ pub(super) fn deflated<L: Lane, const N: usize>(
         let q = L::splat((n + 1) as f64);
         let x = q * d;
         let z = x * x;
-        // (x - sin x)/x^3 and (x^2/2 - 1 + cos x)/x^4.
-        let third = L::splat(1.0 / 6.0)
-            - z * (L::splat(1.0 / 120.0)
-                - z * (L::splat(1.0 / 5040.0)
-                    - z * (L::splat(1.0 / 362_880.0)
-                        - z * (L::splat(1.0 / 39_916_800.0)
-                            - z * (L::splat(1.0 / 6_227_020_800.0)
-                                - z * L::splat(1.0 / 1_307_674_368_000.0))))));
-        let fourth = L::splat(1.0 / 24.0)
-            - z * (L::splat(1.0 / 720.0)
-                - z * (L::splat(1.0 / 40_320.0)
-                    - z * (L::splat(1.0 / 3_628_800.0)
-                        - z * (L::splat(1.0 / 479_001_600.0)
-                            - z * L::splat(1.0 / 87_178_291_200.0)))));
+        let [third, fourth] = remainders(z);
         let versine = z * (L::splat(0.5) - z * fourth);
         let sagitta = x * z * third;
         let square = q * q;

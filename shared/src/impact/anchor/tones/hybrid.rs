@@ -307,12 +307,7 @@ impl Kernel for WaveHybrid {
 
     #[inline]
     fn impact(&self, state: HybridState) -> Impact<HybridState> {
-        let landing = self.land(state);
-        Impact {
-            flight: landing.flight(),
-            next: landing.next,
-            grazes: landing.grazes,
-        }
+        self.land(state).impact()
     }
 }
 

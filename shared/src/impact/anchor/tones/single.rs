@@ -205,12 +205,7 @@ impl Kernel for WaveSingle {
 
     #[inline]
     fn impact(&self, state: SingleState) -> Impact<SingleState> {
-        let landing = self.land(state);
-        Impact {
-            flight: landing.flight(),
-            next: landing.next,
-            grazes: landing.grazes,
-        }
+        self.land(state).impact()
     }
 }
 
