@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-target}
 
 # Plant and wire bring control.
-combinations=('' control plant wire plant,wire)
+combinations=('' analysis control plant wire plant,wire analysis,control analysis,plant,wire)
 
 for features in "${combinations[@]}"; do
     for unstable in '' unstable; do

@@ -29,6 +29,7 @@ pub mod impact;
 #[cfg(feature = "plant")]
 pub mod plant;
 pub mod regime;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod transport;
 #[cfg(feature = "wire")]
 pub mod wire;

@@ -1,6 +1,6 @@
 //! The public names of the crate `kband` are those that users of the last release have, and those that were added knowingly.
 //!
-//! They are read from what rustdoc knows of the crate, in its default features. rustdoc tells it to unstable compilers
+//! They are read from what rustdoc knows of the crate, in its default features and without any. rustdoc tells it to unstable compilers
 //! only, which the stable one is for this one call.
 
 use std::collections::BTreeSet;
@@ -12,13 +12,15 @@ use public_api::PublicApi;
 
 /// The public names as they were accepted.
 const ACCEPTED: &str = "shared/public-api.txt";
+/// Those of the map and the bands alone, without a feature.
+const ALONE: &str = "shared/public-api-alone.txt";
 /// Set, it has this test write them anew.
 const ACCEPT: &str = "KBAND_ACCEPT";
 /// Wall-clock seconds for rustdoc and the crates that it needs, a loaded machine allowed for.
 const LIMIT: &str = "600";
 
-/// Has rustdoc describe the crate; the file.
-fn described() -> PathBuf {
+/// Has rustdoc describe the crate with these features, or with the default ones; the file.
+fn described(features: Option<&str>) -> PathBuf {
     let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
     // Of its own: a compiler that is let do more compiles everything anew.
     let folder = root().join(folder).join("surface");
@@ -33,6 +35,9 @@ fn described() -> PathBuf {
         "kband",
         "--lib",
     ]);
+    if let Some(features) = features {
+        command.args(["--no-default-features", "--features", features]);
+    }
     command.arg("--target-dir").arg(&folder);
     command.args(["--", "-Z", "unstable-options", "--output-format", "json"]);
     for flags in [
@@ -101,18 +106,16 @@ fn missing<'a>(from: &'a [String], other: &[String]) -> Vec<&'a str> {
     missing.map(String::as_str).collect()
 }
 
-#[test]
-fn the_public_names_are_the_accepted_ones() {
-    let now = surface(&described());
-    assert!(now.len() > 500, "{} lines are no surface", now.len());
-    let path = root().join(ACCEPTED);
+/// Holds the public names against the list of those accepted.
+fn compare(now: &[String], list: &str) {
+    let path = root().join(list);
     if std::env::var_os(ACCEPT).is_some() {
         std::fs::write(&path, now.join("\n") + "\n").unwrap();
     }
     let accepted = std::fs::read_to_string(&path).unwrap_or_default();
     let accepted: Vec<String> = accepted.lines().map(str::to_owned).collect();
-    let (gone, new) = (missing(&accepted, &now), missing(&now, &accepted));
-    println!("public names and traits: {} lines", now.len());
+    let (gone, new) = (missing(&accepted, now), missing(now, &accepted));
+    println!("{list}: {} public names and traits", now.len());
     let each = |sign: char, lines: &[&str]| -> String {
         lines
             .iter()
@@ -127,6 +130,23 @@ fn the_public_names_are_the_accepted_ones() {
          next: {ACCEPT}=1 cargo test -p kband-tests --test surface\n",
         each('-', &gone),
         each('+', &new),
+    );
+}
+
+#[test]
+fn the_public_names_are_the_accepted_ones() {
+    let all = surface(&described(None));
+    assert!(all.len() > 500, "{} lines are no surface", all.len());
+    compare(&all, ACCEPTED);
+    // One rustdoc after the other: they share a folder.
+    let alone = surface(&described(Some("")));
+    compare(&alone, ALONE);
+    assert_eq!(missing(&alone, &all), [""; 0], "a feature takes names away");
+    assert!(
+        4 * alone.len() < all.len(),
+        "the map and the bands alone are to stay small: {} of {} lines",
+        alone.len(),
+        all.len()
     );
 }
 

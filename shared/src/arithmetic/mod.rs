@@ -2,6 +2,10 @@
 
 pub(crate) mod fixed;
 mod gauss;
+#[cfg_attr(
+    not(any(test, feature = "analysis")),
+    expect(dead_code, reason = "many lanes at a time serve `impact::batch`")
+)]
 pub(crate) mod lane;
 pub(crate) mod node;
 mod phase;
@@ -14,4 +18,4 @@ pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
 pub use phase::Phase;
 pub(crate) use root::{square_root, square_root_single};
-pub use trigonometry::{sine_cosine_fixed, sine_cosine_integer, sine_cosine_single};
+pub use trigonometry::{sine_cosine_fixed, sine_cosine_single};

@@ -1,5 +1,6 @@
 //! What the arithmetics have in common: the state of a part, its impact, and the map as a trait.
 
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 use super::wave::Tone;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, Velocity};
@@ -141,6 +142,7 @@ pub trait Kernel: Sized {
 /// assert!((locked::<WaveSingle>()? - 0.366_519_142_918_809).abs() < 1e-6);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub trait WaveKernel: Kernel {
     /// The map on a track with this second and third harmonic for `k` and a restitution; the refusal
     /// names the parameter and the range of this arithmetic.

@@ -28,6 +28,7 @@
 #[cfg(test)]
 mod accuracy;
 mod anchor;
+#[cfg(any(test, feature = "analysis"))]
 pub mod batch;
 mod double;
 mod integer;
@@ -35,24 +36,32 @@ mod kernel;
 mod orbit;
 mod scatter;
 mod set_up;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod tones;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave;
 
-pub use anchor::{Hybrid, Single, SingleState, WaveHybrid, WaveSingle};
+pub use anchor::{Hybrid, Single, SingleState};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use anchor::{WaveHybrid, WaveSingle};
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
 pub use double::{Exact, Map, Refined};
 pub use integer::Integer;
-pub use kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use kernel::WaveKernel;
+pub use kernel::{HybridState, Impact, Kernel, Landing, State};
 #[cfg(feature = "control")]
 pub(crate) use orbit::Release;
 #[cfg(any(test, feature = "unstable"))]
 pub use orbit::Skips;
-pub use orbit::{
-    Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent, Tangential, TangentialSettings,
-    WaveContact, WaveOrbit,
-};
+pub use orbit::{Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) use orbit::{LATE, Next, WavePart};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use orbit::{Tangential, TangentialSettings, WaveOrbit};
 pub use scatter::Scatter;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use tones::{WaveExact, WaveMap};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use wave::{Tone, Wave};

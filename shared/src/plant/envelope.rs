@@ -21,7 +21,7 @@ use crate::control::{
     Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, Standard, phase_step,
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-use crate::impact::{Contact, TangentialSettings, Wave, WaveContact, WaveMap};
+use crate::impact::{Contact, TangentialSettings, Wave, WaveMap};
 
 /// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_CYCLE: usize = 200;
@@ -542,7 +542,7 @@ fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
     match wave {
         Some(wave) => {
             let map = WaveMap::on(*wave, k, 1.0).ok()?;
-            WaveContact::new(&map).throw(phase).map(|(wait, _)| wait)
+            map.throw(phase).map(|(wait, _)| wait)
         }
         None => Contact::build(k, 1.0).ok()?.wait(phase),
     }

@@ -71,7 +71,8 @@ impl HearingSettings {
     };
 
     /// The board's ear at an impact-to-noise ratio of 26 dB and 20 kHz.
-    pub const EAR: Self = Self {
+    #[cfg(any(test, feature = "control"))]
+    pub(crate) const EAR: Self = Self {
         noise: 0.03,
         resolution: 0.2,
     };

@@ -1,9 +1,13 @@
 //! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and how much of
 //! the time one does whose restitution scatters (docs/theory-real-parts.md#t10.1).
 
+#[cfg(feature = "control")]
 mod draw;
+#[cfg(feature = "control")]
 mod limits;
+#[cfg(feature = "control")]
 mod plan;
+#[cfg(feature = "control")]
 mod rider;
 
 use core::f64::consts::TAU;
@@ -14,8 +18,10 @@ use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
 
-pub use limits::{GearLimits, peaks};
-pub use plan::{GearPlan, GearPlanSettings, GearPlanner};
+#[cfg(feature = "control")]
+pub(crate) use limits::{GearLimits, peaks};
+#[cfg(feature = "control")]
+pub(crate) use plan::{GearPlan, GearPlanSettings, GearPlanner};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.
 const FLIGHTS: [f64; 2] = [0.6, 1.4];

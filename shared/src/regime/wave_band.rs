@@ -20,7 +20,7 @@ impl WaveLock {
     /// The orbit of `order` that strikes at `phase` (symbol t0) in rad: `k = S'(t0) (1+R)/(pi r (1-R))` and
     /// `psi = 2 pi r k R/(1+R)`; `None` where the track does not move upwards there, so that none exists. Whether it
     /// attracts is for [`WaveLock::attracts`], whether it is flown for [`WaveLock::is_first_return`].
-    pub fn striking(
+    pub(crate) fn striking(
         wave: &Wave,
         phase: f64,
         restitution: f64,
@@ -217,7 +217,7 @@ impl WaveBand {
 }
 
 /// Most bands of one order that are told.
-pub const MOST: usize = 6;
+const MOST: usize = 6;
 
 /// The bands of one order, from the highest k down.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

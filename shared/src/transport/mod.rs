@@ -16,18 +16,31 @@
 //! | [`sensitivity`] | how the speed answers a change of amplitude |
 //! | [`spread`] | mean and standard error of independent values |
 
+#[cfg(any(test, feature = "analysis"))]
 mod conveyed;
+#[cfg(any(test, feature = "analysis"))]
 mod inelastic;
+#[cfg(any(test, feature = "analysis"))]
 mod interval;
 pub mod locked;
+#[cfg(any(test, feature = "analysis"))]
 mod sensitivity;
+#[cfg(any(test, feature = "analysis"))]
 mod spread;
+#[cfg(any(test, feature = "analysis"))]
 pub mod stationary;
+#[cfg(any(test, feature = "analysis"))]
 mod survey;
 
+#[cfg(any(test, feature = "analysis"))]
 pub use conveyed::{Conveyed, Conveying};
+#[cfg(any(test, feature = "analysis"))]
 pub use inelastic::{DeadFlight, Inelastic};
+#[cfg(any(test, feature = "analysis"))]
 pub use interval::Intervals;
+#[cfg(any(test, feature = "analysis"))]
 pub use sensitivity::Sensitivity;
+#[cfg(any(test, feature = "analysis"))]
 pub use spread::Spread;
+#[cfg(any(test, feature = "analysis"))]
 pub use survey::{Effort, Measured, Motion, Origin, measure, measure_scattered};

@@ -3,7 +3,7 @@
 use super::Controller;
 use crate::control::aim::{Chaos, ChaosSearch, GearPlanned, GearSearch, Planned};
 use crate::regime::capture::PlanSettings;
-use crate::regime::gear::GearPlanSettings;
+use crate::regime::gear::{GearPlan, GearPlanSettings};
 
 impl Controller {
     /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
@@ -40,6 +40,12 @@ impl Controller {
     #[must_use]
     pub fn gear_planned(&self) -> Option<&GearPlanned> {
         self.selection.gear.as_ref().and_then(GearSearch::planned)
+    }
+
+    /// What the plan for gear has found so far; `None` for another target, and until a first k is found.
+    #[must_use]
+    pub fn gear(&self) -> Option<GearPlan> {
+        self.selection.gear_plan().copied()
     }
 
     /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.

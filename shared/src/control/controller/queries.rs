@@ -8,7 +8,6 @@ use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
 use crate::control::state::{Events, State};
-use crate::regime::gear::GearPlan;
 
 impl Controller {
     /// What was seen and done in the last cycle.
@@ -31,7 +30,7 @@ impl Controller {
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.gear.time_to_loss(),
             margin: self.listener.margin(),
-            expected_in_gear: self.gear().map_or(0.0, |plan| plan.share),
+            expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
             attempts: self.machine.attempts(),
             identification: self.identifier.result(),
             regime: self.listener.regime,
@@ -133,12 +132,6 @@ impl Controller {
     #[must_use]
     pub fn setpoint(&self) -> f32 {
         self.selection.setpoint(&self.scale)
-    }
-
-    /// What the plan for gear has found so far; `None` for another target, and until a first k is found.
-    #[must_use]
-    pub fn gear(&self) -> Option<GearPlan> {
-        self.selection.gear_plan().copied()
     }
 
     /// Whether the setpoint for the target is known, or that it has none: the lock for a speed and the k for gear are

@@ -204,7 +204,7 @@ pub struct Events([Option<Event>; Events::MOST]);
 
 impl Events {
     /// Most events that one cycle reports.
-    pub const MOST: usize = 6;
+    pub(crate) const MOST: usize = 6;
 
     /// The events in the order in which they happened.
     pub fn iter(&self) -> impl Iterator<Item = Event> + '_ {

@@ -324,6 +324,7 @@ impl Parabola {
     }
 
     /// The same where a stroke may be longer than half a turn.
+    #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[inline(always)]
     pub fn long_rise_after(steps: i64, mean: Fixed<48, i64>) -> Fixed<30> {
         let Fixed(turns) = product_32(steps, mean).to::<32>();

@@ -21,8 +21,10 @@ mod shape;
 mod short;
 mod single;
 mod solve;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod tones;
 
 pub use hybrid::Hybrid;
 pub use single::{Single, SingleState};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use tones::{WaveHybrid, WaveSingle};

@@ -117,6 +117,7 @@ impl Single {
     }
 
     /// The same with this restitution, 0..=1, at the impact.
+    #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[inline]
     pub(super) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         Self {
@@ -127,11 +128,13 @@ impl Single {
     }
 
     /// Whether a part that rests at `phase` is thrown off there.
+    #[cfg(feature = "control")]
     pub(super) fn throws(&self, phase: Phase) -> bool {
         self.shape.throws(phase.bits())
     }
 
     /// Where the track throws a part that rests; `None` where it never does.
+    #[cfg(feature = "control")]
     pub(super) fn lift_off(&self) -> Option<Phase> {
         (self.shape.hump > 0).then(|| Phase::from_bits(self.shape.lift_off))
     }

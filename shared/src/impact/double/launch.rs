@@ -2,7 +2,7 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use crate::arithmetic::lane::{Lane, Node, sine_cosine};
+use crate::arithmetic::lane::{Lane, sine_cosine};
 
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,8 +79,9 @@ impl<L: Lane> Launch<L> {
     }
 
     /// The launch of a state that an impact near `node` leads to.
+    #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
-    pub fn near(phase: L, velocity: L, node: &Node<L>) -> Self {
+    pub fn near(phase: L, velocity: L, node: &crate::arithmetic::lane::Node<L>) -> Self {
         Self::with(phase, velocity, node.sine_cosine(phase))
     }
 

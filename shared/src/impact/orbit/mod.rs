@@ -5,8 +5,11 @@ mod events;
 mod observe;
 mod release;
 mod tangent;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod tangential;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave_contact;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave_orbit;
 
 pub use contact::Contact;
@@ -14,11 +17,14 @@ pub use contact::Contact;
 pub use events::Skips;
 pub use events::{Ended, Event, Orbit};
 pub use observe::{Count, Observer};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use release::LATE;
 #[cfg(any(test, feature = "control"))]
 pub use release::Release;
 pub use tangent::{Growth, Tangent};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use tangential::{Tangential, TangentialSettings};
-pub use wave_contact::WaveContact;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use wave_orbit::WaveOrbit;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) use wave_orbit::{Next, WavePart};

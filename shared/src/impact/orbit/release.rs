@@ -17,6 +17,7 @@ pub struct Release<S> {
 /// Delay of a lift-off in rad for arithmetics coarser than f64: more than the rounding of `arcsin k` and
 /// of a phase there, so that the part is never left on the track. The launch velocity that it omits is at
 /// most half its square, 5e-9 `b w`.
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub const LATE: f64 = 1e-4;
 
 impl<S: Copy> Release<S> {

@@ -3,6 +3,7 @@
 use super::observe::Observer;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, State};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 use crate::impact::tones::WaveMap;
 
 /// Partial derivatives of one impact; `det J = R^2 psi / psi'` (docs/theory-impacts.md#t2.4).
@@ -60,6 +61,7 @@ impl Tangent {
     }
 
     /// The same on a track of several tones.
+    #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[must_use]
     pub fn on_tones(map: &WaveMap, state: State, impact: &Impact<State>) -> Option<Self> {
         let (d, k, r) = (impact.flight, map.k(), map.restitution());

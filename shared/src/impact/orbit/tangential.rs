@@ -2,6 +2,7 @@
 
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
+#[cfg(feature = "plant")]
 use crate::impact::wave::Wave;
 
 /// What the motion along the track depends on besides k.
@@ -121,7 +122,8 @@ impl Tangential {
     /// As [`Tangential::distance`], on a track of several tones: the motion along it is `eta` times the normal one, led by
     /// gamma as a whole, `eta S(t + gamma)`.
     #[must_use]
-    pub fn distance_on(
+    #[cfg(feature = "plant")]
+    pub(crate) fn distance_on(
         &self,
         wave: &Wave,
         launch: State,
@@ -155,7 +157,8 @@ impl Tangential {
 
     /// As [`Tangential::after`], on a track of several tones.
     #[must_use]
-    pub fn after_on(
+    #[cfg(feature = "plant")]
+    pub(crate) fn after_on(
         &self,
         wave: &Wave,
         launch: State,

@@ -1,48 +1,15 @@
-//! Contact with a track of several tones: chatter, rest and lift-off.
+//! How a chatter on a track of several tones comes to rest.
 
 use crate::impact::double::launch::{CHANGE, REMAINDER};
 use crate::impact::kernel::State;
-use crate::impact::tones::WaveMap;
 use crate::impact::tones::track::Track;
 
-/// When contact of a part with a track of several tones begins and ends: [`Contact`](crate::impact::Contact)
-/// with the track's push A for the sine, A' for the cosine and -A'' for the sine of its curvature.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WaveContact {
-    track: Track,
-    restitution: f64,
-}
-
-impl WaveContact {
-    /// Contact on the track of `map`; a chatter is summed at its restitution.
-    #[must_use]
-    pub fn new(map: &WaveMap) -> Self {
-        Self {
-            track: *map.track(),
-            restitution: map.restitution(),
-        }
-    }
-
-    /// Duration of the infinitely many hops that end at rest, in rad, where `state` chatters to rest
-    /// so closely that the closure is exact to f64; else `None`, and the part goes on hopping.
-    ///
-    /// With the pull `P = k - A` and `z = psi / (P (1 - R))` it is `2 z + (4/3) (A'/P) z^2`; the third order is
-    /// at most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A velocity of 0 rests at once where the track does not
-    /// throw the part.
-    #[must_use]
-    pub fn time_to_rest(&self, state: State) -> Option<f64> {
-        time_to_rest(&self.track, self.restitution, state)
-    }
-
-    /// The wait from `phase`, where the part rests, to lift-off, in rad, and the phase of it; 0 and `phase`
-    /// where the track throws it at once; `None` where it rests for ever.
-    #[must_use]
-    pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
-        self.track.throw(phase)
-    }
-}
-
-/// See [`WaveContact::time_to_rest`].
+/// Duration of the infinitely many hops that end at rest, in rad, where `state` chatters to rest so closely that the
+/// closure is exact to f64; else `None`, and the part goes on hopping.
+///
+/// [`Contact`](super::Contact) with the track's push A for the sine, A' for the cosine and -A'' for the sine of its
+/// curvature: with the pull `P = k - A` and `z = psi / (P (1 - R))` it is `2 z + (4/3) (A'/P) z^2`; the third order is at
+/// most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A velocity of 0 rests at once where the track does not throw the part.
 pub(super) fn time_to_rest(track: &Track, restitution: f64, state: State) -> Option<f64> {
     let hop = state.velocity;
     let at = track.wave.at(state.phase);

@@ -121,6 +121,13 @@ impl WaveMap {
         batch::impacts(&self.track, states, impacts);
     }
 
+    /// The wait from `phase` in rad, where a part rests, to lift-off, and the phase of it; 0 and `phase` where the track
+    /// throws it at once; `None` where it rests for ever.
+    #[cfg(feature = "plant")]
+    pub(crate) fn throw(&self, phase: f64) -> Option<(f64, f64)> {
+        self.track.throw(phase)
+    }
+
     pub(in crate::impact) fn track(&self) -> &Track {
         &self.track
     }

@@ -18,6 +18,7 @@ pub struct GearLimits {
 
 impl GearLimits {
     /// A drive that affords everything.
+    #[cfg(test)]
     pub const NONE: Self = Self {
         displacement: 0.0,
         acceleration: 0.0,

@@ -281,6 +281,7 @@ impl GearPlanner {
 
     /// Impacts computed so far.
     #[must_use]
+    #[cfg(test)]
     pub fn impacts(&self) -> u32 {
         self.impacts
     }

@@ -4,6 +4,7 @@ use super::harmonics::Harmonics;
 use super::launch::Launch;
 use super::search::{Edged, candidate, halved, has_left, search};
 use super::track::Track;
+#[cfg(feature = "control")]
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept};
@@ -60,7 +61,7 @@ impl WaveSingle {
     /// The same with this restitution, 0..=1, at the impact.
     #[must_use]
     #[inline]
-    pub fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
+    pub(crate) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         match &self.shape {
             Shape::Sine(single) => single.land_at(state, restitution),
             Shape::Tones(track) => land(track, state, restitution),
@@ -69,7 +70,8 @@ impl WaveSingle {
 
     /// Whether a part that rests at `phase` is thrown off there.
     #[must_use]
-    pub fn throws(&self, phase: Phase) -> bool {
+    #[cfg(feature = "control")]
+    pub(crate) fn throws(&self, phase: Phase) -> bool {
         match &self.shape {
             Shape::Sine(single) => single.throws(phase),
             Shape::Tones(track) => track.throws(phase.bits()),
@@ -79,7 +81,8 @@ impl WaveSingle {
     /// Where the track next throws a part that rests at `phase`, which it does not throw there; `None` where
     /// it rests for ever.
     #[must_use]
-    pub fn lift_off(&self, phase: Phase) -> Option<Phase> {
+    #[cfg(feature = "control")]
+    pub(crate) fn lift_off(&self, phase: Phase) -> Option<Phase> {
         match &self.shape {
             Shape::Sine(single) => single.lift_off(),
             Shape::Tones(track) => track.lift_off(phase.bits()).map(Phase::from_bits),

@@ -126,6 +126,7 @@ impl Track {
     }
 
     /// Where it next throws a part that rests at `phase` but is not thrown there.
+    #[cfg(feature = "control")]
     pub fn lift_off(&self, phase: u32) -> Option<u32> {
         let begins = self.humps().iter().map(|hump| hump.phase);
         begins.min_by_key(|begin| begin.wrapping_sub(phase))
