@@ -10,9 +10,9 @@ use embassy_futures::yield_now;
 use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, StartCause};
 use kband::feeder::OutOfRange;
 use kband::wire::{
-    Counters, FRAME_MOST, Identity, Incoming, Kept, Receiver, Refusal, Request, Response, SCHEMA,
-    SelfTest, SetUp, Setting, SimulatedInputs, Telemetry, VERSION, fold_output, read_reading,
-    read_request, write_identity, write_response,
+    Counters, FRAME_MOST, Identity, Incoming, Inputs, Kept, Receiver, Refusal, Request, Response,
+    SCHEMA, SelfTest, SetUp, Setting, Telemetry, VERSION, fold_output, read_reading, read_request,
+    write_identity, write_response,
 };
 
 use crate::saves::Saves;
@@ -250,6 +250,7 @@ async fn answer<'a>(
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
         Request::Identification => Response::Identification(station.identification().into()),
+        Request::Status => Response::Status(station.status()),
         Request::Held => Response::Held(station.target().into()),
         Request::Fault(back) => {
             if !station.at_rest() {
@@ -302,7 +303,7 @@ fn begin(
 async fn samples(
     simulation: &mut Option<Simulation>,
     mut codes: &[u8],
-    end: Option<SimulatedInputs>,
+    end: Option<Inputs>,
     station: &Station,
 ) -> Response<'static> {
     let Some(Simulation {

@@ -9,7 +9,7 @@ use kband::control::{
     StartCause, State, Target,
 };
 use kband::feeder::OutOfRange;
-use kband::wire::{KeptFault, Record};
+use kband::wire::{KeptFault, Record, Status};
 
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
@@ -106,8 +106,8 @@ pub struct Station {
     enabled: Cell<bool>,
     /// Seconds since the start at which the desk was last heard of the plant that it simulates.
     simulated: Cell<Option<u32>>,
-    /// The enable input as it was last seen; before the first cycle nothing can have been started by it.
-    asked: Cell<bool>,
+    /// The board's inputs as they were last seen; before the first cycle nothing can have been started by them.
+    inputs: Cell<Inputs>,
     /// Most cycles of the core that the control of a drive cycle took.
     longest: Cell<u32>,
     tick: Mailbox<NoopRawMutex, ()>,
@@ -152,7 +152,7 @@ impl Station {
             heard: Cell::new(false),
             enabled: Cell::new(true),
             simulated: Cell::new(None),
-            asked: Cell::new(false),
+            inputs: Cell::new(Inputs::default()),
             longest: Cell::new(0),
             tick: Mailbox::new(),
             uptime: Cell::new(Uptime::default()),
@@ -167,7 +167,7 @@ impl Station {
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.uptime.set(self.uptime.get().after(cycle.samples));
-        self.asked.set(inputs.enable);
+        self.inputs.set(inputs);
         if let Some(heard) = self.simulated.get() {
             if self.seconds().wrapping_sub(heard) <= SIMULATION_LASTS {
                 return None;
@@ -196,7 +196,7 @@ impl Station {
     /// stays off while the desk goes on. Refused while the drive runs or its enable input is given: a simulation must not
     /// take a machine out of service.
     pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, NotTaken> {
-        if self.simulated.get().is_none() && (!self.at_rest() || self.asked.get()) {
+        if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
             return Err(NotTaken::Running);
         }
         let settings = self.settings.get();
@@ -319,6 +319,18 @@ impl Station {
     #[must_use]
     pub fn mean(&self) -> f32 {
         self.mean.get()
+    }
+
+    /// The board's inputs and outputs in the last cycle.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        Status {
+            inputs: self.inputs.get().into(),
+            permitted: self.enabled.get(),
+            ready: self.ready(),
+            mean: self.mean.get(),
+            seconds: self.seconds(),
+        }
     }
 
     /// Whether the drive is at rest and may be worked on.

@@ -412,6 +412,111 @@ fn an_identification_that_has_no_result_yet_changes_nothing() {
     assert_eq!(flash(), saved);
 }
 
+/// An emulated board that runs on from command to command, at the end of a pseudo-terminal.
+struct Standing {
+    board: std::process::Child,
+    port: String,
+}
+
+impl Standing {
+    fn start() -> Self {
+        use std::io::{BufRead, BufReader};
+        use std::process::{Command, Stdio};
+
+        let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+        let mut board = Command::new("qemu-system-arm")
+            .args([
+                "-M",
+                "olimex-stm32-h405",
+                "-display",
+                "none",
+                "-monitor",
+                "none",
+            ])
+            .args(["-serial", "null", "-serial", "pty", "-semihosting-config"])
+            .arg("enable=on,target=native,arg=image,arg=run")
+            .arg("-kernel")
+            .arg(&image)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // "char device redirected to /dev/pts/3 (label serial1)"
+        let mut said = BufReader::new(board.stdout.take().unwrap()).lines();
+        let line = said.next().unwrap().unwrap();
+        let port = line
+            .split(' ')
+            .find(|word| word.starts_with("/dev/"))
+            .unwrap();
+        Self {
+            board,
+            port: port.into(),
+        }
+    }
+
+    fn ask(&self, words: &str) -> Value {
+        let folder = folder();
+        json(run(
+            folder.path(),
+            words,
+            &["--on", &self.port, "--format", "json"],
+        ))
+    }
+}
+
+impl Drop for Standing {
+    fn drop(&mut self) {
+        let _ = self.board.kill();
+        let _ = self.board.wait();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
+    let board = Standing::start();
+    let now = board.ask("status");
+    assert_eq!(now["enable_input"], true, "{now}");
+    assert_eq!(now["enable_desk"], true, "{now}");
+    assert_eq!(now["alarms"]["supply_low"], false, "{now}");
+    assert!(now["next"].as_str().unwrap().len() > 10, "{now}");
+    let held = board.ask("target mm 0.15");
+    assert_eq!(held["target"], "amplitude 0.15 mm");
+    let held = board.ask("target gear 2");
+    assert_eq!(held["target"], "gear of order 2");
+    let off = board.ask("disable");
+    assert_eq!(
+        (&off["state"], &off["enable_desk"]),
+        (&"off".into(), &false.into())
+    );
+    assert!(
+        off["next"].as_str().unwrap().contains("kband enable"),
+        "{off}"
+    );
+    board.ask("target mm 0.15");
+    let on = board.ask("enable");
+    assert_eq!(on["enable_desk"], true, "{on}");
+    let reached = (0..50).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        let now = board.ask("status");
+        let amplitude = now["amplitude_mm"].as_f64().unwrap();
+        now["state"] == "holding" && now["ready"] == true && (amplitude - 0.15).abs() < 0.005
+    });
+    assert!(reached, "{}", board.ask("status"));
+    let folder = folder();
+    let refused = |words: &str, said: &[&str]| {
+        run(folder.path(), words, &["--on", &board.port]).refused(said);
+    };
+    refused(
+        "target mm",
+        &["needs a number in mm", "kband target mm 0.23"],
+    );
+    refused("target gear 9", &["1..8", "next:"]);
+    refused("target k -3", &["k", "accepted"]);
+    refused("target mm 0.2 --save", &["while", "runs"]);
+}
+
 /// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.
 #[cfg(unix)]
 fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {

@@ -245,7 +245,18 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
         },
     );
     held(&mut board, kband::wire::Target::K(0.5));
+    let permitted = |board: &mut Board, permitted: bool| {
+        board.ask(&Request::Status, |response| match response {
+            Response::Status(status) => {
+                assert!(status.inputs.enable && !status.inputs.over_temperature);
+                assert_eq!(status.permitted, permitted);
+            }
+            other => panic!("{other:?}"),
+        });
+    };
+    permitted(&mut board, true);
     board.done(&Request::Enable(false));
+    permitted(&mut board, false);
     board.cycle();
     assert_eq!(board.station.report().state, State::Stopping);
     board.ask(&Request::Event(0), |response| match response {
@@ -431,7 +442,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
 
     let scene = Scene::default();
     let mut board = Board::new();
-    fn samples(codes: &[u8], end: Option<SimulatedInputs>) -> Request<'_> {
+    fn samples(codes: &[u8], end: Option<kband::wire::Inputs>) -> Request<'_> {
         Request::Samples { codes, end }
     }
     board.refused(&samples(&[], None), Refusal::OutOfStep);

@@ -11,6 +11,8 @@ pub mod capture;
 pub mod cascade;
 pub mod completions;
 pub mod diagram;
+pub mod disable;
+pub mod enable;
 pub mod explain;
 pub mod exponent;
 pub mod flash;
@@ -22,6 +24,8 @@ pub mod monitor;
 pub mod paper;
 pub mod settings;
 pub mod simulate;
+pub mod status;
+pub mod target;
 pub mod transport;
 
 use std::error::Error as _;
@@ -60,6 +64,8 @@ verbs! {
     Cascade => cascade,
     Completions => completions,
     Diagram => diagram,
+    Disable => disable,
+    Enable => enable,
     Explain => explain,
     Exponent => exponent,
     Flash => flash,
@@ -71,6 +77,8 @@ verbs! {
     Paper => paper,
     Settings => settings,
     Simulate => simulate,
+    Status => status,
+    Target => target,
     Transport => transport,
 }
 

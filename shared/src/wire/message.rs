@@ -53,7 +53,7 @@ pub enum Request<'a> {
         /// Each reading's difference to the one before as a zigzag varint ([`write_reading`]).
         codes: &'a [u8],
         /// With the last reading of a drive cycle: the inputs at its end.
-        end: Option<SimulatedInputs>,
+        end: Option<Inputs>,
     },
     /// How far the identification of the parts' restitution has come ([`Target::Identify`]).
     Identification,
@@ -61,11 +61,13 @@ pub enum Request<'a> {
     Held,
     /// The fault kept beyond a loss of power that is so many faults older than the newest.
     Fault(u8),
+    /// The board's inputs and outputs as they are now.
+    Status,
 }
 
-/// The inputs of a simulated board.
+/// The inputs of a board, or of one that is simulated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SimulatedInputs {
+pub struct Inputs {
     /// The enable input.
     pub enable: bool,
     /// The over-temperature input.
@@ -84,7 +86,7 @@ pub struct SimulatedInputs {
     pub clock_failed: bool,
 }
 
-impl From<control::Inputs> for SimulatedInputs {
+impl From<control::Inputs> for Inputs {
     fn from(inputs: control::Inputs) -> Self {
         Self {
             enable: inputs.enable,
@@ -99,8 +101,8 @@ impl From<control::Inputs> for SimulatedInputs {
     }
 }
 
-impl From<SimulatedInputs> for control::Inputs {
-    fn from(inputs: SimulatedInputs) -> Self {
+impl From<Inputs> for control::Inputs {
+    fn from(inputs: Inputs) -> Self {
         Self {
             enable: inputs.enable,
             over_temperature: inputs.over_temperature,
@@ -187,6 +189,23 @@ pub enum Response<'a> {
     Held(Target),
     /// A fault of the past, or none that old.
     Fault(Option<KeptFault>),
+    /// The board as it is now.
+    Status(Status),
+}
+
+/// A board's inputs and outputs, as they were in its last drive cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Its inputs; enable is that of the input itself.
+    pub inputs: Inputs,
+    /// Whether the desk lets the drive run ([`Request::Enable`]).
+    pub permitted: bool,
+    /// Whether READY is on: what is wanted is so.
+    pub ready: bool,
+    /// Mean of the acceleration over the cycle in m/s^2; about 0 where `sensor_zero` is right.
+    pub mean: f32,
+    /// Time since the start in s.
+    pub seconds: u32,
 }
 
 /// Why a request was refused.

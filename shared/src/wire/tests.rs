@@ -49,7 +49,7 @@ fn requests() -> Vec<Request<'static>> {
         },
         Request::Samples {
             codes: &[],
-            end: Some(SimulatedInputs {
+            end: Some(Inputs {
                 enable: true,
                 over_temperature: false,
                 link_heard: true,
@@ -63,6 +63,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Identification,
         Request::Held,
         Request::Fault(3),
+        Request::Status,
     ]
 }
 
@@ -160,6 +161,17 @@ fn responses() -> Vec<Response<'static>> {
         Response::Held(Target::Locked(3)),
         Response::Held(Target::K(0.41)),
         Response::Fault(None),
+        Response::Status(Status {
+            inputs: Inputs {
+                enable: true,
+                supply_low: true,
+                ..Inputs::default()
+            },
+            permitted: true,
+            ready: false,
+            mean: -0.25,
+            seconds: 4711,
+        }),
         Response::Fault(Some(KeptFault {
             number: 300,
             seconds: 70_000,

@@ -8,9 +8,7 @@ use cortex_m_semihosting::heprintln;
 use embassy_futures::block_on;
 use kband::control::{Cycle, Inputs, Report, Settings, Signal, State};
 use kband::plant::Bench;
-use kband::wire::{
-    FRAME_MOST, Request, SimulatedInputs, StartCause, Target, write_question, write_request,
-};
+use kband::wire::{FRAME_MOST, Request, StartCause, Target, write_question, write_request};
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::store::Store;
@@ -80,7 +78,7 @@ fn requests() -> [(&'static str, Request<'static>); 24] {
             "samples out of step",
             Request::Samples {
                 codes: &[0xff; 240],
-                end: Some(SimulatedInputs {
+                end: Some(kband::wire::Inputs {
                     enable: true,
                     over_temperature: false,
                     link_heard: true,

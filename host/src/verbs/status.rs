@@ -1,0 +1,53 @@
+//! `kband status`: how a board is just now.
+
+mod asked;
+
+use std::io::{IsTerminal, Write, stdout};
+use std::time::Duration;
+
+use crate::arguments::Printed;
+use crate::board::{Address, Emulated};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+pub(super) use asked::BoardStatus;
+
+/// Print how a board is just now: inputs, readings, amplitude, margins, faults, and what to do next.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband status
+  kband status --on /dev/ttyACM0 --live
+  kband status --on qemu --format json")]
+pub struct Arguments {
+    #[command(flatten)]
+    address: Address,
+
+    /// Ask again twice a second, until Ctrl-C.
+    #[arg(long)]
+    live: bool,
+
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// Time between two looks.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// Asks and prints.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let mut link = arguments.address.open(Emulated::Running)?;
+    loop {
+        let printout = BoardStatus::ask(&mut link)?.printout()?;
+        if arguments.live && stdout().is_terminal() {
+            // To the upper left, and what was there is gone; a terminal that is closed is noticed by the next line.
+            let _ = write!(stdout(), "\x1b[H\x1b[J");
+        }
+        printout.print(arguments.printed.format)?;
+        if !arguments.live || desk.go_on().is_err() {
+            return Ok(Exit::Done);
+        }
+        std::thread::sleep(LOOK);
+        if desk.go_on().is_err() {
+            return Ok(Exit::Done);
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! How a board is just now: inputs, readings, amplitude, margins, faults.
+
+use std::time::{Duration, Instant};
+
+use kband::control::{Fault, Limits, State, Target};
+use kband::wire::{Request, Response, Status, Telemetry};
+use serde_json::{Value as Json, json};
+
+use crate::board::{Link, Unasked};
+use crate::refusal::Refusal;
+use crate::report::{Column, Printout, Table, number};
+use crate::simulate::describe;
+
+/// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What a board tells when it is asked how it is.
+#[derive(Clone, Debug)]
+pub(in crate::verbs) struct BoardStatus {
+    name: String,
+    target: Target,
+    status: Status,
+    telemetry: Telemetry,
+}
+
+impl BoardStatus {
+    /// Asks the board.
+    pub(in crate::verbs) fn ask(link: &mut Link) -> Result<Self, Refusal> {
+        let status = link.ask(&Request::Status, |response| match response {
+            Response::Status(status) => Some(status),
+            _ => None,
+        })?;
+        let target = link.held()?.into();
+        link.tell(&Request::Telemetry(1))?;
+        let telemetry = row(link);
+        // Off again, whatever came.
+        link.tell(&Request::Telemetry(0))?;
+        Ok(Self {
+            name: link.name().into(),
+            target,
+            status: status.ok_or_else(|| {
+                Refusal::new(
+                    "the board does not tell its inputs",
+                    "kband flash brings the firmware of this desk",
+                )
+            })?,
+            telemetry: telemetry?,
+        })
+    }
+
+    /// What the controller is doing; `None` where this desk does not know it.
+    pub(in crate::verbs) fn state(&self) -> Option<State> {
+        let known = State::ALL.iter().copied();
+        known
+            .into_iter()
+            .find(|state| state.number() == self.telemetry.state)
+    }
+
+    /// The fault that keeps the drive off.
+    pub(in crate::verbs) fn fault(&self) -> Option<Fault> {
+        let known = Fault::ALL.iter().copied();
+        known
+            .into_iter()
+            .find(|fault| fault.number() == self.telemetry.fault)
+    }
+
+    fn limits(&self) -> Vec<Limits> {
+        let held = Limits::from_bits(self.telemetry.limits).unwrap_or_default();
+        Limits::ALL
+            .into_iter()
+            .filter(|limit| held.contains(*limit))
+            .collect()
+    }
+
+    /// What it is, with a line each, and the next step last.
+    pub(in crate::verbs) fn printout(&self) -> Result<Printout, Refusal> {
+        let mut table = Table::new(&[Column::new("item", ""), Column::new("value", "")]);
+        let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
+        let Telemetry {
+            amplitude,
+            setpoint,
+            k,
+            output,
+            ..
+        } = self.telemetry;
+        let state = self.state().map_or("unknown", State::name);
+        row("board", self.name.clone());
+        row("state", state.into());
+        if let Some(fault) = self.fault() {
+            row(
+                "fault",
+                format!("{} (fault {})", fault.name(), fault.number()),
+            );
+        }
+        for limit in self.limits() {
+            row(
+                "held back by",
+                format!("{} (limit {})", limit.name(), limit.number()),
+            );
+        }
+        row("target", describe(self.target));
+        row("ready", if self.status.ready { "on" } else { "off" }.into());
+        row(
+            "enable input",
+            if self.status.inputs.enable {
+                "given"
+            } else {
+                "not given"
+            }
+            .into(),
+        );
+        row(
+            "enable of the desk",
+            if self.status.permitted {
+                "given"
+            } else {
+                "withdrawn: kband enable"
+            }
+            .into(),
+        );
+        for (input, active) in self.alarms() {
+            row(input, if active { "ACTIVE" } else { "good" }.into());
+        }
+        row(
+            "mean acceleration",
+            format!(
+                "{} m/s^2 (sensor_zero: about 0)",
+                number(f64::from(self.status.mean), 3)
+            ),
+        );
+        row(
+            "amplitude",
+            format!("{} mm", number(f64::from(amplitude) * 1e3, 4)),
+        );
+        row(
+            "setpoint",
+            format!("{} mm", number(f64::from(setpoint) * 1e3, 4)),
+        );
+        if k.is_finite() && k < 1e4 {
+            row("k", number(f64::from(k), 4));
+        }
+        row(
+            "output",
+            format!("{} %", number(f64::from(output) * 100.0, 3)),
+        );
+        row(
+            "impacts heard",
+            format!("{} a cycle", number(f64::from(self.telemetry.rate), 3)),
+        );
+        row(
+            "in gear heard",
+            number(f64::from(self.telemetry.in_gear), 2),
+        );
+        if let Some(margin) = self.telemetry.margin {
+            row("margin to the flip", number(f64::from(margin.flip), 2));
+        }
+        row("time since its start", format!("{} s", self.status.seconds));
+        Printout::new(table)
+            .note(format!("next: {}", self.next()))
+            .json(&self.json())
+    }
+
+    /// Inputs that stop the drive while they are active.
+    fn alarms(&self) -> [(&'static str, bool); 6] {
+        let inputs = self.status.inputs;
+        [
+            ("over-temperature", inputs.over_temperature),
+            ("over-current", inputs.over_current),
+            ("supply low", inputs.supply_low),
+            ("clock failed", inputs.clock_failed),
+            ("control late", inputs.control_late),
+            ("stack low", inputs.stack_low),
+        ]
+    }
+
+    fn json(&self) -> Json {
+        let alarms: serde_json::Map<String, Json> = self
+            .alarms()
+            .into_iter()
+            .map(|(name, active)| (name.replace([' ', '-'], "_"), active.into()))
+            .collect();
+        let k = Some(self.telemetry.k).filter(|k| k.is_finite());
+        json!({
+            "board": self.name,
+            "state": self.state().map(State::name),
+            "fault": self.fault().map(Fault::name),
+            "limits": self.limits().into_iter().map(Limits::name).collect::<Vec<_>>(),
+            "target": describe(self.target),
+            "ready": self.status.ready,
+            "enable_input": self.status.inputs.enable,
+            "enable_desk": self.status.permitted,
+            "alarms": alarms,
+            "mean_acceleration_m_s2": self.status.mean,
+            "amplitude_mm": self.telemetry.amplitude * 1e3,
+            "setpoint_mm": self.telemetry.setpoint * 1e3,
+            "k": k,
+            "output": self.telemetry.output,
+            "impacts_per_cycle": self.telemetry.rate,
+            "in_gear_heard": self.telemetry.in_gear,
+            "margin": self.telemetry.margin.map(|margin| margin.flip),
+            "seconds": self.status.seconds,
+            "next": self.next(),
+        })
+    }
+
+    /// What keeps the drive from what is wanted, or what to look at.
+    pub(in crate::verbs) fn next(&self) -> String {
+        if let Some(fault) = self.fault() {
+            return format!("kband explain fault {}", fault.number());
+        }
+        if !self.status.permitted {
+            return "the desk withdrew the enable: kband enable gives it back".into();
+        }
+        if let Some((alarm, _)) = self.alarms().into_iter().find(|(_, active)| *active) {
+            return format!("the drive stays off while '{alarm}' is active");
+        }
+        if !self.status.inputs.enable {
+            return "the enable input has to be given at the machine".into();
+        }
+        if let Some(limit) = self.limits().first() {
+            return format!("kband explain limit {}", limit.number());
+        }
+        match self.state() {
+            Some(State::Off) => {
+                "withdraw the enable input and give it again: a drive starts by its edge alone"
+                    .into()
+            }
+            Some(state) => format!(
+                "kband explain {}; kband live shows it running",
+                state.name()
+            ),
+            None => "kband flash brings the firmware of this desk".into(),
+        }
+    }
+}
+
+fn row(link: &mut Link) -> Result<Telemetry, Refusal> {
+    let end = Instant::now() + PATIENCE;
+    while Instant::now() < end {
+        for said in link.listen(Duration::from_millis(50))? {
+            if let Unasked::Telemetry(telemetry) = said {
+                return Ok(telemetry);
+            }
+        }
+    }
+    Err(Refusal::new(
+        "the board answers, but sends no telemetry",
+        "reset the board; kband identify says what it counted",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status() -> BoardStatus {
+        BoardStatus {
+            name: "board".into(),
+            target: Target::Gear { order: 1 },
+            status: Status {
+                permitted: true,
+                ..Status::default()
+            },
+            telemetry: Telemetry::from(&kband::control::Report::default()),
+        }
+    }
+
+    #[test]
+    fn the_next_step_is_what_keeps_the_drive_off() {
+        let mut now = status();
+        assert!(now.next().contains("enable input has to be given"));
+        now.status.inputs.enable = true;
+        assert!(now.next().contains("edge"));
+        now.status.inputs.supply_low = true;
+        assert!(now.next().contains("'supply low'"));
+        now.status.permitted = false;
+        assert!(now.next().contains("kband enable"));
+        now.telemetry.fault = Fault::NoResponse.number();
+        assert_eq!(now.next(), "kband explain fault 4");
+    }
+}

@@ -1,0 +1,200 @@
+//! `kband target`: what a board is to do with its parts.
+
+use clap::ValueEnum;
+use kband::control::{NoSetpoint, Settings, StartCause, Target};
+use kband::wire::Request;
+
+use super::status::BoardStatus;
+use crate::arguments::{self, Printed};
+use crate::board::{Address, BoardSettings, Emulated};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::simulate::describe;
+
+/// Tell a board what it is to do with its parts, or, without a target, print how it is.
+///
+/// The target counts at once; --save keeps it, with all settings, beyond a loss of power, for which the drive has to be at
+/// rest.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband target
+  kband target gear
+  kband target order 2 --on /dev/ttyACM0
+  kband target mm 0.23
+  kband target mm/s 88
+  kband target k 0.41
+  kband target identify
+
+A board whose link falls silent goes to the smaller of its amplitude and safe_amplitude after link_timeout: kband \
+monitor or kband live keep the link up, a link_timeout of 0 needs none.")]
+pub struct Arguments {
+    /// What is wanted.
+    #[arg(value_enum)]
+    kind: Option<Kind>,
+
+    /// Its number: drive cycles a flight for gear and order (1 where it is left out), k, mm, or mm/s.
+    #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
+    value: Option<f64>,
+
+    /// Keep it beyond a loss of power.
+    #[arg(long)]
+    save: bool,
+
+    #[command(flatten)]
+    address: Address,
+
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// What can be wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Parts in gear for as much of the time as their scatter allows.
+    Gear,
+    /// Parts in lock, one impact every so many cycles.
+    Order,
+    /// A value of k.
+    K,
+    /// An amplitude in mm.
+    Mm,
+    /// A conveying speed in mm/s.
+    #[value(name = "mm/s")]
+    MmPerS,
+    /// Parts in chaos.
+    Chaos,
+    /// The parts' restitution, by listening.
+    Identify,
+}
+
+impl Kind {
+    fn target(self, value: Option<f64>) -> Result<Target, Refusal> {
+        let name = self
+            .to_possible_value()
+            .map_or_else(String::new, |value| value.get_name().to_string());
+        let order = |value: Option<f64>| {
+            let order = value.unwrap_or(1.0);
+            if (1.0..=8.0).contains(&order) && order.fract() == 0.0 {
+                return Ok(order as u8);
+            }
+            Err(Refusal::value(
+                format!("number of {name}"),
+                order,
+                "a whole number of drive cycles, 1..8",
+                format!("kband target {name} 1"),
+            ))
+        };
+        let number = |unit: &str, example: &str| {
+            value.map(|value| value as f32).ok_or_else(|| {
+                Refusal::new(
+                    format!("{name} needs a number{unit}"),
+                    format!("kband target {name} {example}"),
+                )
+            })
+        };
+        let alone = |target: Target| match value {
+            None => Ok(target),
+            Some(value) => Err(Refusal::value(
+                format!("number of {name}"),
+                value,
+                "no number",
+                format!("kband target {name}"),
+            )),
+        };
+        match self {
+            Self::Gear => Ok(Target::Gear {
+                order: order(value)?,
+            }),
+            Self::Order => Ok(Target::Locked {
+                order: order(value)?,
+            }),
+            Self::K => Ok(Target::K(number("", "0.41")?)),
+            Self::Mm => Ok(Target::Amplitude(number(" in mm", "0.23")?)),
+            Self::MmPerS => Ok(Target::Speed(number(" in mm/s", "88")?)),
+            Self::Chaos => alone(Target::Chaotic),
+            Self::Identify => alone(Target::Identify),
+        }
+    }
+}
+
+/// Refused where the board would refuse it, or has nothing to choose for it; `settings` are the board's.
+fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
+    let controller = kband::control::Controller::build(settings, target, StartCause::Ordinary)?;
+    Ok(controller.no_setpoint())
+}
+
+/// Tells it and says what came of it.
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+    let target = match arguments.kind {
+        Some(kind) => Some(kind.target(arguments.value)?),
+        None => None,
+    };
+    let address = &arguments.address;
+    if arguments.save && address.is_emulated() && address.flash_image.is_none() {
+        return Err(Refusal::new(
+            "the emulated board has no flash to keep a target in",
+            "name a file for it: --flash-image board.flash",
+        ));
+    }
+    let state = if arguments.save {
+        Emulated::AtRest
+    } else {
+        Emulated::Running
+    };
+    let mut link = address.open(state)?;
+    if let Some(target) = target {
+        let settings = BoardSettings::read(&mut link)?.known();
+        let nothing = check(target, &settings)?;
+        link.tell(&Request::Target(target.into()))?;
+        eprintln!("the target is now {}", describe(target));
+        if let Some(why) = nothing {
+            eprintln!("note: no amplitude serves it: {why}");
+        }
+    }
+    if arguments.save {
+        link.tell(&Request::Save)?;
+        eprintln!("kept: the board starts with it, and with its settings, from now on");
+    }
+    let status = BoardStatus::ask(&mut link)?;
+    status.printout()?.print(arguments.printed.format)?;
+    Ok(Exit::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_is_a_word_and_its_number_or_refused() {
+        let good = [
+            (Kind::Gear, None, Target::Gear { order: 1 }),
+            (Kind::Order, Some(2.0), Target::Locked { order: 2 }),
+            (Kind::Mm, Some(0.23), Target::Amplitude(0.23)),
+            (Kind::MmPerS, Some(88.0), Target::Speed(88.0)),
+            (Kind::K, Some(0.41), Target::K(0.41)),
+            (Kind::Chaos, None, Target::Chaotic),
+            (Kind::Identify, None, Target::Identify),
+        ];
+        for (kind, value, target) in good {
+            assert_eq!(kind.target(value), Ok(target));
+        }
+        for (kind, value, words) in [
+            (Kind::Gear, Some(9.0), "1..8"),
+            (Kind::Order, Some(1.5), "1..8"),
+            (Kind::Mm, None, "kband target mm 0.23"),
+            (Kind::MmPerS, None, "mm/s 88"),
+            (Kind::Chaos, Some(1.0), "no number"),
+        ] {
+            let message = kind.target(value).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+    }
+
+    #[test]
+    fn what_the_board_would_refuse_is_refused_with_the_range() {
+        let settings = Settings::default();
+        let message = check(Target::K(-1.0), &settings).unwrap_err().to_string();
+        assert!(message.contains("accepted"), "{message}");
+        assert!(check(Target::Amplitude(0.2), &settings).is_ok());
+    }
+}
