@@ -4,7 +4,7 @@
 //! the FIRST d > 0 with
 //! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0` and leaves again with
 //! `psi' = R s`, where `s = -u'(d)` is its arrival speed. On a track of several tones S stands for the sine
-//! and S' for the cosine ([`Wave`]).
+//! and S' for the cosine (`Wave`).
 //!
 //! Where the first impact is found, for each arithmetic:
 //!
@@ -12,13 +12,13 @@
 //! |---|---|---|---|
 //! | [`Map`] | f64, at the desk | `double/first.rs`, by kind: `double/{tall,short,low}.rs` | `double/search.rs` |
 //! | [`Exact`] | f64, phases to their rounding | `double/exact.rs`: that of [`Map`], polished once | |
-//! | [`WaveMap`] | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
-//! | [`WaveExact`] | that of [`WaveMap`], phases to their rounding | `tones/exact.rs` | |
-//! | [`batch::Block`] | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
+//! | `WaveMap` | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
+//! | `WaveExact` | that of `WaveMap`, phases to their rounding | `tones/exact.rs` | |
+//! | `batch::Block` | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
-//! | [`WaveHybrid`] | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
-//! | [`WaveSingle`] | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
+//! | `WaveHybrid` | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
+//! | `WaveSingle` | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
 //!
 //! `kernel.rs` says what they have in common, `wave.rs` how a track of several tones moves, `set_up.rs` what those for

@@ -7,14 +7,14 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`conveyed`] | the observer that sums distance and time of an orbit (equations 10 and 11) |
-//! | [`locked`] | closed forms of the locked regime, critical slope, bound (20 to 23, 37) |
-//! | [`stationary`] | the exact impact mean of any hopping regime (34, corrected) |
-//! | [`survey`] | measuring one orbit after it has settled |
-//! | [`interval`] | distribution and correlation of the times between impacts (28 to 32) |
-//! | [`inelastic`] | the limit of dead parts, a one-dimensional map (38) |
-//! | [`sensitivity`] | how the speed answers a change of amplitude |
-//! | [`spread`] | mean and standard error of independent values |
+//! | `conveyed` | the observer that sums distance and time of an orbit (equations 10 and 11) |
+//! | `locked` | closed forms of the locked regime, critical slope, bound (20 to 23, 37) |
+//! | `stationary` | the exact impact mean of any hopping regime (34, corrected) |
+//! | `survey` | measuring one orbit after it has settled |
+//! | `interval` | distribution and correlation of the times between impacts (28 to 32) |
+//! | `inelastic` | the limit of dead parts, a one-dimensional map (38) |
+//! | `sensitivity` | how the speed answers a change of amplitude |
+//! | `spread` | mean and standard error of independent values |
 
 #[cfg(any(test, feature = "analysis"))]
 mod conveyed;

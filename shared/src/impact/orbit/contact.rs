@@ -74,7 +74,7 @@ impl Contact {
     /// `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`; the closure is taken where that is below 2e-16 rad and the
     /// pull A changes by less than 1e-3 of itself, so that the part is still pulled down when it
     /// comes to rest. A velocity of 0 rests at once where the track does not throw it. A lane of
-    /// [`Block`](crate::impact::batch::Block) waits on the same decision.
+    /// `batch::Block` waits on the same decision.
     #[must_use]
     pub fn time_to_rest(&self, state: State) -> Option<f64> {
         let State { phase, velocity } = state;
