@@ -37,8 +37,9 @@ use crate::log;
 
 /// Time in which neither switch of the half bridge conducts, in ns.
 const DEAD_TIME: u32 = 1_000;
-/// Share of a period that the bridge's duty keeps from either end, 3.5 us: its edges stay clear of the sample, and a
-/// bootstrapped driver is charged in every period.
+/// Share of a period that the bridge's duty keeps from either end at full output, 3.5 us: its edges stay clear of the
+/// sample, and a bootstrapped driver is charged in every period. The voltage keeps as much: a buffered converter does not
+/// reach its last 0.2 V (DS8626, DAC characteristics).
 const DUTY_END: f32 = 0.07;
 /// Period of the independent watchdog as its prescaler and reload: 0.8 s at 32 kHz. A cycle at 5 Hz takes 0.2 s, so
 /// that each gets a chance to check in.
@@ -46,8 +47,8 @@ const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
 /// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
 ///
-/// The bridge switches at the sample rate; output -1..1 is a duty of 0..100 %, of which 7..93 % are given. The voltage is
-/// 0..3.3 V with the middle for 0, for an external amplifier. PB12 high opens the bridge.
+/// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that what the control takes for full output
+/// is. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,
@@ -139,8 +140,8 @@ const MIDDLE: u16 = 2048;
 impl Drive for HalfBridge {
     #[inline]
     fn set(&mut self, output: f32) {
-        let share = 0.5 + 0.5 * output.clamp(-1.0, 1.0);
-        let duty = share.clamp(DUTY_END, 1.0 - DUTY_END) * self.full;
+        let share = 0.5 + (0.5 - DUTY_END) * output.clamp(-1.0, 1.0);
+        let duty = share * self.full;
         pac::TIM1
             .ccr(0)
             .write(|compare| compare.set_ccr(duty as u16));
@@ -308,13 +309,15 @@ impl Watchdog for Guard {
     }
 }
 
-/// The window watchdog: it resets the chip, and so opens the bridge, where samples stop for 4.7 ms, or come twice as
-/// often as they should.
+/// The window watchdog: it resets the chip, and so opens the bridge, where samples stop for 4.7 ms, or come half as often
+/// again as they should. It counts a clock of the tree that gives the samples theirs, so that neither drifts from the other.
 pub struct Window;
 
-/// Steps of some 97 us from a feed of the window watchdog to its bite, and those before which a feed bites.
+/// Steps of some 97 us from a feed of the window watchdog to its bite, and those before which a feed bites. 40 samples
+/// are 20 or 21 steps (97.5 us at 42 MHz, 96.4 at 170 by 4): at half as often again 13 or 14, at twice 10 or 11. What holds
+/// a sample up, at most 100 us for a word of the flash, takes two off.
 const BITES: u8 = 48;
-const EARLIEST: u8 = 10;
+const EARLIEST: u8 = 16;
 /// Samples from feed to feed: 2 ms.
 const FEED: u8 = 40;
 /// The last count before the bite.
@@ -420,22 +423,30 @@ const WINDOW_COUNT: u32 = 0x7f;
 const HALF_WAY: u32 = 0x58;
 
 /// Erases a page of the flash, with interrupts off: `page` in the control register chooses it. What the program would
-/// fetch from that flash meanwhile stands still, up to 4 s; the end is waited for in RAM, where the window watchdog is fed.
+/// fetch from that flash meanwhile stands still, up to 2 s; the end is waited for in RAM, where the window watchdog is fed.
 ///
 /// # Safety
 /// The addresses are those of the registers of the flash's controller, which is unlocked and not busy.
 pub unsafe fn erase_page(status: *const u32, control: *mut u32, page: u32) {
     // Called by its address: it lies farther than a branch reaches.
-    let erase: unsafe fn(*const u32, *mut u32, u32) = black_box(erase);
-    // SAFETY: interrupts are off, and the registers are the controller's, as the caller guarantees.
-    cortex_m::interrupt::free(|_| unsafe { erase(status, control, page) });
+    let erase: unsafe fn(*const u32, *mut u32, u32) -> bool = black_box(erase);
+    cortex_m::interrupt::free(|_| {
+        // SAFETY: interrupts are off, and the registers are the controller's, as the caller guarantees.
+        if unsafe { erase(status, control, page) } {
+            // The next feed is a whole round of samples away: one that was nearly due would come too early.
+            SAMPLED.store(0, Ordering::Relaxed);
+        }
+    });
 }
 
+/// Whether the window watchdog was fed meanwhile.
+///
 /// # Safety
 /// As [`erase_page`]; nothing may run from or read the flash meanwhile.
 #[unsafe(link_section = ".data.erase")]
 #[inline(never)]
-unsafe fn erase(status: *const u32, control: *mut u32, page: u32) {
+unsafe fn erase(status: *const u32, control: *mut u32, page: u32) -> bool {
+    let mut fed = false;
     // SAFETY: registers of the flash and of the window watchdog; the caller has them to itself.
     unsafe {
         write_volatile(control, page);
@@ -444,10 +455,12 @@ unsafe fn erase(status: *const u32, control: *mut u32, page: u32) {
             let window = read_volatile(WINDOW);
             if window & WINDOW_RUNS != 0 && window & WINDOW_COUNT <= HALF_WAY {
                 write_volatile(WINDOW, WINDOW_FED);
+                fed = true;
             }
         }
         write_volatile(control, 0);
     }
+    fed
 }
 
 /// Time that the watchdog is given for the erasure of a page, as its prescaler and reload: 32 s.
@@ -472,7 +485,7 @@ pub fn forget_flash() {
     access.write_value(before);
 }
 
-/// While `work` is done the independent watchdog is given 32 s: an erasure of 128 KiB takes up to 4 s.
+/// While `work` is done the independent watchdog is given 32 s: an erasure of 128 KiB takes up to 2 s.
 pub fn with_patience<T>(work: impl FnOnce() -> T) -> T {
     let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
     allow(ERASURE);

@@ -40,9 +40,9 @@ fn feeder() -> PathBuf {
     images::build("kband-firmware", "feeder", Machine::CortexM4F)
 }
 
-/// Time in s after power-on within which a board whose sectors hold no records has erased what it writes to: two of
-/// at most 4 s each.
-const ERASED: f64 = 8.5;
+/// Time in s after power-on within which a board whose sectors hold no records has erased the one that its first fault
+/// goes to: 2 s at most.
+const ERASED: f64 = 2.5;
 
 /// A board in operation: an older image drives the bridge, settings are kept.
 fn board() -> Chip {

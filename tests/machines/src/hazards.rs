@@ -115,6 +115,10 @@ impl Hazard {
         let mut rig = Rig::with(holding(image), &self.scene);
         rig.schema = schema;
         rig.tolerant = schema.is_some();
+        if schema.is_some() {
+            // To an older image all of the supply is full output.
+            rig.chip.board.world.full = 1.0;
+        }
         rig.chip.power_on();
         rig.run(0.3);
         let told = self.scene.settings.values();
@@ -350,6 +354,9 @@ pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
     const MASKED: Act = Act::Store(0xe000_e180, 1 << 18);
     const CONVERTER_OFF: Act = Act::Store(0x4001_2008, 0);
     const TIMER_OFF: Act = Act::Store(0x4001_0000, 0);
+    // Its repetition counter, and its period: an update each 25 us, and each 33.
+    const TWICE: Act = Act::Store(0x4001_0030, 0);
+    const HALF_AS_OFTEN_AGAIN: Act = Act::Store(0x4001_002c, 2_800);
     const ERASED: u32 = 0x080f_0000;
     let astray = [
         ("a panic", Act::Jump(panics)),
@@ -359,6 +366,8 @@ pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
         ("the samples' interrupt is masked", MASKED),
         ("the converter is switched off", CONVERTER_OFF),
         ("the timer stands", TIMER_OFF),
+        ("samples come twice as often", TWICE),
+        ("samples come half as often again", HALF_AS_OFTEN_AGAIN),
     ];
     astray
         .into_iter()

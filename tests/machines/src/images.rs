@@ -88,6 +88,24 @@ pub fn symbol(image: &Path, name: &str) -> u32 {
         .address() as u32
 }
 
+/// Where a static of an image's program lies, by its name without its modules.
+///
+/// # Panics
+/// As [`symbol`].
+#[must_use]
+pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
+    let bytes = std::fs::read(image).expect("the image is read");
+    let file = object::File::parse(&*bytes).expect("an ELF file");
+    // A mangled name has each part's length before it.
+    let part = format!("{}{name}", name.len());
+    let found = file
+        .symbols()
+        .find(|symbol| symbol.size() > 0 && symbol.name().is_ok_and(|full| full.contains(&part)));
+    let found = found.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
+    let start = found.address() as u32;
+    start..start + found.size() as u32
+}
+
 /// Compiles one source file for `machine` and links it with these scripts, looked for in `folders` in
 /// their order.
 ///

@@ -15,7 +15,7 @@ use kband_machines::hazards::{
     over_current,
 };
 use kband_machines::images;
-use kband_machines::rig::{Act, Rig};
+use kband_machines::rig::{Act, Rig, ticks};
 
 fn image() -> PathBuf {
     images::build("kband-firmware", "feeder", Machine::CortexM4F)
@@ -484,6 +484,102 @@ fn a_full_area_of_settings_is_saved_to_in_time() {
     }
     println!("first sample {:.3} s after power", rig.time() - on);
     assert_eq!(rig.resets().len(), resets + 1, "power-on alone");
+}
+
+/// An erasure that ends at any time of the window watchdog's round. Before: where it had been fed in the erasure just
+/// before a round of samples ended, the next feed came too early, and the chip was reset.
+#[test]
+fn an_erasure_that_ends_at_any_time_is_no_reset() {
+    let rig = worn(BANK);
+    let resets = rig.resets().len();
+    for n in 0..48 {
+        let mut rig = rig.clone();
+        rig.chip.board.flash.erases_in = Some(ticks(5e-3 + 0.1e-3 * f64::from(n)));
+        rig.run(rig.time() + 0.13e-3 * f64::from(n % 17));
+        set_pair(&mut rig, [0.7, 0.9]);
+        rig.done(&Request::Save);
+        rig.run(rig.time() + 0.01);
+        assert_eq!(rig.resets().len(), resets, "{n}: {:?}", rig.resets());
+    }
+}
+
+/// Before: an erasure by bytes took up to 4 s, and the board heard nothing of the link meanwhile.
+#[test]
+fn a_board_whose_memories_hold_garbage_hears_the_link_again_after_one_erasure() {
+    let mut rig = Rig::boot(&image());
+    rig.act(&Act::Volts(0.0));
+    rig.chip.board.flash.slow = true;
+    // What an older program left where faults and settings are kept.
+    rig.chip.flash_mut()[SETTINGS - 2 * BANK * RECORD..].fill(0);
+    rig.run(0.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(0.2);
+    // A desk asks again and again.
+    let mut asked = 0;
+    let heard = rig.sent().len();
+    while rig.sent().len() == heard {
+        let frame = rig.frame(&Request::Alive);
+        rig.act(&Act::Link(frame));
+        asked += 1;
+        rig.run(rig.time() + 0.1);
+        assert!(rig.time() < 3.0, "nothing was heard");
+    }
+    println!(
+        "heard {:.1} s after power, asked {asked} times",
+        rig.time() - 0.1
+    );
+    assert!(rig.time() > 2.0, "nothing was erased");
+    assert_eq!(kept(&mut rig), Kept::Damaged);
+    // What is saved goes to a bank that is erased first, and the other one is erased after it.
+    let began = rig.time();
+    rig.done(&Request::Save);
+    println!("kept after {:.1} s", rig.time() - began);
+    assert!(rig.time() - began < 4.2);
+    assert_eq!(kept(&mut rig), Kept::InUse);
+    let resets = rig.resets();
+    assert!(
+        resets.iter().all(|(_, cause)| *cause == Cause::Power),
+        "{resets:?}"
+    );
+}
+
+/// Every word that the sample interrupt has is overwritten by what is no number, one at a time; where the output is made of it
+/// the bridge opens with that sample. Before: such an output was given to the bridge.
+#[test]
+fn an_output_that_is_no_number_opens_the_bridge() {
+    let rig = running();
+    let place = images::place(&image(), "SAMPLER");
+    let (mut at_once, mut later) = (Vec::new(), 0);
+    for address in place.clone().step_by(4) {
+        let mut rig = rig.clone();
+        rig.tolerant = true;
+        rig.peak();
+        rig.act(&Act::Store(address, f32::NAN.to_bits()));
+        rig.run(3.04);
+        match rig.opens_after(3.0) {
+            Some(time) if time < 100e-6 => at_once.push((address - place.start, rig)),
+            Some(_) => later += 1,
+            None => {}
+        }
+    }
+    println!(
+        "of {} words {} open the bridge within two samples, {later} within two cycles",
+        place.len() / 4,
+        at_once.len(),
+    );
+    let told = at_once.into_iter().filter_map(|(word, mut rig)| {
+        // No reset: the program itself saw that it is no number.
+        let resets = rig.resets().len();
+        rig.run(3.1);
+        let fault = rig.seen_after(3.0, &Seen::Fault(true));
+        (rig.resets().len() == resets).then_some((word, fault))
+    });
+    let told: Vec<_> = told.collect();
+    println!("seen as no number: {told:?}");
+    assert!(!told.is_empty());
+    for (word, fault) in told {
+        assert!(fault.is_some_and(|time| time < 3.06), "{word}: {fault:?}");
+    }
 }
 
 /// What the firmware's stack takes, by a start, new settings, a lock that is planned and a fault.

@@ -42,9 +42,14 @@ const OPTIONS: u32 = 0x0fff_aaed;
 const OPTION_BYTES: u32 = 0x0fff_ffec;
 /// Lines of 16 bytes that the accelerator keeps: of instructions, of data (3.5.2).
 const LINES: [usize; 2] = [64, 8];
-/// Time to program a word, 16 us; to erase 16, 64, 128 KiB and all, with words; twice that at most.
+/// Time to program a word, 16 us; to erase 16, 64, 128 KiB and all, in ms by bytes, half words and words (DS8626,
+/// flash memory programming); twice that at most.
 const WORD_TIME: u64 = 16 * TICKS / 1_000_000;
-const ERASE_TIMES: [u64; 4] = [TICKS / 4, TICKS * 55 / 100, TICKS, 8 * TICKS];
+const ERASE_TIMES: [[u64; 4]; 3] = [
+    [400, 1200, 2000, 16_000],
+    [300, 700, 1300, 11_000],
+    [250, 550, 1000, 8_000],
+];
 
 /// The place of a sector.
 #[must_use]
@@ -100,6 +105,8 @@ pub struct Flash {
     pub erasures: [u32; 12],
     /// Whether it takes the longest time that the data sheet allows, not the typical one.
     pub slow: bool,
+    /// Ticks that an erasure takes, where that is not what silicon takes.
+    pub erases_in: Option<u64>,
     /// Something was programmed or erased since this was last looked at.
     pub changed: bool,
     /// A sector was erased while the data cache kept it: what is read of it may be old.
@@ -129,6 +136,7 @@ impl Default for Flash {
             operations: 0,
             erasures: [0; 12],
             slow: false,
+            erases_in: None,
             changed: false,
             stale: None,
             under_way: None,
@@ -296,7 +304,7 @@ impl Flash {
                 if value & OPTIONS_START != 0 {
                     // Loaded at the next reset; here at once, as the board's reset follows.
                     self.options = value & OPTION_BYTES;
-                    self.busy = now + self.time(ERASE_TIMES[0]);
+                    self.busy = now + self.erasure(0);
                 }
             }
             _ => {}
@@ -307,11 +315,18 @@ impl Flash {
         if self.slow { 2 * typical } else { typical }
     }
 
+    /// How long an erasure takes, by its row and the width that the control register asks for.
+    fn erasure(&self, what: usize) -> u64 {
+        let width = (self.control >> 8 & 3).min(2) as usize;
+        let usual = self.time(ERASE_TIMES[width][what] * (TICKS / 1000));
+        self.erases_in.unwrap_or(usual)
+    }
+
     fn erase(&mut self, now: u64) {
-        let time = if self.control & ERASE_ALL != 0 {
+        let what = if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
             self.stale = Some(0..SIZE);
-            ERASE_TIMES[3]
+            3
         } else if self.control & ERASE_SECTOR != 0 {
             let number = self.control as usize >> 3 & 0xf;
             let Some(range) = sector(number) else {
@@ -321,11 +336,11 @@ impl Flash {
             self.bytes[range.clone()].fill(0xff);
             self.erasures[number] += 1;
             self.stale = Some(range);
-            ERASE_TIMES[match number {
+            match number {
                 0..=3 => 0,
                 4 => 1,
                 _ => 2,
-            }]
+            }
         } else {
             return self.status |= WRONG_SEQUENCE;
         };
@@ -333,7 +348,7 @@ impl Flash {
             self.stale = None;
         }
         self.operations += 1;
-        self.busy = now + self.time(time);
+        self.busy = now + self.erasure(what);
         self.changed = true;
     }
 
@@ -452,13 +467,17 @@ mod tests {
         ] {
             let mut flash = open();
             flash.bytes.fill(0);
-            flash.set_register(0x10, ERASE_SECTOR | (number as u32) << 3 | START_ERASING, 0);
+            let erase = ERASE_SECTOR | (number as u32) << 3 | START_ERASING;
+            flash.set_register(0x10, erase | 2 << 8, 0);
             assert_eq!(
                 flash.bytes.iter().filter(|byte| **byte == 0xff).count(),
                 length
             );
             assert_eq!(sector(number).unwrap().len(), length);
             assert_eq!(flash.busy(), time);
+            let mut bytewise = open();
+            bytewise.set_register(0x10, erase, 0);
+            assert!(bytewise.busy() * 2 > 3 * time, "{number}");
         }
         assert_eq!(sector(11).unwrap().end, SIZE);
     }

@@ -175,7 +175,9 @@ impl Window {
         if !self.running() {
             return self.control & 0x7f;
         }
-        let passed = (now - self.since) / self.step(cycle).max(1);
+        // The prescaler runs freely: what was passed of a count when it was fed is passed.
+        let step = self.step(cycle).max(1);
+        let passed = now / step - self.since / step;
         (self.control & 0x7f).saturating_sub(passed.min(0x7f) as u32)
     }
 
@@ -219,8 +221,7 @@ impl Window {
         if !self.running() || cycle == 0 {
             return u64::MAX;
         }
-        let counts = u64::from((self.control & 0x7f).saturating_sub(0x3f));
-        self.since + counts * self.step(cycle)
+        self.after((self.control & 0x7f).saturating_sub(0x3f), cycle)
     }
 
     /// When it gives its early warning, if it is asked to.
@@ -230,8 +231,13 @@ impl Window {
         if !self.running() || !asked || cycle == 0 {
             return u64::MAX;
         }
-        let counts = u64::from((self.control & 0x7f).saturating_sub(0x40));
-        self.since + counts * self.step(cycle)
+        self.after((self.control & 0x7f).saturating_sub(0x40), cycle)
+    }
+
+    /// When so many counts have passed.
+    fn after(&self, counts: u32, cycle: u64) -> u64 {
+        let step = self.step(cycle).max(1);
+        (self.since / step + u64::from(counts)) * step
     }
 
     /// The early warning: its interrupt is pending.

@@ -8,6 +8,9 @@ use super::clocks::{Cause, TICKS};
 /// Ticks between two steps of the simulated track.
 pub const STEP: u64 = TICKS / kband::control::SAMPLE_RATE as u64;
 
+/// The bridge's mean over its supply at full output: a duty of 93 %.
+pub const FULL: f32 = 0.86;
+
 /// What was seen of the chip from outside.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Seen {
@@ -34,6 +37,8 @@ pub struct World {
     pub due: u64,
     /// Share of its supply that the sensor has: signal and middle are parts of it.
     pub sensor_supply: f32,
+    /// The bridge's mean over its supply at which the drive moves by its `gain`: what the board takes for full output.
+    pub full: f32,
     /// Cycles of the timer between an edge of the bridge and the time in which the converter samples: the fewest.
     pub clear: u32,
     /// What the sensor gives now, in steps of a converter of 12 bits.
@@ -73,6 +78,7 @@ impl World {
             angular: std::f32::consts::TAU * frequency,
             due: STEP,
             sensor_supply: 1.0,
+            full: FULL,
             clear: u32::MAX,
             reading: 2048,
             analogue: [0; 19],
@@ -99,7 +105,7 @@ impl World {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
         self.sum = 0.0;
-        self.bench.hold(mean, self.step);
+        self.bench.hold(mean / self.full, self.step);
         let reading = f32::from(self.bench.sample().0);
         self.reading = (reading * self.sensor_supply) as u16;
         self.bench.forget_strikes();
