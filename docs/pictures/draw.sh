@@ -11,3 +11,4 @@ rm -f "${scene%.toml}.csv"
 kband diagram --restitution 0.2 --k 0.3..0.5:300 --out diagram.svg
 kband basins --k 0.43 --restitution 0.2 --grid 60 --out basins.svg
 kband transport --restitution 0.2 --incline 3 --out transport.svg
+kband margins --out margins.svg

@@ -97,13 +97,17 @@ fn no_kicks(scene: &mut Scene) {
 fn another_target(scene: &mut Scene) {
     scene.target = Target::K(0.5);
 }
+/// A drive that is taken for one at its resonance.
+fn tuned(scene: &mut Scene) {
+    scene.settings.resonance = scene.settings.frequency;
+}
 fn no_limits(scene: &mut Scene) {
     scene.settings.amplitude_limit = 100.0;
     scene.settings.acceleration_limit = 1000.0;
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 66] = [
+const PROOFS: [(&str, Shows, Break); 67] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -126,6 +130,7 @@ const PROOFS: [(&str, Shows, Break); 66] = [
     ),
     ("chaotic", Obeying, Told(another_target)),
     ("deaf", Shows::Limit(Limits::DEAF), Told(another_target)),
+    ("detuned", Obeying, Told(tuned)),
     ("drawn_parts", Listening, Seen(deaf)),
     (
         "empty_band",

@@ -53,6 +53,40 @@ fn no_failure_of_the_sensor_raises_the_amplitude_beyond_its_limit() {
     println!("largest amplitude over its limit {worst:.3}, {faults} of 200 ended in a fault");
 }
 
+/// Machines beside their resonance, whose amplitude beats.
+#[test]
+fn no_failure_of_the_sensor_raises_a_beating_amplitude_beyond_its_limit() {
+    let mut draw = Draw::new(17);
+    let mut worst = 0.0_f32;
+    for n in 0..60 {
+        let failure = failure(&mut draw);
+        let mut scene = failure.scene.clone();
+        let x = 1.0 + draw.between(-0.2, 0.2) * draw.unit();
+        let settings = &mut scene.settings;
+        let quality = settings.quality;
+        settings.resonance = (settings.frequency / x).clamp(5.0, 500.0);
+        let x = settings.frequency / settings.resonance;
+        // As strong at its frequency as it was at its resonance.
+        let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
+        settings.gain = (settings.gain / response).min(100.0);
+        scene.drive.resonance = settings.resonance;
+        scene.drive.gain = settings.gain;
+        disturb(&mut scene, failure.changes.iter().copied());
+        let limit = ceiling(&scene.settings);
+        let largest = run(&scene, 3.5 * failure.ready, |_, _, _| {});
+        worst = worst.max(largest / limit);
+        assert!(
+            largest <= 1.3 * limit,
+            "{n}: {:.4} mm, limit {:.4} mm: {:?}: {:?}",
+            1e3 * largest,
+            1e3 * limit,
+            failure.changes,
+            scene.settings
+        );
+    }
+    println!("largest amplitude over its limit {worst:.3} beside the resonance");
+}
+
 #[test]
 fn a_healthy_machine_reaches_its_setpoint_without_a_fault_at_any_frequency() {
     let mut draw = Draw::new(12);

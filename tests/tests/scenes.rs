@@ -121,6 +121,7 @@ scenes! {
     brown_out_stays_off
     chaotic
     deaf
+    detuned
     drawn_parts
     empty_band
     enable_in_stopping

@@ -20,6 +20,7 @@ pub mod gear;
 pub mod identify;
 pub mod impacts;
 pub mod live;
+pub mod margins;
 pub mod monitor;
 pub mod paper;
 pub mod settings;
@@ -73,6 +74,7 @@ verbs! {
     Identify => identify,
     Impacts => impacts,
     Live => live,
+    Margins => margins,
     Monitor => monitor,
     Paper => paper,
     Settings => settings,

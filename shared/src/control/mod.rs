@@ -39,6 +39,8 @@ pub use aim::{NoSetpoint, Target};
 pub(crate) use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
+#[cfg(feature = "unstable")]
+pub use drive::Margins;
 pub use drive::{SecondTone, affordable_second_tone};
 pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};
 #[cfg(feature = "plant")]

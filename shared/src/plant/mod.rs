@@ -17,6 +17,8 @@ mod drive;
 mod envelope;
 mod envelope_loop;
 mod feeder;
+#[cfg(test)]
+mod held;
 mod noise;
 mod onset;
 mod part;

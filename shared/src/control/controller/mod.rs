@@ -12,7 +12,7 @@ use crate::control::course::{
 use num_complex::Complex32 as Complex;
 
 use crate::control::drive::{
-    AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone,
+    AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone, size,
 };
 use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound};
 use crate::control::identify::{self, Driven, Identifier, Step};
@@ -109,9 +109,9 @@ pub struct Controller {
     reference: Reference,
     output: f32,
     second: SecondLoop,
-    /// Envelope that the outputs should give at the ends of cycles, in m: of the one that the last output will
-    /// drive, the one before, and the two that the last reading is the mean of.
-    expected: [f32; 3],
+    /// Envelope that the outputs should give at the ends of cycles, over the one that full output comes to hold: of the one that
+    /// the last output will drive, the one before, and the two that the last reading is the mean of.
+    expected: [Complex; 3],
     faults: FaultDetector,
     count: u32,
     seen: Seen,
@@ -155,7 +155,7 @@ impl Controller {
             reference: Reference::default(),
             output: 0.0,
             second: SecondLoop::build(settings)?,
-            expected: [0.0; 3],
+            expected: [Complex::default(); 3],
             faults: FaultDetector::default(),
             count: 0,
             seen: Seen::default(),
@@ -348,10 +348,12 @@ impl Controller {
                 }
             }
         }
+        let expects = (self.expected[1] + self.expected[2]) * (0.5 * self.scale.strength);
         let expected = Expected {
             running: self.machine.running(),
             known: !self.resonance.sweeps(),
-            amplitude: 0.5 * (self.expected[1] + self.expected[2]),
+            amplitude: size(expects),
+            opposed: self.scale.opposes(expects, lead),
             least: self.scale.least,
             ceiling: self.scale.ceiling,
         };
@@ -378,7 +380,7 @@ impl Controller {
                 self.amplitude.resume(measured, self.output);
             }
             Some(EnableResponse::Started) => {
-                self.expected = [0.0; 3];
+                self.expected = [Complex::default(); 3];
                 self.second.restart();
                 if self.selection.target() == Target::Identify {
                     self.identifier.begin();
@@ -446,7 +448,9 @@ impl Controller {
         let limits = self.limits.limits();
         let safe = settings.safe_amplitude * 1e-3;
         let scale = setpoint.max(safe) / settings.frequency;
-        let up = Move::Ramp(scale / settings.soft_start);
+        let (fewest, pace) = self.amplitude.start();
+        let start = settings.soft_start.max(fewest / settings.frequency);
+        let up = Move::Ramp(pace * scale / start);
         let down = Move::Ramp(scale / settings.soft_stop);
         let (goal, pace) = match (self.machine.state(), self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Move::Step),

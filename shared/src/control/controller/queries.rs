@@ -3,6 +3,7 @@
 use super::Controller;
 use crate::control::aim::{NoSetpoint, Target};
 use crate::control::angle::radians_of;
+use crate::control::drive::size;
 use crate::control::hear::{Command, Overtone};
 use crate::control::identify::Identification;
 use crate::control::report::Report;
@@ -86,7 +87,7 @@ impl Controller {
     /// Normal amplitude of the track in m that the outputs so far should have given.
     #[must_use]
     pub fn expected(&self) -> f32 {
-        0.5 * (self.expected[1] + self.expected[2])
+        0.5 * self.scale.strength * size(self.expected[1] + self.expected[2])
     }
 
     /// Share of the parts' time in gear as heard ([`Report::in_gear`]), 0..=1.

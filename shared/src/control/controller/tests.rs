@@ -31,7 +31,7 @@ fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
         let mut report = Report::default();
         for _ in 0..120 {
             report = controller.cycle(&cycle, &inputs);
-            cycle.quadrature = -report.reference * controller.scale.square;
+            cycle.quadrature = -obeyed(&controller) * controller.scale.square;
         }
         (report.cycle, report.regime.map(|verdict| verdict.regime))
     };
@@ -58,7 +58,8 @@ fn driven(target: Target) -> (Controller, Report) {
 
 /// Amplitude in m that the next cycle of a drive shows that does as it is told.
 fn obeyed(controller: &Controller) -> f32 {
-    0.5 * (controller.expected[0] + controller.expected[1])
+    let [next, running, _] = controller.expected;
+    0.5 * controller.scale.strength * size(next + running)
 }
 
 /// A cycle of such a drive, and some slices.

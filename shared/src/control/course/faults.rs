@@ -36,7 +36,7 @@ const WRONG_LEAD: f32 = 0.4;
 /// Cycles of it: as many, for a kick moves the phase too.
 const INVERTED: u8 = 5;
 /// Amplitude over the hard limit that is a fault. The reference never goes beyond the limit, and the loop never
-/// more than 5 % beyond its reference ([`AmplitudeLoop`](crate::control::AmplitudeLoop)): three times that.
+/// more than 3 % beyond its reference ([`AmplitudeLoop`](crate::control::AmplitudeLoop)): five times that.
 const EXCESS: f32 = 1.15;
 /// Cycles of it: the least of more than one, for a single one may have been struck.
 const EXCESSIVE: u8 = 2;
@@ -67,6 +67,8 @@ pub struct Expected {
     pub known: bool,
     /// Amplitude that the outputs so far should have given in this cycle, in m.
     pub amplitude: f32,
+    /// Whether the track's lead is more than a quarter turn from the one that the outputs should have given.
+    pub opposed: bool,
     /// Amplitude in m that the converter tells from rest.
     pub least: f32,
     /// Largest amplitude that the hard limits allow, in m.
@@ -101,7 +103,9 @@ impl FaultDetector {
         let still = moving && span <= STILL_STEPS;
         let saturated = running && !still && cycle.saturated >= CLIPPED;
         let unanswered = moving && !still && measured < ANSWER * expected.amplitude;
-        let inverted = moving && !unanswered && lead > WRONG_LEAD && lead < PI - WRONG_LEAD;
+        // A track beside its resonance turns against its output while its amplitude changes: that is expected.
+        let wrong = expected.opposed && lead > WRONG_LEAD && lead < PI - WRONG_LEAD;
+        let inverted = moving && !unanswered && wrong;
         let weak = moving && !still && PLAUSIBLE * measured < expected.amplitude;
         let strong = moving && measured > PLAUSIBLE * expected.amplitude;
         let excessive = running && measured > EXCESS * expected.ceiling;
@@ -153,6 +157,7 @@ mod tests {
             running: true,
             known: true,
             amplitude: 1e-4,
+            opposed: true,
             least: 1e-6,
             ceiling: 1e-3,
         };
@@ -262,6 +267,7 @@ mod tests {
             running: true,
             known: true,
             amplitude: 1e-4,
+            opposed: true,
             least: 1e-6,
             ceiling: 1e-3,
         };

@@ -1,5 +1,15 @@
 //! The amplitude loop: track amplitude b to its reference, cycle by cycle.
+//!
+//! Where the drive runs at its resonance the amplitude is of first order, and the loop is PI with feedforward through the
+//! inverse of that. Elsewhere the envelope turns against the output and beats: a PI loop at six cycles swings for
+//! ever from 2.5 half widths of the resonance on. There the output is the reference through the inverse of the turning envelope
+//! over the gain as learned, and learning the gain is the only feedback: an integral loop. [`margins`](super::margins) gives
+//! the margins of both.
 
+use num_complex::Complex32 as Complex;
+
+use super::envelope::{Envelope, size};
+use super::scale::least;
 use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
@@ -12,12 +22,36 @@ const CLOSED_LOOP: f32 = 6.0;
 /// closed loop, so that neither follows the other. At 0.01 `settles_to_a_percent_within_a_second_whatever_the_gain`
 /// fails, at 0.4 identifications do.
 const LEARNING: f32 = 0.04;
+/// Cycles from a command to the middle of the first cycle that shows it: one in which it is computed, one that is
+/// driven, half of averaging.
+const DEAD_TIME: f32 = 2.5;
+/// Time constant of the learning over dead time and envelope, off the resonance. The loop's gain where the envelope turns
+/// is at most half the envelope's time constant over that of the loop, so that three leave a gain margin of five at any
+/// detuning, and of 2.6 where the resonance told is any other than the true one: both of them turn.
+const SLOWNESS: f32 = 3.0;
 /// How far the estimate of the drive's gain may go from its setting: a drive weaker than that is none (see the
 /// fault detector), a stronger one is out of its scale. From 1.2 to 16 every scene passes.
 const GAIN_RANGE: f32 = 4.0;
 /// Share of the full envelope from which on the gain is learned: at default settings and 50 Hz, 2 m/s^2 of
 /// acceleration, 13 times the noise of a reading. At 0 and at 0.1 identifications fail.
 const TELLING: f32 = 0.02;
+/// Share of the gain by which a cycle's is another, from which on at the resonance the start's first cycles count as much as all
+/// before: a loop that is fast needs no better, and less is noise. At 0 three identifications fail.
+const DOUBTED: f32 = 0.1;
+/// Fewest cycles of a soft start: in fewer a gain that was told wrong by a factor of two is not learned, and its first
+/// amplitude is 1.07 (12 cycles) to 1.25 (8) of the setpoint.
+const SHORTEST: f32 = 16.0;
+/// The same off the resonance: in 40 a gain told wrong by a factor of two has the amplitude 2.0 % over its hard limit, in 20
+/// 2.5 %.
+const SHORTEST_DETUNED: f32 = 44.0;
+/// Cycles that have to tell the gain before a start off the resonance goes at its pace, and the share of it that it begins with,
+/// over as many: a gain that is learned at full pace has the amplitude beat by 14 %.
+const SURE: f32 = 16.0;
+const FIRST: f32 = 1.0;
+/// Length of a start off the resonance over the time by which the envelope's phase lags behind it, so that the phase is off by a
+/// sixth of a radian at most, which is 1.4 % of the size; and over what the inverse asks for of output at its begin.
+const PHASE: f32 = 6.0;
+const OUTPUT: f32 = 1.5;
 
 /// Fixed values of the loop, from settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,30 +62,72 @@ struct Tuning {
     integral: f32,
     /// Proportional gain times the drive's gain.
     proportional: f32,
+    /// Least weight of a cycle in the estimate of the gain.
+    learning: f32,
+    /// Share of the full envelope from which on the gain is learned.
+    telling: f32,
     low: f32,
     high: f32,
     nominal: f32,
+    /// Fewest cycles of a soft start.
+    shortest: f32,
 }
 
-/// A PI controller on b with feedforward through the inverse of the drive's envelope, anti-windup and
-/// a running estimate of the drive's gain.
+/// The inverse of an envelope that turns: `(z - pole)(z - pole*) / (z (z - forget))` over its value at rest, in steps of
+/// one cycle. The amplitude's own inverse has its pole where the amplitude has its zero, `pole.re - |pole|^2` over `1 -
+/// pole.re`; where that is negative it would have the output alternate, and 0 takes its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Inverse {
+    forget: f32,
+    /// Of the reference a cycle and two ago.
+    weights: [f32; 2],
+    scale: f32,
+}
+
+impl Inverse {
+    fn of(pole: Complex) -> Self {
+        let forget = ((pole.re - pole.norm_sqr()) / (1.0 - pole.re)).max(0.0);
+        let rest = (Complex::new(1.0, 0.0) - pole).norm_sqr();
+        Self {
+            forget,
+            weights: [-2.0 * pole.re, pole.norm_sqr()],
+            scale: (1.0 - forget) / rest,
+        }
+    }
+
+    /// The next value, from the one before and the reference, newest first.
+    fn next(&self, before: f32, [newest, second, third, _]: [f32; 4]) -> f32 {
+        let [one, two] = self.weights;
+        self.forget * before + (newest + one * second + two * third) * self.scale
+    }
+}
+
+/// The loop that holds the amplitude, with anti-windup and a running estimate of the drive's gain.
 ///
 /// The reference itself is the model: a reference that moves as the drive's envelope can follow is
-/// tracked by the feedforward alone, and the PI only sees what the model does not explain.
+/// tracked by the feedforward alone, and the feedback only sees what the model does not explain. What the output cannot
+/// do of it is no reference: where the output stands at a limit the reference goes on from what the output makes of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,
+    envelope: Envelope,
+    inverse: Inverse,
     /// Estimated track amplitude for full output, in m.
     gain: f32,
+    /// Cycles since the start that told the gain, and all of them, four counted as one.
+    learned: f32,
+    since: f32,
     /// Share of full output.
     integral_term: f32,
     /// Reference at the ends of the last cycles, newest first, in m: the cycle that the output
     /// computed now will drive, the one running, the one measured, and the one before.
     reference: [f32; 4],
+    /// That through the inverse, in m.
+    inverted: f32,
     /// Outputs of the same cycles, newest first.
     output: [f32; 3],
     /// Envelope of the measured cycle's end for unit gain.
-    model: f32,
+    model: Complex,
     saturated: bool,
 }
 
@@ -59,33 +135,58 @@ impl AmplitudeLoop {
     /// The loop for these settings, at rest.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         settings.check()?;
+        let envelope = Envelope::at(settings);
         let cycles = settings.quality * (1.0 / core::f32::consts::PI) * settings.frequency
             / settings.resonance;
-        let nominal = settings.gain * 1e-3;
+        let nominal = settings.gain * 1e-3 * envelope.response;
+        let inverse = Inverse::of(envelope.pole);
+        let across = (Complex::new(1.0, 0.0) - envelope.pole).inv().im.abs();
+        let (learning, telling, shortest) = if envelope.first_order {
+            (LEARNING, TELLING, SHORTEST)
+        } else {
+            (
+                1.0 / (SLOWNESS * (DEAD_TIME + envelope.cycles)),
+                TELLING.min(2.0 * least(settings) / nominal),
+                SHORTEST_DETUNED
+                    .max(PHASE * across)
+                    .max(OUTPUT * inverse.scale),
+            )
+        };
         Ok(Self {
             tuning: Tuning {
                 keep: libm::expf(-1.0 / cycles),
                 integral: 1.0 / cycles,
                 proportional: cycles / CLOSED_LOOP,
+                learning,
+                telling,
                 low: settings.output_minimum,
                 high: settings.output_maximum,
                 nominal,
+                shortest,
             },
+            envelope,
+            inverse,
             gain: nominal,
+            learned: 0.0,
+            since: 0.0,
             integral_term: 0.0,
             reference: [0.0; 4],
+            inverted: 0.0,
             output: [0.0; 3],
-            model: 0.0,
+            model: Complex::default(),
             saturated: false,
         })
     }
 
     /// Forgets all but the estimate of the gain: the drive is at rest.
     pub fn reset(&mut self) {
+        self.learned = 0.0;
+        self.since = 0.0;
         self.integral_term = 0.0;
         self.reference = [0.0; 4];
+        self.inverted = 0.0;
         self.output = [0.0; 3];
-        self.model = 0.0;
+        self.model = Complex::default();
         self.saturated = false;
     }
 
@@ -93,41 +194,97 @@ impl AmplitudeLoop {
     pub fn resume(&mut self, amplitude: f32, output: f32) {
         self.reset();
         self.reference = [amplitude; 4];
+        self.inverted = amplitude;
         self.output = [output; 3];
-        self.model = output;
+        self.model = Complex::new(output, 0.0);
         if output > 0.0 && amplitude > 0.0 {
             self.gain = amplitude / output;
+            self.learned = 1.0 / LEARNING;
         }
+    }
+
+    /// Fewest cycles that a soft start may take, and the share of its pace that it may have now.
+    #[must_use]
+    pub fn start(&self) -> (f32, f32) {
+        let pace = if self.envelope.first_order {
+            1.0
+        } else {
+            ((self.learned.max(self.since) + FIRST) / SURE).min(1.0)
+        };
+        (self.tuning.shortest, pace)
     }
 
     /// Takes the amplitude measured in the cycle that just ended and the reference at the end of the
     /// cycle after next, both in m; gives the output for that cycle as a share of full output, `most` at most.
     pub fn cycle(&mut self, measured: f32, reference: f32, most: f32) -> f32 {
-        let Tuning {
-            keep,
-            integral,
-            proportional,
-            low,
-            high,
-            nominal,
-        } = self.tuning;
+        let Tuning { low, high, .. } = self.tuning;
         let high = high.min(most);
         // Nothing but a track that is to move needs the least output.
         let low = if reference > 0.0 { low.min(high) } else { 0.0 };
         let [newest, before, oldest, _] = self.reference;
         self.reference = [reference, newest, before, oldest];
-        let before = self.model;
-        self.model = keep * before + (1.0 - keep) * self.output[1];
-        // The gain is learned where the output is large enough to tell it.
-        let explained = 0.5 * (before + self.model);
-        if explained > TELLING {
-            let seen = measured / explained;
-            let old = self.gain;
-            let seen = saturate(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
-            self.gain += LEARNING * (seen - old);
+        self.since += 0.25;
+        let old = self.gain;
+        self.learn(measured);
+        let (raw, output) = if self.envelope.first_order {
             // What the feedforward now does, the integral term need not do any more.
             self.integral_term += self.reference[2] * (1.0 / old - 1.0 / self.gain);
+            self.at_resonance(measured, low, high)
+        } else {
+            let inverted = self.inverse.next(self.inverted, self.reference);
+            let raw = inverted / self.gain;
+            let output = saturate(raw, low, high);
+            self.inverted = if raw == output {
+                inverted
+            } else {
+                output * self.gain
+            };
+            (raw, output)
+        };
+        self.saturated = raw > high;
+        let [newest, before, _] = self.output;
+        self.output = [output, newest, before];
+        output
+    }
+
+    /// Learns the gain from the cycle that ended, where the output is large enough to tell it: the mean of the start's
+    /// first cycles, the running one of the later ones.
+    fn learn(&mut self, measured: f32) {
+        let Tuning {
+            nominal,
+            learning,
+            telling,
+            ..
+        } = self.tuning;
+        let (before, driven) = (self.model, self.output[1]);
+        self.model = self.envelope.after(before, driven);
+        let explained = if self.envelope.first_order {
+            0.5 * (size(before) + size(self.model))
+        } else {
+            size(self.envelope.mean(before, driven))
+        };
+        if explained > telling {
+            let seen = measured / explained;
+            let seen = saturate(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
+            let apart = seen - self.gain;
+            let weight = if self.envelope.first_order && apart.abs() < DOUBTED * self.gain {
+                learning
+            } else {
+                (1.0 / (self.learned + 1.0)).max(learning)
+            };
+            self.gain += weight * apart;
+            self.learned = (self.learned + 1.0).min(1.0 / learning);
         }
+    }
+
+    /// The output of the PI loop with feedforward, before its limits and after.
+    fn at_resonance(&mut self, measured: f32, low: f32, high: f32) -> (f32, f32) {
+        let Tuning {
+            keep,
+            integral,
+            proportional,
+            ..
+        } = self.tuning;
         let wanted = 0.5 * (self.reference[2] + self.reference[3]);
         let error = wanted - measured;
         let inverse = 1.0 / self.gain;
@@ -135,14 +292,34 @@ impl AmplitudeLoop {
         let proportional_term = proportional * error * inverse;
         let raw = feedforward + proportional_term + self.integral_term;
         let output = saturate(raw, low, high);
-        self.saturated = raw > high;
+        if raw != output {
+            // What the output leaves of the reference is what is wanted.
+            let left = output - proportional_term - self.integral_term;
+            let [goal, before, ..] = self.reference;
+            let made = keep * before + (1.0 - keep) * self.gain * left;
+            self.reference[0] = saturate(made, goal.min(before), goal.max(before));
+        }
         // Anti-windup: the integral term stops where it would push further into the limit.
         if (raw <= high || error < 0.0) && (raw >= low || error > 0.0) {
             self.integral_term += integral * proportional_term;
         }
-        let [newest, before, _] = self.output;
-        self.output = [output, newest, before];
-        output
+        (raw, output)
+    }
+
+    /// Proportional gain and the integral one over it, or the weight of a cycle in the learned gain: what the feedback is.
+    #[cfg(any(test, feature = "unstable"))]
+    pub(super) fn gains(&self) -> [f32; 3] {
+        let Tuning {
+            proportional,
+            integral,
+            learning,
+            ..
+        } = self.tuning;
+        if self.envelope.first_order {
+            [proportional, integral, 0.0]
+        } else {
+            [0.0, 0.0, learning]
+        }
     }
 
     /// Whether the last output stood at its upper limit.

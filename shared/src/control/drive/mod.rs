@@ -4,13 +4,18 @@
 //! |---|---|
 //! | `scale` | what an amplitude means for the parts, for the hard limits, for the output |
 //! | `reference` | the amplitude that the loop follows, from cycle to cycle |
-//! | `amplitude` | the loop: feedforward and PI |
+//! | `envelope` | how the amplitude follows the output from cycle to cycle, at the resonance and off it |
+//! | `amplitude` | the loop that holds the amplitude |
+//! | `margins` | the margins of that loop |
 //! | `answer` | what the drive answers at its frequency and at twice of it |
 //! | `second` | the second tone of the motion: what it is, and the loop that holds it |
 //! | `resonance` | the drive's frequency: a sweep that finds the resonance, a loop that follows it |
 
 mod amplitude;
 mod answer;
+mod envelope;
+#[cfg(any(test, feature = "unstable"))]
+mod margins;
 mod reference;
 mod resonance;
 mod scale;
@@ -18,6 +23,9 @@ mod second;
 
 pub use amplitude::AmplitudeLoop;
 pub use answer::Answer;
+pub use envelope::size;
+#[cfg(feature = "unstable")]
+pub use margins::Margins;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;

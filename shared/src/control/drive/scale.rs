@@ -2,7 +2,11 @@
 
 use core::f32::consts::{PI, TAU};
 
-use crate::control::angle::phase_step;
+use num_complex::Complex32 as Complex;
+
+use super::envelope::Envelope;
+use crate::arithmetic::sine_cosine_single;
+use crate::control::angle::{phase_of, phase_step};
 use crate::control::settings::Settings;
 use crate::control::state::Limits;
 use crate::feeder::STANDARD_GRAVITY;
@@ -12,14 +16,18 @@ const TELLS: f32 = 8.0;
 /// How far the envelope that the outputs should give may go over the hard limits.
 const OVER: f32 = 1.2;
 
-/// Response of the drive at its frequency over the one at resonance.
-fn response(settings: &Settings) -> f32 {
-    let x = settings.frequency / settings.resonance;
-    if settings.tracking > 0.0 || x == 1.0 {
-        return 1.0;
-    }
-    let (detuned, damped) = (1.0 - x * x, x / settings.quality);
-    1.0 / (settings.quality * libm::sqrtf(detuned * detuned + damped * damped))
+/// Amplitude in m that the converter tells from rest at the set frequency.
+pub fn least(settings: &Settings) -> f32 {
+    let angular = TAU * settings.frequency;
+    tells(settings) / (angular * angular)
+}
+
+/// Acceleration in m/s^2 that it tells.
+fn tells(settings: &Settings) -> f32 {
+    let step = settings.converter_reference
+        / (libm::exp2f(settings.converter_bits) * settings.sensitivity)
+        * STANDARD_GRAVITY as f32;
+    TELLS * step
 }
 
 /// The numbers that amplitude, k and output hang together by.
@@ -38,8 +46,10 @@ pub struct Scale {
     pub ceiling: f32,
     /// The hard limit that it is.
     pub ceiling_limit: Limits,
-    /// Share of the drive's envelope that a cycle leaves.
-    pub keep: f32,
+    /// How the track follows the output.
+    pub envelope: Envelope,
+    /// Share of its size that a cycle leaves.
+    keep: f32,
     /// Amplitude for full output at the drive's frequency, in m; where the frequency follows the resonance, the
     /// one at resonance.
     pub strength: f32,
@@ -50,14 +60,16 @@ pub struct Scale {
 impl Scale {
     /// The numbers at a frequency in Hz.
     pub fn at(settings: &Settings, frequency: f32) -> Self {
+        let envelope = Envelope::at(settings);
         let mut scale = Self {
             normal_gravity: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
             square: 0.0,
             step: 0,
             ceiling: 0.0,
             ceiling_limit: Limits::AMPLITUDE,
+            envelope,
             keep: libm::expf(-PI / settings.quality),
-            strength: settings.gain * 1e-3 * response(settings),
+            strength: settings.gain * 1e-3 * envelope.response,
             least: 0.0,
         };
         scale.retune(settings, frequency);
@@ -69,10 +81,7 @@ impl Scale {
         let angular = TAU * frequency;
         self.square = angular * angular;
         self.step = phase_step(frequency);
-        let step = settings.converter_reference
-            / (libm::exp2f(settings.converter_bits) * settings.sensitivity)
-            * STANDARD_GRAVITY as f32;
-        self.least = TELLS * step / self.square;
+        self.least = tells(settings) / self.square;
         let by_acceleration = settings.acceleration_limit / self.square;
         let by_amplitude = settings.amplitude_limit * 1e-3;
         self.ceiling = by_acceleration.min(by_amplitude);
@@ -95,23 +104,26 @@ impl Scale {
 
     /// Largest amplitude in m that the settings let the drive reach.
     pub fn reach(&self, settings: &Settings) -> f32 {
-        // Response of the resonance at the drive's frequency over the one at resonance.
-        let x = settings.frequency / settings.resonance;
-        let (detuned, damped) = (1.0 - x * x, x / settings.quality);
-        let response = 1.0 / (settings.quality * libm::sqrtf(detuned * detuned + damped * damped));
-        (settings.output_maximum * settings.gain * 1e-3 * response).min(self.ceiling)
+        (settings.output_maximum * self.strength).min(self.ceiling)
     }
 
     /// Largest output for the next cycle, as a share of full output: with the drive's set gain, whatever the
-    /// accelerometer says, it takes an envelope (m) no further than a fifth over the hard limits.
-    pub fn most_output(&self, envelope: f32) -> f32 {
-        let room = OVER * self.ceiling - self.keep * envelope;
-        (room / ((1.0 - self.keep) * self.strength)).max(0.0)
+    /// accelerometer says, it takes an envelope (over the one that full output comes to hold) no further than a fifth over
+    /// the hard limits.
+    pub fn most_output(&self, envelope: Complex) -> f32 {
+        self.envelope
+            .most_output(envelope, OVER * self.ceiling / self.strength)
     }
 
-    /// The envelope (m) after a cycle at an output.
-    pub fn after(&self, envelope: f32, output: f32) -> f32 {
-        self.keep * envelope + (1.0 - self.keep) * output * self.strength
+    /// The envelope after a cycle at an output.
+    pub fn after(&self, envelope: Complex, output: f32) -> Complex {
+        self.envelope.after(envelope, output)
+    }
+
+    /// Whether a lead (rad) is more than a quarter turn from that of an envelope.
+    pub fn opposes(&self, envelope: Complex, lead: f32) -> bool {
+        let (sine, cosine) = sine_cosine_single(phase_of(lead - self.envelope.lead));
+        envelope.re * cosine + envelope.im * sine < 0.0
     }
 
     /// How far a kick may go over an amplitude within the drive's output and hard limits.

@@ -1,0 +1,244 @@
+//! Gain and phase margin of the amplitude loop, on a drive as it is.
+//!
+//! The amplitude near a steady one is linear in the output: of the envelope's change the part along the steady
+//! envelope counts, `P = (E(z) + E*(z)) / 2`, with `E` the envelope that turns by its pole and `E*` the one that turns by the
+//! conjugate. `E` holds the whole dead time: a cycle in which the output is computed, one in which it drives, and the mean of the
+//! measured one.
+
+use core::f64::consts::PI;
+
+use num_complex::Complex64 as Complex;
+
+use super::amplitude::AmplitudeLoop;
+use crate::control::settings::Settings;
+use crate::feeder::OutOfRange;
+
+/// Angles per cycle at which the loop is looked at: evenly over the logarithm, and as many around the envelope's turn.
+const ANGLES: i32 = 1500;
+const LOWEST: f64 = 1e-5;
+
+/// Margins of a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// Factor on the loop's gain at which it swings.
+    pub gain: f64,
+    /// Phase lag more, in degrees, at which it swings; 180 where its gain is below 1 at all frequencies.
+    pub phase: f64,
+    /// Least distance of the open loop from -1: one over the largest factor by which it raises what disturbs it.
+    pub distance: f64,
+}
+
+/// The amplitude's answer to the output, at a drive.
+#[derive(Clone, Copy, Debug)]
+struct Plant {
+    pole: Complex,
+    mean: Complex,
+}
+
+impl Plant {
+    fn of(settings: &Settings) -> Self {
+        let [frequency, resonance, quality] =
+            [settings.frequency, settings.resonance, settings.quality].map(f64::from);
+        let natural = resonance / frequency;
+        let decay = -PI * natural / quality;
+        let damped = libm::sqrt(1.0 - 0.25 / (quality * quality));
+        let turn = if settings.tracking > 0.0 || natural == 1.0 {
+            0.0
+        } else {
+            2.0 * PI * (natural * damped - 1.0)
+        };
+        let logarithm = Complex::new(decay, turn);
+        let pole = turned(turn) * libm::exp(decay);
+        Self {
+            pole,
+            mean: (pole - 1.0) / logarithm,
+        }
+    }
+
+    /// At an angle per cycle, as a phasor: amplitude measured over output, both over their steady values.
+    fn at(&self, angle: f64) -> Complex {
+        let late = turned(-angle);
+        let of = |pole: Complex, mean: Complex| {
+            late * late * (mean * late * (1.0 - pole) / (1.0 - pole * late) + (1.0 - mean))
+        };
+        (of(self.pole, self.mean) + of(self.pole.conj(), self.mean.conj())) * 0.5
+    }
+}
+
+fn turned(angle: f64) -> Complex {
+    Complex::new(libm::cos(angle), libm::sin(angle))
+}
+
+fn length(z: Complex) -> f64 {
+    libm::sqrt(z.norm_sqr())
+}
+
+impl Margins {
+    /// Of the loop that is built for the settings as told, on the drive that is; `gain` and `resonance` may be others.
+    ///
+    /// At the resonance that is the PI loop at the gain as told, before it has learned. Off the resonance feedback comes by the learned
+    /// gain alone, whose loop is that of an integral gain times the drive less what the model explains of it: nothing is left
+    /// where the drive is as told. What is given is the loop where the model explains nothing.
+    pub fn of(told: &Settings, is: &Settings) -> Result<Self, OutOfRange> {
+        let control = AmplitudeLoop::build(told)?;
+        is.check()?;
+        let plant = Plant::of(is);
+        let strength = |settings: &Settings| f64::from(settings.gain) * steady(settings);
+        let wrong = strength(is) / strength(told);
+        let [proportional, integral, learning] = control.gains().map(f64::from);
+        let open = |angle: f64| {
+            let sum = turned(angle) - 1.0;
+            let control = if learning > 0.0 {
+                learning / sum
+            } else {
+                wrong * proportional * (1.0 + integral / sum)
+            };
+            control * plant.at(angle)
+        };
+        Ok(Self::around(open, plant.pole))
+    }
+
+    /// Of the loop off the resonance with what its model explains, on a drive whose resonance is another than the one told; `None` for
+    /// a loop of first order.
+    pub fn explained(told: &Settings, is: &Settings) -> Result<Option<Self>, OutOfRange> {
+        let control = AmplitudeLoop::build(told)?;
+        is.check()?;
+        let (plant, model) = (Plant::of(is), Plant::of(told));
+        let [.., learning] = control.gains().map(f64::from);
+        let open = |angle: f64| {
+            let left = turned(angle) - 1.0 + learning;
+            learning * (plant.at(angle) - model.at(angle)) / left
+        };
+        let found = (learning > 0.0).then(|| {
+            let [first, second] = [plant, model].map(|of| Self::around(open, of.pole));
+            Self {
+                gain: first.gain.min(second.gain),
+                phase: first.phase.min(second.phase),
+                distance: first.distance.min(second.distance),
+            }
+        });
+        Ok(found)
+    }
+
+    /// Of an open loop over the angle per cycle, which changes quickly where a pole turns.
+    fn around(open: impl Fn(f64) -> Complex, pole: Complex) -> Self {
+        let turn = libm::fabs(libm::atan2(pole.im, pole.re));
+        let width = -libm::log(length(pole));
+        let mut found = Self {
+            gain: f64::INFINITY,
+            phase: 180.0,
+            distance: 1.0,
+        };
+        let mut look = |angles: &mut dyn Iterator<Item = f64>| {
+            let mut before: Option<Complex> = None;
+            for angle in angles.filter(|angle| (LOWEST..=PI).contains(angle)) {
+                let now = open(angle);
+                if let Some(before) = before {
+                    // Where the loop crosses the real axis below 0, and where the unit circle.
+                    if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 && before.re < 0.0 {
+                        found.gain = found.gain.min(1.0 / length(now).max(length(before)));
+                    }
+                    if (now.norm_sqr() < 1.0) != (before.norm_sqr() < 1.0) {
+                        let lag = libm::fabs(libm::atan2(now.im, now.re)) * (180.0 / PI);
+                        found.phase = found.phase.min(180.0 - lag);
+                    }
+                }
+                found.distance = found.distance.min(length(now + 1.0));
+                before = Some(now);
+            }
+        };
+        let step = libm::log(PI / LOWEST) / f64::from(ANGLES);
+        look(&mut (0..=ANGLES).map(|n| LOWEST * libm::exp(step * f64::from(n))));
+        let near = 6.0 * width / f64::from(ANGLES);
+        look(&mut (-ANGLES..=ANGLES).map(|n| turn + near * f64::from(n)));
+        found
+    }
+}
+
+/// Steady amplitude over the one at resonance.
+fn steady(settings: &Settings) -> f64 {
+    let [frequency, resonance, quality] =
+        [settings.frequency, settings.resonance, settings.quality].map(f64::from);
+    if settings.tracking > 0.0 {
+        return 1.0;
+    }
+    let x = frequency / resonance;
+    let (detuned, width) = (1.0 - x * x, x / quality);
+    1.0 / (quality * libm::sqrt(detuned * detuned + width * width))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUALITIES: [f32; 8] = [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0];
+
+    fn drive(quality: f32, detuned: f32) -> Settings {
+        Settings {
+            quality,
+            frequency: 50.0 * (1.0 + detuned),
+            ..Settings::default()
+        }
+    }
+
+    /// Detunings of 0 to 20 % to either side, dense where the resonance is.
+    fn detunings() -> impl Iterator<Item = f32> {
+        let fine = (0..40).map(|n| 0.0002 * n as f32);
+        let coarse = (0..49).map(|n| 0.008 + 0.004 * n as f32);
+        fine.chain(coarse).flat_map(|off| [off, -off])
+    }
+
+    /// In cycles of the drive the loop is the same at every frequency, 5 to 500 Hz.
+    #[test]
+    fn the_loop_has_margins_at_every_quality_detuning_and_gain() {
+        for wrong in [1.0, 0.5, 2.0] {
+            let mut least = [f64::INFINITY; 3];
+            for quality in QUALITIES {
+                for off in detunings() {
+                    let told = drive(quality, off);
+                    let is = Settings {
+                        gain: told.gain * wrong,
+                        ..told
+                    };
+                    let found = Margins::of(&told, &is).unwrap();
+                    let found = [found.gain, found.phase, found.distance];
+                    for (least, found) in least.iter_mut().zip(found) {
+                        *least = least.min(found);
+                    }
+                }
+            }
+            std::println!("gain {wrong}: {least:?}");
+            let [gain, phase, distance] = least;
+            if wrong > 1.0 {
+                assert!(gain > 2.2 && phase > 44.0 && distance > 0.45, "{least:?}");
+            } else {
+                assert!(gain > 4.5 && phase > 65.0 && distance > 0.7, "{least:?}");
+            }
+        }
+    }
+
+    /// Off the resonance any other resonance may be the true one.
+    #[test]
+    fn a_resonance_told_wrong_leaves_the_loop_off_it_its_margins() {
+        let mut least = [f64::INFINITY; 3];
+        for quality in [5.0, 25.0, 100.0, 200.0] {
+            for told in detunings().step_by(5) {
+                for is in detunings().step_by(7) {
+                    let (told, mut is) = (drive(quality, told), drive(quality, is));
+                    is.resonance *= told.frequency / is.frequency;
+                    is.frequency = told.frequency;
+                    let Some(found) = Margins::explained(&told, &is).unwrap() else {
+                        continue;
+                    };
+                    let found = [found.gain, found.phase, found.distance];
+                    for (least, found) in least.iter_mut().zip(found) {
+                        *least = least.min(found);
+                    }
+                }
+            }
+        }
+        std::println!("{least:?}");
+        let [gain, phase, distance] = least;
+        assert!(gain > 3.4 && phase > 90.0 && distance > 0.7, "{least:?}");
+    }
+}

@@ -1,0 +1,169 @@
+//! The amplitude of every drive that the settings accept: it comes to where it is wanted, and stays there.
+//!
+//! Machines without parts, from cycle to cycle. `kband margins` shows the margins of the same loop.
+
+use std::{format, println};
+
+use super::{EnvelopeLoop, Scene};
+use crate::control::{Settings, State, Target};
+
+/// What became of a start.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    /// Largest amplitude over the setpoint.
+    peak: f32,
+    /// Time constants of the drive from the reference's arrival at the setpoint, less eight cycles of dead time and noise, until
+    /// the amplitude is within 5 % for good.
+    settles: f32,
+    /// Swing of the amplitude over the setpoint in the end.
+    swing: f32,
+    /// The state in the end.
+    state: State,
+}
+
+/// A machine at a frequency, detuned as a share of its resonance, whose gain is `wrong` times the one told; its hard limit is `limit`
+/// of its setpoint.
+fn machine(
+    frequency: f32,
+    quality: f32,
+    detuned: f32,
+    wrong: f32,
+    limit: f32,
+    share: f32,
+) -> (Scene, f32) {
+    let mut scene = Scene::default();
+    scene.parts.clear();
+    let settings = &mut scene.settings;
+    settings.frequency = frequency;
+    settings.quality = quality;
+    settings.resonance = frequency / (1.0 + detuned);
+    let x = 1.0 + detuned;
+    let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
+    let square = (std::f32::consts::TAU * frequency).powi(2);
+    // 40 m/s^2 of acceleration where the drive can, at a share of the output as told.
+    let wanted = (1e3 * 40.0 / square).min(40.0 * share * response);
+    settings.gain = (wanted / share / response).clamp(0.001, 100.0);
+    let wanted = share * settings.gain * response;
+    settings.amplitude_limit = (limit * wanted).clamp(0.001, 100.0);
+    settings.acceleration_limit = 1000.0;
+    settings.safe_amplitude = 0.1 * wanted.min(settings.amplitude_limit);
+    scene.drive.resonance = settings.resonance;
+    scene.drive.quality = quality;
+    scene.drive.gain = wrong * settings.gain;
+    // Half of the converter's range.
+    settings.sensitivity = (0.8 * 9.8 / (1e-3 * wanted * wrong * square)).clamp(0.001, 10.0);
+    scene.sensor.noise = 1e-3 / settings.sensitivity;
+    scene.target = Target::Amplitude(wanted);
+    (scene, wanted * 1e-3)
+}
+
+fn start(scene: &Scene, wanted: f32) -> Start {
+    let Settings {
+        frequency,
+        resonance,
+        quality,
+        ..
+    } = scene.settings;
+    let cycles = quality / std::f32::consts::PI * frequency / resonance;
+    let mut looped = EnvelopeLoop::build(scene).unwrap();
+    let mut arrived = None;
+    let (mut peak, mut outside) = (0.0_f32, 0);
+    let mut last = 0;
+    let mut n = 0;
+    loop {
+        let report = looped.cycle().report;
+        n += 1;
+        if arrived.is_none() && report.reference >= 0.999 * wanted {
+            arrived = Some(n);
+            last = n + (12.0 * cycles) as i32 + 60;
+        }
+        peak = peak.max(report.amplitude / wanted);
+        if (report.amplitude / wanted - 1.0).abs() > 0.05 {
+            outside = n;
+        }
+        if arrived.is_some() && n >= last || n > 4000 {
+            break;
+        }
+    }
+    let (mut low, mut high) = (f32::INFINITY, 0.0_f32);
+    let mut state = State::Off;
+    for _ in 0..60 {
+        let report = looped.cycle().report;
+        low = low.min(report.amplitude);
+        high = high.max(report.amplitude);
+        state = report.state;
+    }
+    let arrived = arrived.unwrap_or(4000);
+    Start {
+        peak,
+        settles: (outside - arrived - 8) as f32 / cycles,
+        swing: (high - low) / wanted,
+        state,
+    }
+}
+
+const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
+const DETUNINGS: [f32; 17] = [
+    0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.06, 0.1, 0.2, -0.002, -0.006, -0.015, -0.03,
+    -0.06, -0.1, -0.2,
+];
+/// True gain over the one told; twice or half of it is a sensor that is implausible.
+const WRONG: [f32; 3] = [1.0, 0.52, 1.9];
+
+/// Every quality, detuning and gain told wrong.
+fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
+    QUALITIES.into_iter().flat_map(|quality| {
+        DETUNINGS
+            .into_iter()
+            .flat_map(move |off| WRONG.into_iter().map(move |wrong| (quality, off, wrong)))
+    })
+}
+
+#[test]
+fn every_drive_comes_to_its_amplitude_and_stays() {
+    let (mut runs, mut worst) = (0, [0.0_f32, -100.0, 0.0]);
+    for (frequency, soft, share) in [
+        (6.2, 0.4, 0.4),
+        (50.0, 0.02, 0.4),
+        (50.0, 0.4, 0.1),
+        (400.0, 0.05, 0.4),
+        (400.0, 0.2, 0.05),
+    ] {
+        for (quality, detuned, wrong) in drives() {
+            let (mut scene, wanted) = machine(frequency, quality, detuned, wrong, 2.0, share);
+            scene.settings.soft_start = soft;
+            let came = start(&scene, wanted);
+            let told = format!(
+                "{frequency} Hz, Q {quality}, {detuned}, gain {wrong}, {soft} s, {share}: {came:?}"
+            );
+            assert_eq!(came.state, State::Holding, "{told}");
+            assert!(came.peak < 1.05 && came.settles < 3.0, "{told}");
+            assert!(came.swing < 0.005, "{told}");
+            runs += 1;
+            for (worst, found) in worst.iter_mut().zip([came.peak, came.settles, came.swing]) {
+                *worst = worst.max(found);
+            }
+        }
+    }
+    println!("{runs} starts: overshoot, time constants, swing {worst:?} at most");
+}
+
+/// At its hard limit, and where more than that is wanted.
+#[test]
+fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
+    let mut worst = [0.0_f32; 3];
+    for soft in [0.4, 0.02] {
+        for (quality, detuned, wrong) in drives() {
+            let (mut scene, wanted) = machine(50.0, quality, detuned, wrong, 1.0, 0.4);
+            scene.settings.soft_start = soft;
+            let came = start(&scene, wanted);
+            let n = WRONG.iter().position(|other| *other == wrong).unwrap();
+            assert!(
+                came.peak < 1.02,
+                "Q {quality}, {detuned}, gain {wrong}, {soft} s: {came:?}"
+            );
+            worst[n] = worst[n].max(came.peak);
+        }
+    }
+    println!("starts over the hard limit: {worst:?} by the gain told wrong");
+}
