@@ -1,7 +1,9 @@
 //! `kband paper`: every equation, number and claim of the paper, printed and recomputed.
 
 mod chaos;
+mod claims;
 mod conveying;
+mod figures;
 mod flight;
 mod lock;
 mod means;
@@ -32,8 +34,8 @@ use row::{Row, Verdict};
 Each row is recomputed from the exact map and compared with a reference of its own: an integration \
 of the equations of motion, a second formula, or a 20-digit value. residual is the largest \
 deviation over all cases; where it exceeds tolerance the row fails and the exit status is 1. \
-printed_error is how far the printed form is off in the same measure. Rows whose printed form is \
-not transcribed say so: they recompute the step of the derivation that stands at that number.")]
+printed_error is how far the literal print is off in the same measure. Claims of the text and \
+findings of our own are rows without a number.")]
 pub struct Arguments {
     /// Restitution of the part in the pictures of the page.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]
@@ -69,10 +71,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         ));
     }
     let rows = recomputed(desk)?;
-    let failed: Vec<&str> = rows
+    let failed: Vec<String> = rows
         .iter()
         .filter(|row| !row.holds())
-        .map(|row| row.equation.as_str())
+        .map(Row::name)
         .collect();
     report(&rows)?.print(arguments.printed.format)?;
     if let Some(target) = target {
@@ -99,6 +101,7 @@ fn recomputed(desk: &Desk) -> Result<Vec<Row>, Refusal> {
         means::ROWS,
         renewal::ROWS,
         chaos::ROWS,
+        claims::ROWS,
     ];
     let work: Vec<row::Work> = parts.into_iter().flatten().copied().collect();
     let mut rows: Vec<Row> = desk
@@ -125,7 +128,7 @@ fn report(rows: &[Row]) -> Result<Printout, Refusal> {
     ]);
     for row in rows {
         table.push([
-            row.equation.as_str().into(),
+            row.equation.into(),
             row.subject.into(),
             row.printed.as_str().into(),
             row.recomputed.as_str().into(),
@@ -153,12 +156,12 @@ fn report(rows: &[Row]) -> Result<Printout, Refusal> {
     Printout::new(table)
         .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
         .note(format!(
-            "{} rows: {} agree, {} corrected, {} refuted, {} not transcribed; {} cases; {}",
+            "{} rows: {} agree, {} corrected, {} refuted, {} findings of our own; {} cases; {}",
             rows.len(),
             count(Verdict::Agrees),
             count(Verdict::Corrected),
             count(Verdict::Refuted),
-            count(Verdict::Step),
+            count(Verdict::Found),
             rows.iter().map(|row| row.cases).sum::<u64>(),
             if failed == 0 {
                 "every recomputation agrees with its reference".to_string()
@@ -181,27 +184,54 @@ mod tests {
         ROWS.get_or_init(|| recomputed(&Desk::new(Some(2)).unwrap()).unwrap())
     }
 
+    /// Number, print and verdict of every equation, copied from the paper apart from this code.
+    const PRINTED: &str = include_str!("../../../tests/reference/paper.tsv");
+
     #[test]
-    fn every_equation_has_a_row_and_every_row_holds() {
+    fn every_equation_stands_with_its_print_and_its_verdict() {
         let rows = rows();
-        for number in 1..=38 {
-            let bare = |row: &&Row| {
-                row.equation
-                    .trim_start_matches('(')
-                    .chars()
-                    .take_while(char::is_ascii_digit)
-                    .collect::<String>()
-                    == number.to_string()
-            };
-            assert!(rows.iter().any(|row| bare(&row)), "({number}) is missing");
+        let numbered: Vec<_> = rows
+            .iter()
+            .filter(|r| r.equation.starts_with('('))
+            .collect();
+        let printed: Vec<Vec<&str>> = PRINTED
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .map(|line| line.split('\t').collect())
+            .collect();
+        assert_eq!(numbered.len(), printed.len());
+        for (row, columns) in numbered.iter().zip(&printed) {
+            let shown = [row.equation, &row.printed, row.verdict.words()];
+            assert_eq!(shown, columns[..], "the rows are in the order of the paper");
         }
+        for number in 1..=38 {
+            let bare = |row: &&&Row| {
+                let digits = row.equation[1..].chars().take_while(char::is_ascii_digit);
+                digits.collect::<String>() == number.to_string()
+            };
+            assert!(
+                numbered.iter().any(|row| bare(&row)),
+                "({number}) is missing"
+            );
+        }
+    }
+
+    #[test]
+    fn every_row_holds_and_shows_its_evidence() {
+        let rows = rows();
         for row in rows {
             assert!(row.holds(), "{row:?}");
             assert!(row.cases > 0 && !row.recomputed.is_empty(), "{row:?}");
-            // A correction shows what it corrects, in words or as a number that is really off.
-            if let Some(off) = row.printed_error {
-                assert!(off > 10.0 * row.tolerance, "{row:?}");
+            match (row.verdict, row.printed_error) {
+                // The print itself is what is recomputed.
+                (Verdict::Agrees, off) => assert_eq!(off, Some(row.residual), "{row:?}"),
+                // A correction shows a number that is really off.
+                (_, Some(off)) => assert!(off > 10.0 * row.tolerance, "{row:?}"),
+                (_, None) => assert!(!row.equation.starts_with('('), "{row:?}"),
             }
+            let own = row.verdict == Verdict::Found;
+            assert_eq!(own, row.equation == "finding", "{row:?}");
+            assert_eq!(own, row.printed.is_empty(), "{row:?}");
         }
         let twice = recomputed(&Desk::new(Some(1)).unwrap()).unwrap();
         assert_eq!(rows, twice);

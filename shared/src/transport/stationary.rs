@@ -1,6 +1,6 @@
 //! The exact impact mean of any hopping regime, locked or chaotic (equation 34, corrected; docs/theory-transport.md#t8.5).
 
-use crate::impact::TangentialSettings;
+use crate::impact::{Impact, Observer, State, TangentialSettings};
 
 /// Impact mean of the velocity along the track in units of `b w`, at gamma = 0, for parts that hop
 /// without rest at a mean interval D (in rad):
@@ -20,6 +20,75 @@ pub fn impact_mean(
     let drive = settings.amplitude_ratio * (1.0 - restitution) / (1.0 + restitution);
     let fall = settings.incline_tangent * (1.0 + rt) / (1.0 - rt);
     (settings.phase_lead == 0.0).then_some(0.5 * k * mean_interval * (drive - fall))
+}
+
+/// What the impact mean of any hopping regime depends on at any gamma: an observer of the mean interval (symbol D) and
+/// of two means over the phases of impact.
+///
+/// ```
+/// use kband::impact::{Contact, Kernel, Map, Orbit, Tangential, TangentialSettings};
+/// use kband::transport::{Conveying, stationary::PhaseMeans};
+///
+/// let along = TangentialSettings {
+///     restitution: 0.3,
+///     amplitude_ratio: 1.7,
+///     phase_lead: 0.6,
+///     incline_tangent: 0.07,
+/// };
+/// let map = Map::build(0.34, 0.2)?;
+/// let mut seen = (Conveying::new(Tangential::build(0.34, along)?, Contact::new(&map)), PhaseMeans::default());
+/// Orbit::new(&map, Map::state(0.9, 0.36)?).watch(20_000, &mut seen);
+/// let (measured, exact) = (seen.0.conveyed().impact_mean(), seen.1.impact_mean(0.34, 0.2, &along));
+/// // What is left is what the two ends of the run differ by.
+/// assert!((measured.unwrap() - exact.unwrap()).abs() < 1e-3);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PhaseMeans {
+    impacts: u64,
+    flying: f64,
+    /// Sum of `sin tau` at launch.
+    sine: f64,
+    /// Sum of `(cos tau' - cos tau)/d` over the flights.
+    chord: f64,
+}
+
+impl PhaseMeans {
+    /// Impact mean of the velocity along the track in units of `b w`, for parts that hop without rest:
+    /// `<W> = (k D/2) { eta cos(gamma) (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }
+    /// - eta sin(gamma) { <sin tau> + <(cos tau' - cos tau)/d> }`,
+    /// equation 29 with the stationary means of phi and psi. `None` before any impact.
+    #[must_use]
+    pub fn impact_mean(
+        &self,
+        k: f64,
+        restitution: f64,
+        settings: &TangentialSettings,
+    ) -> Option<f64> {
+        let count = self.impacts as f64;
+        let (sine, cosine) = libm::sincos(settings.phase_lead);
+        let normal = TangentialSettings {
+            amplitude_ratio: settings.amplitude_ratio * cosine,
+            phase_lead: 0.0,
+            ..*settings
+        };
+        let led = settings.amplitude_ratio * sine * (self.sine + self.chord) / count;
+        (self.impacts > 0)
+            .then(|| impact_mean(k, restitution, &normal, self.flying / count))
+            .flatten()
+            .map(|mean| mean - led)
+    }
+}
+
+impl Observer for PhaseMeans {
+    #[inline]
+    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        let half = 0.5 * impact.flight;
+        self.impacts += 1;
+        self.flying += impact.flight;
+        self.sine += libm::sin(launch.phase);
+        self.chord -= libm::sin(launch.phase + half) * libm::sin(half) / half;
+    }
 }
 
 /// Mean launch velocity of parts that hop without rest, in units of `b w`: `<psi> = k D R/(1+R)`.

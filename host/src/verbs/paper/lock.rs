@@ -1,10 +1,10 @@
-//! Equations (12) to (19): the period-1 orbit, its band, its cascade.
+//! Equations (13) to (19): the period-1 orbit, its band, its cascade.
 
 use std::f64::consts::{PI, TAU};
 
 use kband::impact::{Kernel, Map, Orbit, Tangent};
 use kband::regime::cascade::{Cascade, FEIGENBAUM};
-use kband::regime::{Lock, band};
+use kband::regime::{Lock, Multipliers, band};
 
 use super::row::{Row, Work, Worst};
 use crate::refusal::Refusal;
@@ -38,10 +38,14 @@ pub(super) fn lock(k: f64, restitution: f64, order: u32) -> Result<Lock, Refusal
     })
 }
 
-/// (12) to (14): the orbit that returns to itself after r drive periods.
+/// (13), (14): the orbit that returns to itself after r drive periods.
 fn period_one() -> Result<Vec<Row>, Refusal> {
-    let (mut period, mut velocity, mut phase) =
-        (Worst::default(), Worst::default(), Worst::default());
+    let (mut period, mut index, mut velocity, mut phase) = (
+        Worst::default(),
+        Worst::default(),
+        Worst::default(),
+        Worst::default(),
+    );
     for (restitution, order, low, high) in bands()? {
         for part in [0.1, 0.5, 0.9] {
             let k = low + part * (high - low);
@@ -51,73 +55,123 @@ fn period_one() -> Result<Vec<Row>, Refusal> {
             let start = Map::state(state.phase + 1e-6, state.velocity)?;
             let mut orbit = Orbit::new(&map, start);
             orbit.watch(20_000, &mut ());
-            let state = orbit.state();
+            let mut state = orbit.state();
             let r = f64::from(order);
-            period.see(map.impact(state).flight - TAU * r);
             velocity.see(state.velocity - TAU * r * k * restitution / (1.0 + restitution));
             let cosine = PI * r * k * (1.0 - restitution) / (1.0 + restitution);
             phase.see(state.phase - cosine.acos());
+            let mut since = 0.0;
+            for n in 1..=4 {
+                let impact = map.impact(state);
+                since += impact.flight;
+                state = impact.next;
+                period.see(since - TAU * r * f64::from(n));
+                index.see(since - TAU * r * f64::from(n - 1));
+            }
         }
     }
-    // An attracting orbit holds its rounding, a few ulp of a flight of up to 32 rad over 1 - |mu|.
+    // An attracting orbit holds its rounding, a few ulp of flights of up to 130 rad over 1 - |mu|.
+    let tolerance = 1e-11;
     Ok(vec![
-        Row::new(120, "(12)", "period 1")
-            .step("t' = t + 2π r, every flight alike")
-            .within(period, 1e-11),
-        Row::new(130, "(13)", "launch velocity of the lock")
-            .step("ψ = 2π r k R/(1+R)")
-            .within(velocity, 1e-11),
-        Row::new(140, "(14b)", "phase of the lock")
-            .corrected("\"A cos\"", "t₀ = arccos[π r k (1−R)/(1+R)]")
-            .within(phase, 1e-11),
+        Row::new(130, "(13)", "times of impact of the lock")
+            .corrected("τₙ₊₁ = τ₀ + r (2π n), r ∈ N", "τₙ = τ₀ + 2π r n")
+            .within(period, 4.0 * tolerance)
+            .off(index.value),
+        Row::new(140, "(14a)", "launch velocity of the lock")
+            .agrees("ψₙ₊₁ = ψₙ = ψ = (2π r k) R/(1+R)", "the same")
+            .within(velocity, tolerance),
+        Row::new(141, "(14b)", "phase of the lock")
+            .agrees(
+                "τ₀ = A cos{π r k (1−R)/(1+R)}",
+                "the same (A cos is arccos); of its two branches only 0 < τ₀ < π/2 attracts",
+            )
+            .within(phase, tolerance),
     ])
 }
 
-/// (15) to (17): where the orbit is born and where it flips, by the multipliers of the map itself.
+/// Trace of the tangent map of the lock, and the size of its larger multiplier.
+fn multiplier(k: f64, restitution: f64, order: u32) -> Result<(f64, f64), Refusal> {
+    let map = Map::build(k, restitution)?;
+    let state = lock(k, restitution, order)?.state();
+    let tangent = Tangent::of(&map, state, &map.impact(state));
+    let [[a, b], [c, d]] = tangent.map_or([[f64::NAN; 2]; 2], |tangent| tangent.jacobian);
+    Ok((a + d, Multipliers::of(a + d, a * d - b * c).modulus()))
+}
+
+/// (15) to (18): where the orbit is born and where it flips, by the multipliers of the map itself.
 fn edges() -> Result<Vec<Row>, Refusal> {
-    let (mut birth, mut slope, mut flip, mut factor) = (
+    let (mut birth, mut slope, mut factor) = (Worst::default(), Worst::default(), Worst::default());
+    let (mut first, mut literal, mut flip, mut between) = (
         Worst::default(),
         Worst::default(),
         Worst::default(),
         Worst::default(),
     );
-    let trace = |k: f64, restitution: f64, order: u32| -> Result<f64, Refusal> {
-        let map = Map::build(k, restitution)?;
-        let state = lock(k, restitution, order)?.state();
-        let tangent = Tangent::of(&map, state, &map.impact(state));
-        let [[a, _], [_, d]] = tangent.map_or([[f64::NAN; 2]; 2], |tangent| tangent.jacobian);
-        Ok(a + d)
-    };
     for (restitution, order, low, high) in bands()? {
         let square = restitution * restitution;
         // A saddle-node: a multiplier 1 - O(sqrt(1 - k/k1)).
-        birth.see(trace(high * (1.0 - 1e-13), restitution, order)? - 1.0 - square);
-        flip.see(trace(low, restitution, order)? + 1.0 + square);
+        let (trace, _) = multiplier(high * (1.0 - 1e-13), restitution, order)?;
+        birth.see(trace - 1.0 - square);
+        // k of the multiplier -1, by one secant from the formula.
+        let (trace, _) = multiplier(low, restitution, order)?;
+        let (above, _) = multiplier(low * 1.000_001, restitution, order)?;
+        let apart = (trace + 1.0 + square) / ((above - trace) / (low * 1e-6));
+        flip.see(apart);
+        if order == 1 {
+            first.see(apart);
+            let lossy = PI * PI * (1.0 - restitution) / (1.0 + restitution);
+            let printed = lossy + 4.0 / (1.0 + square).sqrt() / (1.0 + restitution).powi(4);
+            literal.see(printed - low);
+        }
         let r = f64::from(order);
         let steepest = 2.0 / (PI * r) * (1.0 + square) / (1.0 - square);
         let tangent = lock(low, restitution, order)?.state().phase.tan();
         slope.see(tangent / steepest - 1.0);
         factor.see(tangent / (steepest * r) - 1.0);
+        // (18): it attracts within, and does not outside.
+        for part in [0.01, 0.5, 0.99] {
+            let (_, size) = multiplier(low + part * (high - low), restitution, order)?;
+            between.see((size - 1.0).max(0.0));
+        }
+        let (_, size) = multiplier(low * (1.0 - 1e-6), restitution, order)?;
+        between.see((1.0 - size).max(0.0));
+        let beyond = Lock::at(high * (1.0 + 1e-12), restitution, order)?;
+        between.see(if beyond.is_none() { 0.0 } else { 1.0 });
     }
     Ok(vec![
         Row::new(150, "(15)", "k where the lock is born")
             .agrees(
-                "k₁ = (1+R)/((1−R) π r)",
+                "k ≤ (1/(π r))(1+R)/(1−R) = k₁,ᵣ",
                 "the same: there a multiplier is +1",
             )
             // The trace goes like (1+R)^2/k times the square root of 2e-13.
             .within(birth, 2e-5),
         Row::new(160, "(16)", "condition of stability")
-            .corrected("factor 2/π", "tan t₀ ≤ (2/(π r)) (1+R²)/(1−R²)")
+            .corrected(
+                "τ₀ ≤ A tg{(2/π)(1+R²)/(1−R²)}",
+                "right for r = 1; in general 2/(π r) in place of 2/π",
+            )
             .within(slope, 1e-12)
             .off(factor.value),
-        Row::new(170, "(17)", "k where the lock flips")
+        Row::new(170, "(17)", "k where the lock flips, r = 1")
             .corrected(
-                "exponents lost",
-                "k₂ = [π²r²((1−R)/(1+R))² + 4(1+R²)²/(1+R)⁴]^(−1/2): multiplier −1",
+                "k ≥ [π²((1−R)/(1+R)) + 4(1+R²)^(−1/2)/(1+R)⁴] = k₂,₁",
+                "(17a) with r = 1: exponents and a bracket lost",
             )
-            // The trace is a sum of terms of up to (1+R)^2/k2 < 100.
-            .within(flip, 1e-11),
+            .within(first, 1e-12)
+            .off(literal.value),
+        Row::new(171, "(17a)", "k where the lock flips")
+            .agrees(
+                "k ≥ [π² r² ((1−R)/(1+R))² + 4(1+R²)²/(1+R)⁴]^(−1/2) = k₂,ᵣ",
+                "the same: there a multiplier is −1",
+            )
+            .within(flip, 1e-12),
+        Row::new(180, "(18)", "band of the lock")
+            .agrees(
+                "k₁,ᵣ ≥ k ≥ k₂,ᵣ",
+                "the same, for existence and linear stability (k₂ < k < k₁ strictly); it says nothing of basins",
+            )
+            .within(between, 1e-12),
     ])
 }
 
@@ -125,11 +179,11 @@ fn edges() -> Result<Vec<Row>, Refusal> {
 fn examples() -> Result<Vec<Row>, Refusal> {
     let mut rows = Vec::new();
     let printed = [
-        (1, 0.3928, 0.4774),
-        (2, 0.2213, 0.2387),
-        (3, 0.1551, 0.1591),
+        (1, 0.3928, 0.4774, "band at R = 0.2, r = 1"),
+        (2, 0.2213, 0.2387, "band at R = 0.2, r = 2"),
+        (3, 0.1551, 0.1591, "band at R = 0.2, r = 3"),
     ];
-    for (order, low, high) in printed {
+    for (order, low, high, subject) in printed {
         let (flip, birth) = (band::flip(0.2, order)?, band::birth(0.2, order)?);
         // Checked by the multiplier of the map at the edge, turned into k by its derivative there.
         let slope = (trace_at(flip * 1.000_001, order)? - trace_at(flip, order)?) / (flip * 1e-6);
@@ -137,7 +191,7 @@ fn examples() -> Result<Vec<Row>, Refusal> {
         let off = (flip - low).abs().max((birth - high).abs());
         // A value cut or rounded to four digits is within 1e-4.
         let agrees = off < 1e-4;
-        let row = Row::new(171 + order, format!("example r={order}"), "band at R = 0.2");
+        let row = Row::new(191 + order, "example", subject);
         let words = (
             format!("{low}, {high}"),
             format!("{}, {}", number(flip, 5), number(birth, 5)),
@@ -152,7 +206,7 @@ fn examples() -> Result<Vec<Row>, Refusal> {
     // k = g cos(alpha)/(b w^2): at 50 Hz and b in 1e-4 m the factor between k and cos(alpha)/b.
     let factor = 9.81 / (1e-4 * (TAU * 50.0).powi(2));
     rows.push(
-        Row::new(175, "example", "what the listed numbers are")
+        Row::new(195, "example", "what the listed numbers are")
             .corrected(
                 "values of cos α / b",
                 format!(
@@ -189,7 +243,7 @@ fn above_one() -> Result<Vec<Row>, Refusal> {
         worst.see(lock.distance(orbit.state()));
     }
     Ok(vec![
-        Row::new(176, "claim, k > 1", "parts at k > 1")
+        Row::new(801, "claim", "parts at k > 1")
             .refuted(
                 "they always come to rest",
                 format!(
@@ -201,7 +255,7 @@ fn above_one() -> Result<Vec<Row>, Refusal> {
     ])
 }
 
-/// (18), (19): the cascade and its constant.
+/// (19): the cascade and its constant.
 fn cascade() -> Result<Vec<Row>, Refusal> {
     // 40-digit continuation, rounded to f64.
     let references: [(f64, u32, &[f64]); 3] = [
@@ -260,16 +314,20 @@ fn cascade() -> Result<Vec<Row>, Refusal> {
         }
     }
     Ok(vec![
-        Row::new(180, "(18)", "period doublings")
-            .step("the flips 1→2→4→…, against a 40-digit continuation")
-            .within(worst, 1e-12),
         Row::new(190, "(19)", "ratio of successive gaps")
             .corrected(
-                "0.46992",
-                format!("4.66920 (last ratio at R = 0.2: {})", number(last, 6)),
+                "lim_{r→∞} (k_{r+1,r} − k_{r,r})/(k_{r+2,r} − k_{r+1,r}) = 0.46992",
+                format!(
+                    "lim_{{n→∞}} (k_{{n+1,r}} − k_{{n,r}})/(k_{{n+2,r}} − k_{{n+1,r}}) = 4.66920, n the doublings \
+                     (last ratio at R = 0.2: {})",
+                    number(last, 6)
+                ),
             )
             // Ratios of the fourth gaps are within 0.5 % of the limit.
             .within(feigenbaum, 5e-3)
             .off(1.0 - 0.469_92 / FEIGENBAUM),
+        Row::new(901, "finding", "k of the doublings 1→2→4→…")
+            .found("followed by Newton on the tangent map, against a 40-digit continuation")
+            .within(worst, 1e-12),
     ])
 }

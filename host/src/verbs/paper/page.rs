@@ -1,13 +1,9 @@
 //! The comparison as one self-contained page with pictures.
 
-use std::f64::consts::{PI, TAU};
-
-use kband::impact::{Event, Kernel, Map, Orbit, State};
-use kband::regime::{Lock, band};
-
+use super::figures;
 use super::row::{Row, Verdict};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Theme, Unit};
+use crate::picture::Theme;
 use crate::refusal::Refusal;
 use crate::report::number;
 use crate::verbs::transport;
@@ -33,7 +29,17 @@ pub(super) fn page(
     let r = number(restitution, 4);
     let pictures = [
         (
-            regimes(restitution, desk)?,
+            figures::model(restitution)?,
+            "Fig. 1, the model: a part on a track that swings by b normal to itself and by a along itself, \
+             on an incline."
+                .into(),
+        ),
+        (
+            figures::motion(restitution)?,
+            "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.".into(),
+        ),
+        (
+            figures::regimes(restitution, desk)?,
             format!(
                 "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
                  rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
@@ -81,12 +87,12 @@ pub(super) fn page(
     let failed = rows.iter().filter(|row| !row.holds()).count();
     let count = |verdict: Verdict| rows.iter().filter(|row| row.verdict == verdict).count();
     page.push_str(&format!(
-        "<p><strong>{} rows: {} agree, {} corrected, {} refuted, {} not transcribed. {}</strong></p>\n",
+        "<p><strong>{} rows: {} agree, {} corrected, {} refuted, {} findings of our own. {}</strong></p>\n",
         rows.len(),
         count(Verdict::Agrees),
         count(Verdict::Corrected),
         count(Verdict::Refuted),
-        count(Verdict::Step),
+        count(Verdict::Found),
         if failed == 0 {
             "Every recomputation agrees with its reference.".to_string()
         } else {
@@ -112,12 +118,7 @@ fn table(rows: &[Row]) -> String {
          <tbody>\n",
     );
     for row in rows {
-        let words = [
-            row.equation.as_str(),
-            row.subject,
-            &row.printed,
-            &row.recomputed,
-        ];
+        let words = [row.equation, row.subject, &row.printed, &row.recomputed];
         table.push_str(if row.holds() {
             "<tr>"
         } else {
@@ -158,102 +159,6 @@ fn escaped(words: &str) -> String {
         .replace('>', "&gt;")
 }
 
-/// Fig. 3: phases of impact over k, with the bands.
-fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
-    const COLUMNS: usize = 840;
-    let (low, high) = (0.05, 1.1 * band::birth(restitution, 1)?);
-    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<Columns, Refusal> {
-        let k = low + (high - low) * (column as f64 + 0.5) / COLUMNS as f64;
-        let map = Map::build(k, restitution)?;
-        let mut starts = vec![None];
-        for order in 1..=3 {
-            // Below its band an orbit of the cascade or of the chaos behind it is met from the lock's phase.
-            // A little beside it, or the unstable orbit itself would be drawn.
-            starts.extend(Lock::at(k, restitution, order)?.map(|lock| {
-                let State { phase, velocity } = lock.state();
-                Some(State {
-                    phase: phase + 1e-3,
-                    velocity,
-                })
-            }));
-        }
-        let mut found = Columns::default();
-        for start in starts {
-            let (rests, phases) = settled(&map, start);
-            let place = if rests {
-                &mut found.resting
-            } else {
-                &mut found.hopping
-            };
-            place.extend(phases.into_iter().map(|phase| (k, phase)));
-        }
-        Ok(found)
-    })?;
-    let mut panel = Panel::new(
-        Axis::new("k = g cos α / (b ω²)", Unit::NONE, low, high),
-        Axis::new("phase of impact", Unit::RADIANS, -0.5 * PI, 1.5 * PI).in_pi(),
-    )
-    .height(460.0);
-    for order in 1..=3 {
-        let (flip, birth) = (
-            band::flip(restitution, order)?,
-            band::birth(restitution, order)?,
-        );
-        if flip > low {
-            panel = panel
-                .strip("stable period 1", flip, birth)
-                .caption(0.5 * (flip + birth), format!("r={order}"));
-        }
-    }
-    let points = |of: fn(&Columns) -> &Vec<(f64, f64)>| -> Vec<(f64, f64)> {
-        columns.iter().flat_map(of).copied().collect()
-    };
-    let resting = points(|found| &found.resting);
-    let hopping = points(|found| &found.hopping);
-    let shown = panel
-        .clone()
-        .heading("Parts that hop and never rest")
-        .density("impacts", hopping);
-    let rested = panel
-        .heading("Parts that come to rest: impacts between two rests, chatter left out")
-        .density("impacts", resting);
-    Ok(Picture::new("Regimes over k (Fig. 3)")
-        .caption(format!(
-            "R = {}, from rest and from the locks r = 1, 2, 3",
-            number(restitution, 4)
-        ))
-        .panel(shown)
-        .panel(rested))
-}
-
-#[derive(Default)]
-struct Columns {
-    hopping: Vec<(f64, f64)>,
-    resting: Vec<(f64, f64)>,
-}
-
-/// Whether the settled orbit from `start` (else from rest) rests, and the phases at which it strikes.
-fn settled(map: &Map, start: Option<State>) -> (bool, Vec<f64>) {
-    let mut orbit = match start {
-        Some(state) => Orbit::new(map, state),
-        None => Orbit::from_rest(map),
-    };
-    orbit.watch(1500, &mut ());
-    let (mut rests, mut phases) = (false, Vec::new());
-    for event in orbit.take(160) {
-        match event {
-            // The last hops of a chatter all strike at the phase of rest.
-            Event::Impact(impact) if impact.next.velocity > 1e-3 => {
-                let phase = impact.next.phase;
-                phases.push(if phase > 1.5 * PI { phase - TAU } else { phase });
-            }
-            Event::Impact(_) => {}
-            Event::Rest { .. } | Event::LiftOff { .. } => rests = true,
-        }
-    }
-    (rests, phases)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -267,7 +172,7 @@ mod tests {
         let mut broken = rows[0].clone();
         broken.residual = f64::INFINITY;
         assert!(table(&[broken]).contains("class=\"fails\""));
-        let picture = regimes(0.2, &Desk::new(Some(2)).unwrap()).unwrap();
+        let picture = figures::regimes(0.2, &Desk::new(Some(2)).unwrap()).unwrap();
         let svg = picture.to_svg(Theme::Light);
         let inline = inline(&svg);
         assert!(inline.starts_with("<svg") && !inline.contains("href=\"http"));

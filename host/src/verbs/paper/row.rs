@@ -14,8 +14,8 @@ pub(super) enum Verdict {
     Corrected,
     /// It does not hold.
     Refuted,
-    /// The printed form is not transcribed here; the step that it stands for is recomputed.
-    Step,
+    /// The paper does not print it: found here.
+    Found,
 }
 
 impl Verdict {
@@ -24,7 +24,7 @@ impl Verdict {
             Self::Agrees => "agrees",
             Self::Corrected => "corrected",
             Self::Refuted => "refuted",
-            Self::Step => "not transcribed",
+            Self::Found => "own finding",
         }
     }
 }
@@ -34,8 +34,8 @@ impl Verdict {
 pub(super) struct Row {
     /// Order on the page.
     pub place: u32,
-    /// Number of the equation, or what else it is.
-    pub equation: String,
+    /// Number of the equation as printed, or `example`, `claim`, `finding`.
+    pub equation: &'static str,
     pub subject: &'static str,
     /// What the paper prints.
     pub printed: String,
@@ -52,15 +52,20 @@ pub(super) struct Row {
 }
 
 impl Row {
+    /// Which row it is, in a message.
+    pub(super) fn name(&self) -> String {
+        format!("{} {}", self.equation, self.subject)
+    }
+
     /// A row of which no more is known than where it stands.
-    pub(super) fn new(place: u32, equation: impl Into<String>, subject: &'static str) -> Self {
+    pub(super) fn new(place: u32, equation: &'static str, subject: &'static str) -> Self {
         Self {
             place,
-            equation: equation.into(),
+            equation,
             subject,
             printed: String::new(),
             recomputed: String::new(),
-            verdict: Verdict::Step,
+            verdict: Verdict::Found,
             residual: f64::NAN,
             tolerance: 0.0,
             printed_error: None,
@@ -96,9 +101,9 @@ impl Row {
         self.judged(Verdict::Refuted, printed.into(), recomputed.into())
     }
 
-    /// What holds at a step whose printed form is not transcribed.
-    pub(super) fn step(self, recomputed: impl Into<String>) -> Self {
-        self.judged(Verdict::Step, "not transcribed".into(), recomputed.into())
+    /// What holds and is not in the paper.
+    pub(super) fn found(self, recomputed: impl Into<String>) -> Self {
+        self.judged(Verdict::Found, String::new(), recomputed.into())
     }
 
     /// How far what holds is off its reference, and may be.
@@ -107,6 +112,8 @@ impl Row {
             residual: worst.value,
             cases: worst.cases,
             tolerance,
+            // What agrees is recomputed in the printed form itself.
+            printed_error: (self.verdict == Verdict::Agrees).then_some(worst.value),
             ..self
         }
     }
