@@ -4,11 +4,15 @@ use core::f64::consts::TAU;
 
 use super::cascade::Estimate;
 use super::lock::Lock;
+use super::series::standard_error;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Event, Kernel, Map, Orbit, Scatter, State, Tangent};
 
-/// Batches whose scatter gives the statistical error.
-const BATCHES: u32 = 32;
+/// Most batches, from which the statistical error and the autocorrelation time are told.
+const MOST: usize = 512;
+
+/// Fewest batches, of 16 impacts.
+const FEWEST: u32 = 20;
 
 /// How an exponent is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +45,7 @@ pub enum Dynamics {
 /// With rest the values are those of the flight until then.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exponent {
-    /// Per impact, with its standard error by batch means.
+    /// Per impact, with its standard error by the autocorrelation time.
     pub per_impact: Estimate,
     /// Per drive cycle, with its standard error.
     pub per_cycle: Estimate,
@@ -94,16 +98,18 @@ fn measure_along(
     accept(
         "impacts",
         f64::from(settings.impacts),
-        (10 * BATCHES..=1_000_000_000).contains(&settings.impacts),
+        (16 * FEWEST..=1_000_000_000).contains(&settings.impacts),
         "320..1000000000",
     )?;
-    let batch = settings.impacts / BATCHES;
+    // A power of two, so that the bands of the cascade's chaos are each met as often in one batch as in the next.
+    let batch = (settings.impacts / MOST as u32).next_power_of_two().max(16);
+    let batches = settings.impacts / batch;
     let mut sums = Sums::default();
     let mut current = Batch::default();
     let mut direction = [1.0, 0.0];
     let mut count = 0_u32;
     let mut rest = None;
-    let all = settings.settle.saturating_add(batch * BATCHES);
+    let all = settings.settle.saturating_add(batch * batches);
     while count < all {
         let before = orbit.state();
         let impact = match orbit.next() {
@@ -142,7 +148,7 @@ fn measure_along(
             }
         }
     }
-    if sums.batches < 2 && current.impacts > 0 {
+    if sums.count < 2 && current.impacts > 0 {
         sums.add(&current);
     }
     Ok(sums.exponent(rest))
@@ -171,46 +177,47 @@ struct Batch {
     impacts: u32,
 }
 
-/// Sums over batches for the mean growth per impact, per cycle, and their scatter.
-#[derive(Clone, Copy, Debug, Default)]
+/// Batches in their order, for the mean growth per impact and per cycle.
+#[derive(Clone, Copy, Debug)]
 struct Sums {
-    batches: u32,
-    impacts: f64,
-    growth: f64,
-    cycles: f64,
-    rate: f64,
-    rate_square: f64,
-    speed: f64,
-    speed_square: f64,
+    batches: [Batch; MOST],
+    count: usize,
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        Self {
+            batches: [Batch::default(); MOST],
+            count: 0,
+        }
+    }
 }
 
 impl Sums {
     fn add(&mut self, batch: &Batch) {
-        let rate = batch.growth / f64::from(batch.impacts);
-        let speed = batch.growth / batch.cycles;
-        self.batches += 1;
-        self.impacts += f64::from(batch.impacts);
-        self.growth += batch.growth;
-        self.cycles += batch.cycles;
-        self.rate += rate;
-        self.rate_square += rate * rate;
-        self.speed += speed;
-        self.speed_square += speed * speed;
+        if let Some(place) = self.batches.get_mut(self.count) {
+            *place = *batch;
+            self.count += 1;
+        }
     }
 
     fn exponent(&self, rest: Option<u32>) -> Exponent {
-        let n = f64::from(self.batches);
-        let error = |sum: f64, square: f64| {
-            if self.batches < 2 {
-                return f64::INFINITY;
+        let batches = &self.batches[..self.count];
+        let sum = |of: fn(&Batch) -> f64| batches.iter().map(of).sum::<f64>();
+        let growth = sum(|batch| batch.growth);
+        let impacts = sum(|batch| f64::from(batch.impacts));
+        let cycles = sum(|batch| batch.cycles);
+        // The mean of a ratio: what each batch's growth is off the ratio, per unit of the mean batch.
+        let estimate = |unit: fn(&Batch) -> f64, units: f64| {
+            let value = growth / units;
+            let off = |n: usize| batches[n].growth - value * unit(&batches[n]);
+            let error = standard_error(batches.len(), off);
+            Estimate {
+                value,
+                error: error * batches.len() as f64 / units,
             }
-            let mean = sum / n;
-            libm::sqrt((square / n - mean * mean).max(0.0) / (n - 1.0))
         };
-        let per_impact = Estimate {
-            value: self.growth / self.impacts,
-            error: error(self.rate, self.rate_square),
-        };
+        let per_impact = estimate(|batch| f64::from(batch.impacts), impacts);
         let dynamics = match rest {
             Some(after) => Dynamics::Rest { after },
             None if per_impact.value > 3.0 * per_impact.error => Dynamics::Chaotic,
@@ -219,11 +226,8 @@ impl Sums {
         };
         Exponent {
             per_impact,
-            per_cycle: Estimate {
-                value: self.growth / self.cycles,
-                error: error(self.speed, self.speed_square),
-            },
-            flight: self.cycles / self.impacts,
+            per_cycle: estimate(|batch| batch.cycles, cycles),
+            flight: cycles / impacts,
             dynamics,
         }
     }
@@ -270,6 +274,34 @@ mod tests {
     }
 
     const IMPACTS: u32 = 100_000;
+
+    /// Runs scatter by their standard errors: neither tighter, as batches of correlated impacts would tell, nor wider.
+    #[test]
+    fn standard_errors_are_what_runs_scatter_by() {
+        for (k, restitution) in [(0.34, 0.2), (0.35, 0.2), (0.586, 0.5)] {
+            let map = Map::build(k, restitution).unwrap();
+            let settings = ExponentSettings {
+                settle: 500,
+                impacts: 20_000,
+            };
+            let (mut sum, mut square, mut errors, mut n) = (0.0, 0.0, 0.0, 0.0);
+            for run in 0..48 {
+                let mut from = start(&map, 1);
+                from.phase += 1e-4 * f64::from(run);
+                let found = measure(&map, from, settings).unwrap();
+                if matches!(found.dynamics, Dynamics::Rest { .. }) {
+                    continue;
+                }
+                let Estimate { value, error } = found.per_impact;
+                (sum, square) = (sum + value, square + value * value);
+                (errors, n) = (errors + error * error, n + 1.0);
+            }
+            let deviation = libm::sqrt((square - sum * sum / n) / (n - 1.0));
+            let ratio = deviation / libm::sqrt(errors / n);
+            // The scatter of 48 runs is itself known to 10 %.
+            assert!((0.7..1.3).contains(&ratio), "{k}: {ratio} of {n}");
+        }
+    }
 
     #[test]
     fn on_a_locked_orbit_the_exponent_is_the_logarithm_of_its_multiplier() {

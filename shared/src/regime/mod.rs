@@ -17,6 +17,8 @@ pub mod gear;
 mod lock;
 #[cfg(any(test, feature = "analysis"))]
 pub mod reach;
+#[cfg(any(test, feature = "analysis"))]
+mod series;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod spread;
 #[cfg(any(test, feature = "analysis", feature = "control"))]

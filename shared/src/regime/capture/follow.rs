@@ -327,8 +327,8 @@ mod tests {
 
     #[test]
     fn from_rest_a_part_locks_only_where_the_design_says() {
-        // docs/theory-capture.md#t7.2: at R = 0.2 below 0.4117 (single k near the edge fail) and never above
-        // 0.4183; at R = 0.3 never.
+        // docs/theory-capture.md#t7.2: at R = 0.2 below 0.41136 without exception and never above
+        // 0.4178; at R = 0.3 never.
         for step in 0..40 {
             let part = f64::from(step) / 40.0;
             assert!(locks(0.395 + 0.015 * part, 0.2, Kick::NONE), "{part}");

@@ -1,0 +1,74 @@
+//! How well the mean of a series is known whose values are not independent.
+
+/// Standard error of the mean of `values`, which follow each other in time: `sqrt(variance tau/(n - 1))` with their
+/// autocorrelation time `tau = 1 + 2 sum rho(t)` over the smallest window of at least `5 tau`, and the bias of a finite
+/// series taken out (Madras & Sokal 1988; Wolff 2004). Infinite for fewer than two values.
+///
+/// Measured on the exponent at k = 0.34, R = 0.2: 48 runs of 20 000 impacts scatter by 0.9 to 1.2 of it.
+pub(super) fn standard_error(count: usize, value: impl Fn(usize) -> f64) -> f64 {
+    if count < 2 {
+        return f64::INFINITY;
+    }
+    let n = count as f64;
+    let mean = (0..count).map(&value).sum::<f64>() / n;
+    let apart = |i: usize| value(i) - mean;
+    let covariance = |lag: usize| (lag..count).map(|i| apart(i) * apart(i - lag)).sum::<f64>() / n;
+    let variance = covariance(0);
+    // Values that alternate have done so after a few.
+    const LEAST: usize = 8;
+    let mut time = 1.0;
+    let mut window = 0;
+    while variance > 0.0 && window + 1 < count / 2 {
+        window += 1;
+        time += 2.0 * covariance(window) / variance;
+        if window >= LEAST && window as f64 >= 5.0 * time {
+            break;
+        }
+    }
+    let bias = 1.0 + (2.0 * window as f64 + 1.0) / n;
+    libm::sqrt(variance * (time * bias).max(0.02) / (n - 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Evenly spread over -1..1 (a linear congruential generator).
+    fn noise(state: &mut u64) -> f64 {
+        *state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    #[test]
+    fn what_does_not_vary_is_known() {
+        assert_eq!(standard_error(1, |_| 1.0), f64::INFINITY);
+        assert_eq!(standard_error(30, |_| 1.0), 0.0);
+    }
+
+    /// x' = a x + noise has tau = (1 + a)/(1 - a).
+    #[test]
+    fn correlated_values_have_their_own() {
+        let mut state = 3;
+        for a in [0.0_f64, 0.5, 0.8, -0.5] {
+            let (mut mean, mut count) = (0.0, 0.0);
+            for _ in 0..40 {
+                let mut x = 0.0;
+                let values: [f64; 512] = core::array::from_fn(|_| {
+                    x = a * x + noise(&mut state);
+                    x
+                });
+                mean += standard_error(values.len(), |n| values[n]);
+                count += 1.0;
+            }
+            let tau = (1.0 + a) / (1.0 - a);
+            let expected = libm::sqrt(tau / 3.0 / (1.0 - a * a) / 512.0);
+            // A window of 5 tau leaves out some 1 %, its noise takes a few more.
+            assert!(
+                (mean / count / expected - 1.0).abs() < 0.1,
+                "{a}: {mean} {expected}"
+            );
+        }
+    }
+}
