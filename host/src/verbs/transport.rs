@@ -1,6 +1,7 @@
 //! `kband transport`: how fast parts travel.
 
 mod dead;
+mod friction;
 mod interval;
 mod speed;
 
@@ -23,11 +24,14 @@ use crate::report::{Printout, number};
   kband transport --restitution 0.5 --b 0.1..0.3 --frequency 50 --incline 3 --format csv
   kband transport --restitution 0.9 --k 0.05 --show intervals --out intervals.svg
   kband transport --restitution 0 --k 0.2 --show return --out return.svg
+  kband transport --restitution 0.2 --friction 0.3 --throw 0.3..3.5 --incline 3 --out friction.svg
+  kband transport --restitution 0.2 --friction 0.3 --throw 1.5 --over phase-lead
 
 The speed is the mean over time, rests included. Each k is tried from rest, from every lock that \
 attracts there and from starts spread over phase and velocity; one row for each regime they reach. \
 The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and \
-the corrected equation 34 (an impact mean) for others that hop.")]
+the corrected equation 34 (an impact mean) for others that hop. With --friction parts rub on the \
+track as real ones do, sliding included: S (always in contact), H-S (hops and lies), H (hops on).")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
@@ -41,7 +45,23 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 121))]
     b: Option<Range>,
 
-    /// Restitution along the track, 0..1, 1 excluded.
+    /// Throw number (1/k), one value or a range, with --friction [default: 0.3..3.5].
+    #[arg(long, value_name = "G", value_parser = arguments::range_or_value((1e-3, 1e3), 129), conflicts_with_all = ["k", "b"], requires = "friction")]
+    throw: Option<Range>,
+
+    /// Friction of parts on the track: one coefficient, or that of sliding and that of sticking.
+    #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "show", "scatter"])]
+    friction: Option<(f64, f64)>,
+
+    /// What the speed is shown over, with --friction [default: the throw number].
+    #[arg(long, value_enum, requires = "friction")]
+    over: Option<friction::Over>,
+
+    /// The values of incline, friction or phase lead for --over.
+    #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((-180.0, 180.0), 81), allow_hyphen_values = true, requires = "over")]
+    values: Option<Range>,
+
+    /// Restitution along the track, 0..1, 1 excluded; the paper's model, without friction.
     #[arg(long, value_name = "RT", default_value = "0.3", value_parser = arguments::within(0.0, 0.999, ""))]
     tangential_restitution: f64,
 
@@ -126,6 +146,9 @@ type Computed = (Printout, Box<dyn FnOnce() -> Picture>);
 
 fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
     let feeder = Feeder::build(arguments)?;
+    if arguments.friction.is_some() {
+        return friction::computed(feeder, arguments, desk);
+    }
     if arguments.scatter.scatter > 0.0 && arguments.show != Show::Speed {
         return Err(Refusal::value(
             "--scatter",

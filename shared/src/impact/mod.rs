@@ -55,6 +55,8 @@ pub use kernel::{HybridState, Impact, Kernel, Landing, State};
 pub(crate) use orbit::Release;
 #[cfg(any(test, feature = "unstable"))]
 pub use orbit::Skips;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use orbit::{Along, Friction, FrictionSettings, Lain};
 pub use orbit::{Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) use orbit::{LATE, Next, WavePart};

@@ -1,6 +1,6 @@
 //! Way and time of an orbit.
 
-use crate::impact::{Contact, Impact, Observer, State, Tangential};
+use crate::impact::{Along, Contact, Impact, Lain, Observer, State, Tangential};
 
 /// What an orbit conveyed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -13,8 +13,12 @@ pub struct Conveyed {
     pub distance: f64,
     /// Time in flight, chatter included, in rad of drive phase.
     pub flying: f64,
-    /// Time at rest in rad of drive phase.
+    /// Time at rest in rad of drive phase, sliding included.
     pub resting: f64,
+    /// Time in which it slid up the track in rad of drive phase.
+    pub forward: f64,
+    /// Time in which it slid down the track in rad of drive phase.
+    pub backward: f64,
     /// Sum of the mean velocities of the flights (symbol W, equation 11) in units of `b w`.
     velocities: f64,
 }
@@ -51,8 +55,27 @@ impl Conveyed {
             distance: self.distance + other.distance,
             flying: self.flying + other.flying,
             resting: self.resting + other.resting,
+            forward: self.forward + other.forward,
+            backward: self.backward + other.backward,
             velocities: self.velocities + other.velocities,
         }
+    }
+
+    fn lie(&mut self, lain: &Lain) {
+        self.distance += lain.distance;
+        self.forward += lain.forward;
+        self.backward += lain.backward;
+    }
+
+    /// One drive cycle of a part that lies on the track for ever.
+    #[must_use]
+    pub(super) fn lying(cycle: &Lain) -> Self {
+        let mut conveyed = Self {
+            resting: core::f64::consts::TAU,
+            ..Self::default()
+        };
+        conveyed.lie(cycle);
+        conveyed
     }
 
     /// Share of the time at rest, 0..1.
@@ -65,10 +88,10 @@ impl Conveyed {
 
 /// The observer that sums distance and time of an orbit.
 ///
-/// The velocity along the track (symbol phi) goes with the orbit. At rest it is 0 (the paper's model:
-/// infinitely many impacts have taken it), and the whole orbit begins anew at lift-off; so what comes
+/// The velocity along the track (symbol phi) goes with the orbit, by the law that carries parts along ([`Along`]). With
+/// the paper's it is 0 at rest, and the whole orbit begins anew at lift-off; so what comes
 /// after the first lift-off is also summed apart, and where a run ends at the second that is exactly
-/// one period.
+/// one period. With friction it is one once the velocity at lift-off has settled.
 ///
 /// ```
 /// use kband::impact::{Contact, Kernel, Map, Orbit, Tangential, TangentialSettings};
@@ -93,10 +116,12 @@ impl Conveyed {
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Conveying {
-    tangential: Tangential,
+pub struct Conveying<A = Tangential> {
+    along: A,
     contact: Contact,
     velocity: f64,
+    /// Where the part came to rest.
+    rested: f64,
     /// Up to the first lift-off.
     before: Conveyed,
     lifted: bool,
@@ -104,14 +129,15 @@ pub struct Conveying {
     conveyed: Conveyed,
 }
 
-impl Conveying {
+impl<A: Along> Conveying<A> {
     /// An observer of parts with this motion along the track and this contact, at rest along it.
     #[must_use]
-    pub fn new(tangential: Tangential, contact: Contact) -> Self {
+    pub fn new(along: A, contact: Contact) -> Self {
         Self {
-            tangential,
+            along,
             contact,
             velocity: 0.0,
+            rested: 0.0,
             before: Conveyed::default(),
             lifted: false,
             conveyed: Conveyed::default(),
@@ -140,36 +166,40 @@ impl Conveying {
     pub fn restart(&mut self) {
         *self = Self {
             velocity: self.velocity,
-            ..Self::new(self.tangential, self.contact)
+            rested: self.rested,
+            ..Self::new(self.along, self.contact)
         };
     }
 }
 
-impl Observer for Conveying {
+impl<A: Along> Observer for Conveying<A> {
     #[inline]
     fn impact(&mut self, launch: State, impact: &Impact<State>) {
-        let distance = self.tangential.distance(launch, impact, self.velocity);
+        let (distance, velocity) = self.along.fly(launch, impact, self.velocity);
         self.conveyed.distance += distance;
         self.conveyed.flying += impact.flight;
         self.conveyed.velocities += distance / impact.flight;
         self.conveyed.impacts += 1;
-        self.velocity = self.tangential.after(launch, impact, self.velocity);
+        self.velocity = velocity;
     }
 
-    fn rest(&mut self, last: State, chatter: f64, _: f64) {
-        // The velocity dies geometrically over hops that shrink geometrically. What the shaking does
-        // meanwhile is of second order in a chatter of at most 1e-4 rad.
-        let reach = self
-            .contact
-            .chatter_reach(last, self.tangential.settings().restitution);
-        self.conveyed.distance += self.velocity * reach;
+    fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+        let lain = self
+            .along
+            .chatter(&self.contact, last, chatter, self.velocity);
+        // Sliding in a chatter is hopping still.
+        self.conveyed.distance += lain.distance;
         self.conveyed.flying += chatter;
         self.conveyed.rests += 1;
-        self.velocity = 0.0;
+        self.velocity = lain.velocity;
+        self.rested = phase;
     }
 
     fn lift_off(&mut self, wait: f64, _: f64) {
+        let lain = self.along.lie(self.rested, wait, self.velocity);
+        self.conveyed.lie(&lain);
         self.conveyed.resting += wait;
+        self.velocity = lain.velocity;
         if !self.lifted {
             self.before = core::mem::take(&mut self.conveyed);
             self.lifted = true;

@@ -9,6 +9,7 @@ use page::{picture, report};
 use kband::impact::{Growth, Kernel, Map, Scatter, Tangential};
 use kband::regime::band;
 use kband::regime::classify::Regime;
+use kband::transport::stationary::PhaseMeans;
 use kband::transport::{Origin, Sensitivity, Spread, measure, measure_scattered};
 
 use super::{Arguments, Computed, Feeder, effort, starts};
@@ -47,6 +48,8 @@ struct Run {
     time_mean: f64,
     impact_mean: Option<f64>,
     interval: Option<f64>,
+    /// The impact mean by its closed form, from the phases of impact.
+    stationary: Option<f64>,
     exponent: Option<f64>,
 }
 
@@ -61,6 +64,7 @@ struct Row {
     time_mean: Spread,
     impact_mean: Spread,
     interval: Spread,
+    stationary: Spread,
     exponent: Spread,
     sensitivity: Option<Sensitivity>,
 }
@@ -256,8 +260,17 @@ fn measured(
         Regime::HopAndRest { .. } if !hops_on(regime) => Origin::Rest,
         _ => start,
     };
-    let mut growth = Growth::new(&map);
-    let conveyed = measure(&map, tangential, start, effort(arguments), &mut growth).conveyed;
+    // A quarter of the shortest run, 100 impacts, turns the tangent.
+    let mut growth = Growth::settling(&map, 25.max(arguments.impacts as u64 / 40));
+    let mut phases = PhaseMeans::default();
+    let conveyed = measure(
+        &map,
+        tangential,
+        start,
+        effort(arguments),
+        &mut (&mut growth, &mut phases),
+    )
+    .conveyed;
     let hops = conveyed.rests == 0;
     Ok(Run {
         regime,
@@ -265,6 +278,9 @@ fn measured(
         time_mean: conveyed.time_mean().unwrap_or(0.0),
         impact_mean: conveyed.impact_mean(),
         interval: conveyed.mean_interval(),
+        stationary: phases
+            .impact_mean(k, feeder.restitution, &feeder.settings)
+            .filter(|_| hops),
         exponent: growth
             .exponents()
             .map(|[largest, _]| largest)
@@ -282,13 +298,14 @@ fn scattered(
     let map = Map::build(k, feeder.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     let mut watched = Gears::watched()?;
+    let mut phases = PhaseMeans::default();
     let measured = measure_scattered(
         &map,
         tangential,
         start,
         effort(arguments),
         scatter,
-        &mut watched,
+        &mut (&mut watched, &mut phases),
     )?;
     let conveyed = measured.conveyed;
     Ok(Run {
@@ -297,6 +314,9 @@ fn scattered(
         time_mean: conveyed.time_mean().unwrap_or(0.0),
         impact_mean: conveyed.impact_mean(),
         interval: conveyed.mean_interval(),
+        stationary: phases
+            .impact_mean(k, feeder.restitution, &feeder.settings)
+            .filter(|_| conveyed.rests == 0),
         exponent: None,
     })
 }
@@ -324,6 +344,7 @@ fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
                 time_mean: Spread::of(of().map(|run| run.time_mean)),
                 impact_mean: Spread::of(of().filter_map(|run| run.impact_mean)),
                 interval: Spread::of(of().filter_map(|run| run.interval)),
+                stationary: Spread::of(of().filter_map(|run| run.stationary)),
                 exponent: Spread::of(of().filter_map(|run| run.exponent)),
                 sensitivity: None,
             }
@@ -399,7 +420,7 @@ mod tests {
             assert!(row.sensitivity.unwrap().value.abs() < 1e-6);
             assert!((row.interval.mean().unwrap() - std::f64::consts::TAU).abs() < 1e-9);
         }
-        // docs/theory-capture.md#t7.2: from rest the part locks below k = 0.4117 and never above 0.4183.
+        // docs/theory-capture.md#t7.2: from rest the part locks below k = 0.41136 and never above 0.4178.
         let from_rest: Vec<bool> = locked.iter().map(|row| row.from_rest).collect();
         assert_eq!(from_rest, [true, false, false]);
         let speeds: Vec<f64> = locked

@@ -1,7 +1,11 @@
 //! The orbit of a part: impacts, rests and lift-offs in turn, and what is watched of them.
 
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+mod along;
 mod contact;
 mod events;
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+mod friction;
 mod observe;
 mod release;
 mod tangent;
@@ -12,10 +16,14 @@ mod wave_contact;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave_orbit;
 
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use along::{Along, Lain};
 pub use contact::Contact;
 #[cfg(any(test, feature = "unstable"))]
 pub use events::Skips;
 pub use events::{Ended, Event, Orbit};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use friction::{Friction, FrictionSettings};
 pub use observe::{Count, Observer};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use release::LATE;

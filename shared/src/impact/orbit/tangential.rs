@@ -1,5 +1,7 @@
 //! Motion along the track: what a flight and an impact do to it (equations 10 and 11; docs/theory-transport.md#t8.1).
 
+use super::along::{Along, Lain};
+use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
 #[cfg(feature = "plant")]
@@ -190,8 +192,36 @@ impl Tangential {
     }
 }
 
+/// At rest the velocity is 0 (the paper's model: infinitely many impacts have taken it).
+impl Along for Tangential {
+    const FORGETS: bool = true;
+
+    #[inline]
+    fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64) {
+        let distance = self.distance(launch, impact, velocity);
+        (distance, self.after(launch, impact, velocity))
+    }
+
+    /// The velocity dies geometrically over hops that shrink geometrically. What the shaking does meanwhile is of second
+    /// order in a chatter of at most 1e-4 rad.
+    fn chatter(&self, contact: &Contact, last: State, _: f64, velocity: f64) -> Lain {
+        Lain {
+            distance: velocity * contact.chatter_reach(last, self.settings.restitution),
+            ..Lain::default()
+        }
+    }
+
+    fn lie(&self, _: f64, _: f64, _: f64) -> Lain {
+        Lain::default()
+    }
+
+    fn stay(&self) -> Option<Lain> {
+        None
+    }
+}
+
 /// `(1 - cos d) / d^2`.
-fn versine(d: f64) -> f64 {
+pub(super) fn versine(d: f64) -> f64 {
     if d == 0.0 {
         return 0.5;
     }
@@ -200,7 +230,7 @@ fn versine(d: f64) -> f64 {
 }
 
 /// `(d - sin d) / d^3`, by its series below 0.5.
-fn sagitta(d: f64) -> f64 {
+pub(super) fn sagitta(d: f64) -> f64 {
     if d >= 0.5 {
         return (d - libm::sin(d)) / (d * d * d);
     }

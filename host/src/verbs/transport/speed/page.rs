@@ -2,7 +2,7 @@
 
 use kband::regime::classify::Regime;
 use kband::regime::{Lock, band};
-use kband::transport::{locked, stationary};
+use kband::transport::locked;
 use serde_json::json;
 
 use super::super::{Arguments, Feeder, ORDERS};
@@ -20,12 +20,7 @@ pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
             Some(locked::velocity(&lock, row.k, &feeder.settings))
         }
         Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic | Regime::Undecided => {
-            stationary::impact_mean(
-                row.k,
-                feeder.restitution,
-                &feeder.settings,
-                row.interval.mean()?,
-            )
+            row.stationary.mean()
         }
         Regime::HopAndRest { .. } | Regime::Rest => None,
     }
@@ -53,6 +48,7 @@ pub(super) fn report(
         Column::new("impact_mean", "mm/s").digits(5),
         Column::new("closed_form", "mm/s").digits(5),
         Column::new("bound", "mm/s").digits(4),
+        Column::new("critical_slope", "degrees").digits(7),
         Column::new("interval", "cycles").digits(5),
         Column::new("exponent", "").digits(3),
         Column::new("sensitivity", "").digits(3),
@@ -78,6 +74,7 @@ pub(super) fn report(
                 .map(|velocity| velocity * unit)
                 .into(),
             bound(feeder).map(|velocity| velocity * unit).into(),
+            critical_slope(feeder, row).into(),
             row.interval
                 .mean()
                 .map(|mean| mean / std::f64::consts::TAU)
@@ -104,7 +101,14 @@ pub(super) fn report(
             })
         })
         .collect();
-    let critical = critical_slope(feeder);
+    // In phase it is one slope for every lock; with a lead it depends on where in the cycle the part strikes.
+    let critical: Vec<f64> = rows
+        .iter()
+        .filter_map(|row| critical_slope(feeder, row))
+        .collect();
+    let in_phase = (feeder.settings.phase_lead == 0.0)
+        .then(|| locked::critical_slope_in_phase(feeder.restitution, &feeder.settings))
+        .map(|tangent| tangent.atan().to_degrees());
     let mut report = Printout::new(table).heading(format!(
         "Conveying speed at {}; {}",
         over.words(),
@@ -135,16 +139,26 @@ pub(super) fn report(
              parts (R = 0.9, k below 0.2) grows with the amplitude"
         });
     }
-    if let Some(tangent) = critical {
-        report = report.note(format!(
-            "locked parts stand still on an incline of {:.2}° (equation 22)",
-            tangent.atan().to_degrees()
-        ));
+    let words = match (in_phase, critical.as_slice()) {
+        (Some(slope), _) => Some(format!("{slope:.2}° (equation 22)")),
+        (None, []) => None,
+        (None, [slope]) => Some(format!("{slope:.2}°, from equation 20")),
+        (None, slopes) => {
+            let least = slopes.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            Some(format!("{least:.2}° to {most:.2}° by k, from equation 20"))
+        }
+    };
+    if let Some(words) = words {
+        report = report.note(format!("locked parts stand still on an incline of {words}"));
     }
     report.json(&json!({
         "rows": shown,
         "regimes": regimes,
-        "critical_slope": critical.map(|tangent| tangent.atan().to_degrees()),
+        "critical_slope": in_phase.or_else(|| match critical.as_slice() {
+            [slope] => Some(*slope),
+            _ => None,
+        }),
         "bound": bound(feeder),
     }))
 }
@@ -166,6 +180,7 @@ pub(super) fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> ser
         "impact_mean_dimensionless": row.impact_mean.mean(),
         "closed_form": closed_form(feeder, row).map(|velocity| velocity * unit),
         "bound": bound(feeder).map(|velocity| velocity * unit),
+        "critical_slope": critical_slope(feeder, row),
         "interval": row.interval.mean().map(|mean| mean / std::f64::consts::TAU),
         "exponent": row.exponent.mean(),
         "sensitivity": row.sensitivity.map(|found| found.value),
@@ -174,9 +189,14 @@ pub(super) fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> ser
     })
 }
 
-pub(super) fn critical_slope(feeder: &Feeder) -> Option<f64> {
-    (feeder.settings.phase_lead == 0.0)
-        .then(|| locked::critical_slope_in_phase(feeder.restitution, &feeder.settings))
+/// Incline in degrees on which a locked part stands still; `None` where it is not locked.
+fn critical_slope(feeder: &Feeder, row: &Row) -> Option<f64> {
+    let Regime::Locked { order } = row.regime else {
+        return None;
+    };
+    let lock = Lock::at(row.k, feeder.restitution, order).ok().flatten()?;
+    let tangent = locked::critical_slope(&lock, row.k, &feeder.settings);
+    Some(tangent.atan().to_degrees())
 }
 
 pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {

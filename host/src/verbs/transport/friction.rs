@@ -1,0 +1,651 @@
+//! Speed of parts that rub on the track: from contact all the time (S) over hop and slide (H-S) to hopping (H).
+
+use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
+use kband::impact::{Friction, FrictionSettings, Kernel, Map};
+use kband::transport::{Measured, Motion, Origin, measure};
+use serde_json::json;
+
+use super::{Arguments, Computed, Feeder, effort, locks};
+use crate::arguments::Range;
+use crate::desk::Desk;
+use crate::picture::{Axis, Fill, Panel, Picture, Unit};
+use crate::refusal::Refusal;
+use crate::report::{Column, Printout, Table, number};
+
+/// What the speed is shown over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Over {
+    /// The throw number Gamma = 1/k.
+    Throw,
+    /// The amplitude normal to the track, in mm.
+    Amplitude,
+    /// The incline, in degrees.
+    Incline,
+    /// The coefficient of friction.
+    Friction,
+    /// The phase lead of the parallel motion (gamma), in degrees.
+    PhaseLead,
+}
+
+impl Over {
+    fn axis(self, low: f64, high: f64) -> Axis {
+        let (name, unit) = match self {
+            Self::Throw => ("throw number Γ = 1/k", Unit::NONE),
+            Self::Amplitude => ("amplitude b normal to the track", Unit::MILLIMETRES),
+            Self::Incline => ("incline", Unit::new("°")),
+            Self::Friction => ("friction μ", Unit::NONE),
+            Self::PhaseLead => ("phase lead γ", Unit::new("°")),
+        };
+        Axis::new(name, unit, low, high)
+    }
+
+    fn column(self) -> Column {
+        match self {
+            Self::Throw => Column::new("throw", ""),
+            Self::Amplitude => Column::new("b", "mm"),
+            Self::Incline => Column::new("incline", "degrees"),
+            Self::Friction => Column::new("friction", ""),
+            Self::PhaseLead => Column::new("phase_lead", "degrees"),
+        }
+    }
+
+    /// What it runs over where nothing is said, at `amplitude` mm and so much for a throw number of 1.
+    fn range(self, unit: f64) -> Range {
+        let (low, high, count) = match self {
+            Self::Throw => (0.3, 3.5, 129),
+            Self::Amplitude => (0.3 * unit, 3.5 * unit, 129),
+            Self::Incline => (-10.0, 30.0, 81),
+            Self::Friction => (0.0, 1.0, 101),
+            Self::PhaseLead => (-180.0, 180.0, 145),
+        };
+        Range { low, high, count }
+    }
+
+    fn accepted(self) -> (f64, f64) {
+        match self {
+            Self::Throw => (1e-3, 1e3),
+            Self::Amplitude => (1e-6, 1e3),
+            Self::Incline => (-45.0, 45.0),
+            Self::Friction => (0.0, 10.0),
+            Self::PhaseLead => (-180.0, 180.0),
+        }
+    }
+}
+
+/// The regimes of the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Regime {
+    Sliding,
+    HopAndSlide,
+    Hopping,
+}
+
+impl Regime {
+    fn of(motion: Motion) -> Self {
+        match motion {
+            Motion::Rest => Self::Sliding,
+            Motion::HopAndRest => Self::HopAndSlide,
+            Motion::Hopping => Self::Hopping,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Sliding => "S",
+            Self::HopAndSlide => "H-S",
+            Self::Hopping => "H",
+        }
+    }
+
+    fn fill(self) -> Fill {
+        match self {
+            Self::Sliding => Fill::Rest,
+            Self::HopAndSlide => Fill::HopAndRest,
+            Self::Hopping => Fill::Locked,
+        }
+    }
+}
+
+const FILLS: [(Fill, &str); 3] = [
+    (Fill::Rest, "S: always in contact"),
+    (Fill::HopAndRest, "H-S: hops and lies"),
+    (Fill::Locked, "H: hops on"),
+];
+
+/// One feeder: what a value of the axis makes of the one that was asked for.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    track: Track,
+    settings: FrictionSettings,
+    k: f64,
+}
+
+impl Point {
+    fn at(
+        feeder: &Feeder,
+        arguments: &Arguments,
+        over: Over,
+        value: f64,
+        amplitude: f64,
+    ) -> Result<Self, Refusal> {
+        let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
+        let degrees = feeder.track.incline().to_degrees();
+        let incline = if over == Over::Incline {
+            value
+        } else {
+            degrees
+        };
+        let phase_lead = match over {
+            Over::PhaseLead => value,
+            _ => arguments.phase_lead,
+        };
+        let track = Track::build(TrackSettings {
+            frequency: arguments.drive.frequency,
+            incline,
+            amplitude_ratio: arguments.amplitude_ratio,
+            phase_lead,
+            gravity: STANDARD_GRAVITY,
+        })?;
+        let k = match over {
+            Over::Throw => 1.0 / value,
+            Over::Amplitude => track.k(1e-3 * value),
+            _ => track.k(1e-3 * amplitude),
+        };
+        let (sliding, sticking) = match over {
+            // The one that sticks keeps its share.
+            Over::Friction if sliding > 0.0 => (value, value * sticking / sliding),
+            Over::Friction => (value, value),
+            _ => (sliding, sticking),
+        };
+        Ok(Self {
+            track,
+            settings: FrictionSettings::on(&track, sticking, sliding),
+            k,
+        })
+    }
+
+    fn measured(
+        &self,
+        restitution: f64,
+        start: Origin,
+        arguments: &Arguments,
+    ) -> Result<Measured, Refusal> {
+        let map = Map::build(self.k, restitution)?;
+        let along = Friction::build(self.k, self.settings)?;
+        Ok(measure(&map, along, start, effort(arguments), &mut ()))
+    }
+
+    /// mm/s of a mean velocity in `b w`.
+    fn speed(&self, velocity: f64) -> f64 {
+        1e3 * velocity * self.track.velocity_unit(self.track.amplitude(self.k))
+    }
+}
+
+/// A regime that some start reached.
+struct Row {
+    value: f64,
+    point: Point,
+    from_rest: bool,
+    regime: Regime,
+    measured: Measured,
+}
+
+impl Row {
+    /// mm/s; `None` where an incline is too steep for any steady speed.
+    fn speed(&self) -> Option<f64> {
+        let mean = self.measured.conveyed.time_mean()?;
+        Some(self.point.speed(mean))
+    }
+
+    /// Shares of the time in flight, sliding up, sliding down, lying still.
+    fn shares(&self) -> [f64; 4] {
+        let conveyed = &self.measured.conveyed;
+        let time = conveyed.flying + conveyed.resting;
+        let still = conveyed.resting - conveyed.forward - conveyed.backward;
+        // Sums of slides miss what they are part of by a rounding.
+        let still = still.max(0.0);
+        let parts = [conveyed.flying, conveyed.forward, conveyed.backward, still];
+        parts.map(|part| {
+            if part < 1e-12 * time {
+                0.0
+            } else {
+                part / time
+            }
+        })
+    }
+}
+
+pub(super) fn computed(
+    feeder: Feeder,
+    arguments: &Arguments,
+    desk: &Desk,
+) -> Result<Computed, Refusal> {
+    let over = match (arguments.over, arguments.b) {
+        (Some(over), _) => over,
+        (None, Some(_)) => Over::Amplitude,
+        (None, None) => Over::Throw,
+    };
+    let (range, amplitude) = asked(&feeder, arguments, over)?;
+    let values: Vec<f64> = range.values().collect();
+    let found = desk.try_map("conveying", values.len(), |n| {
+        let point = Point::at(&feeder, arguments, over, values[n], amplitude)?;
+        rows(&feeder, arguments, values[n], point)
+    })?;
+    let rows: Vec<Row> = found.into_iter().flatten().collect();
+    let notes = notes(&feeder, arguments, over, amplitude, &rows)?;
+    let report = report(&feeder, arguments, over, &rows, &notes)?;
+    let words = words(&feeder, arguments, over, amplitude);
+    Ok((
+        report,
+        Box::new(move || picture(over, range, &rows, &notes, &words)),
+    ))
+}
+
+/// The values that are shown, and the amplitude in mm where they are no amplitudes.
+fn asked(feeder: &Feeder, arguments: &Arguments, over: Over) -> Result<(Range, f64), Refusal> {
+    let unit = feeder.amplitude(1.0);
+    let of_k = |range: Range, of: &dyn Fn(f64) -> f64| {
+        let (one, other) = (of(range.low), of(range.high));
+        Range {
+            low: one.min(other),
+            high: one.max(other),
+            count: range.count,
+        }
+    };
+    let throws = match (arguments.throw, arguments.k, arguments.b) {
+        (Some(range), ..) => Some(range),
+        (None, Some(k), _) => Some(of_k(k, &|k| 1.0 / k)),
+        (None, None, Some(b)) => Some(of_k(b, &|b| b / unit)),
+        _ => None,
+    };
+    let range = match over {
+        Over::Throw => throws.unwrap_or(over.range(unit)),
+        Over::Amplitude => {
+            throws.map_or(over.range(unit), |range| of_k(range, &|throw| throw * unit))
+        }
+        _ => arguments.values.unwrap_or(over.range(unit)),
+    };
+    let (low, high) = over.accepted();
+    if range.low < low || range.high > high {
+        return Err(Refusal::value(
+            "--values",
+            range,
+            format!("{low}..{high} over this axis"),
+            "give a range within it",
+        ));
+    }
+    let amplitude = match (over, throws) {
+        (Over::Throw | Over::Amplitude, _) => unit,
+        // Where feeders of industry run.
+        (_, None) => 1.5 * unit,
+        (_, Some(range)) if range.count == 1 => range.low * unit,
+        (_, Some(range)) => {
+            return Err(Refusal::value(
+                "--throw, --k or --b",
+                range,
+                "one value with --over incline, friction or phase-lead",
+                "for example --throw 1.5",
+            ));
+        }
+    };
+    Ok((range, amplitude))
+}
+
+/// The regimes at one value: from rest, and from each lock that attracts where that is another.
+fn rows(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    value: f64,
+    point: Point,
+) -> Result<Vec<Row>, Refusal> {
+    let restitution = feeder.restitution;
+    let mut rows: Vec<Row> = Vec::new();
+    let starts = locks(point.k, restitution).into_iter();
+    let starts = starts.map(|lock| Origin::Hop(lock.state()));
+    for start in std::iter::once(Origin::Rest).chain(starts) {
+        let measured = point.measured(restitution, start, arguments)?;
+        let row = Row {
+            value,
+            point,
+            from_rest: start == Origin::Rest,
+            regime: Regime::of(measured.motion),
+            measured,
+        };
+        let near = |one: Option<f64>, other: Option<f64>| match (one, other) {
+            (Some(one), Some(other)) => (one - other).abs() < 1e-6 * (1.0 + one.abs()),
+            (one, other) => one == other,
+        };
+        let known = |old: &Row| old.regime == row.regime && near(old.speed(), row.speed());
+        if !rows.iter().any(known) {
+            rows.push(row);
+        }
+    }
+    Ok(rows)
+}
+
+/// What stands out: where sliding and hopping begin, the best phase lead, where the speed changes its sign.
+fn notes(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    over: Over,
+    amplitude: f64,
+    rows: &[Row],
+) -> Result<Vec<(f64, String)>, Refusal> {
+    let mut notes = Vec::new();
+    let speed = |value: f64| -> Result<f64, Refusal> {
+        let point = Point::at(feeder, arguments, over, value, amplitude)?;
+        let found = point.measured(feeder.restitution, Origin::Rest, arguments)?;
+        Ok(found.conveyed.time_mean().unwrap_or(f64::NAN))
+    };
+    if matches!(over, Over::Throw | Over::Amplitude) {
+        let unit = if over == Over::Throw {
+            1.0
+        } else {
+            feeder.amplitude(1.0)
+        };
+        let point = Point::at(feeder, arguments, Over::Throw, 1.0, amplitude)?;
+        let threshold = |upwards: bool| point.settings.slides_above(upwards);
+        for (throw, words) in [
+            (threshold(true), "slides forward"),
+            (threshold(false), "slides backward"),
+            (Some(1.0), "hops"),
+        ] {
+            if let Some(throw) = throw.filter(|throw| *throw <= 1.0) {
+                notes.push((throw * unit, words.to_string()));
+            }
+        }
+    }
+    let rest: Vec<(f64, f64)> = rows
+        .iter()
+        .filter(|row| row.from_rest)
+        .filter_map(|row| Some((row.value, row.measured.conveyed.time_mean()?)))
+        .collect();
+    for pair in rest.windows(2) {
+        let [(mut low, one), (mut high, other)] = [pair[0], pair[1]];
+        if one * other >= 0.0 {
+            continue;
+        }
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if speed(middle)? * one > 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let words = match over {
+            Over::Incline => "just climbs",
+            _ => "reverses",
+        };
+        notes.push((0.5 * (low + high), words.to_string()));
+    }
+    if over == Over::PhaseLead
+        && let Some(top) = rest.iter().max_by(|a, b| a.1.total_cmp(&b.1))
+    {
+        let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
+        // Golden section about the best of the grid.
+        let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+        let (mut low, mut high) = ((top.0 - step).max(-180.0), (top.0 + step).min(180.0));
+        for _ in 0..30 {
+            let (a, b) = (high - golden * (high - low), low + golden * (high - low));
+            if speed(a)? > speed(b)? {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        notes.push((0.5 * (low + high), "conveys most".to_string()));
+    }
+    Ok(notes)
+}
+
+fn words(feeder: &Feeder, arguments: &Arguments, over: Over, amplitude: f64) -> String {
+    let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
+    let mut words = vec![format!("R = {}", number(feeder.restitution, 6))];
+    if over != Over::Friction {
+        words.push(if sticking > sliding {
+            format!(
+                "μ = {}, at rest {}",
+                number(sliding, 6),
+                number(sticking, 6)
+            )
+        } else {
+            format!("μ = {}", number(sliding, 6))
+        });
+    }
+    words.push(format!("η = {}", number(arguments.amplitude_ratio, 6)));
+    if over != Over::PhaseLead {
+        words.push(format!("γ = {}°", number(arguments.phase_lead, 6)));
+    }
+    if over != Over::Incline {
+        words.push(format!(
+            "incline {}°",
+            number(feeder.track.incline().to_degrees(), 6)
+        ));
+    }
+    if !matches!(over, Over::Throw | Over::Amplitude) {
+        words.push(format!(
+            "b = {} mm (throw number {})",
+            number(amplitude, 4),
+            number(amplitude / feeder.amplitude(1.0), 4)
+        ));
+    }
+    words.push(format!("{} Hz", number(feeder.track.frequency(), 6)));
+    words.join(", ")
+}
+
+fn report(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    over: Over,
+    rows: &[Row],
+    notes: &[(f64, String)],
+) -> Result<Printout, Refusal> {
+    let mut columns = vec![over.column()];
+    let others = [Over::Throw, Over::Amplitude];
+    columns.extend(
+        others
+            .iter()
+            .filter(|axis| **axis != over)
+            .map(|axis| axis.column()),
+    );
+    columns.extend([
+        Column::new("from_rest", ""),
+        Column::new("regime", ""),
+        Column::new("speed", "mm/s").digits(5),
+        Column::new("velocity", "b w").digits(6),
+        Column::new("in_flight", "").digits(3),
+        Column::new("sliding_up", "").digits(3),
+        Column::new("sliding_down", "").digits(3),
+        Column::new("still", "").digits(3),
+    ]);
+    let mut table = Table::new(&columns);
+    let mut json = Vec::new();
+    for row in rows {
+        let point = &row.point;
+        let (throw, amplitude) = (1.0 / point.k, 1e3 * point.track.amplitude(point.k));
+        let mut cells = vec![row.value.into()];
+        if over != Over::Throw {
+            cells.push(throw.into());
+        }
+        if over != Over::Amplitude {
+            cells.push(amplitude.into());
+        }
+        let velocity = row.measured.conveyed.time_mean();
+        let shares = row.shares();
+        let told = |share: f64| share.is_finite().then_some(share);
+        cells.extend([
+            row.from_rest.into(),
+            row.regime.name().into(),
+            row.speed().into(),
+            velocity.into(),
+        ]);
+        cells.extend(shares.map(|share| told(share).into()));
+        table.push_row(cells);
+        json.push(json!({
+            "value": row.value, "throw": throw, "b": amplitude, "k": point.k, "from_rest": row.from_rest,
+            "regime": row.regime.name(), "speed": row.speed(), "velocity": velocity,
+            "in_flight": told(shares[0]), "sliding_up": told(shares[1]), "sliding_down": told(shares[2]),
+            "still": told(shares[3]),
+        }));
+    }
+    let mut report = Printout::new(table).heading(format!(
+        "Conveying speed with friction; {}",
+        words(feeder, arguments, over, 1.5 * feeder.amplitude(1.0))
+    ));
+    for (value, words) in notes {
+        report = report.note(format!("{words} at {}", number(*value, 6)));
+    }
+    if rows.iter().any(|row| row.speed().is_none()) {
+        report =
+            report.note("no speed where friction cannot hold the part: it slides down ever faster");
+    }
+    let notes: Vec<_> = notes
+        .iter()
+        .map(|(value, words)| json!({"value": value, "what": words}))
+        .collect();
+    report.json(&json!({"rows": json, "notes": notes}))
+}
+
+fn picture(
+    over: Over,
+    range: Range,
+    rows: &[Row],
+    notes: &[(f64, String)],
+    words: &str,
+) -> Picture {
+    let speeds: Vec<f64> = rows.iter().filter_map(Row::speed).collect();
+    let highest = speeds.iter().copied().fold(0.0, f64::max);
+    let lowest = speeds.iter().copied().fold(0.0, f64::min);
+    let room = 0.12 * (highest - lowest).max(1e-6);
+    let mut panel = Panel::new(
+        over.axis(range.low, range.high),
+        Axis::new(
+            "conveying speed",
+            Unit::MILLIMETRES_A_SECOND,
+            lowest - room,
+            highest + room,
+        ),
+    )
+    .height(380.0);
+    let of = |from_rest: bool| -> Vec<(f64, f64)> {
+        let of = rows.iter().filter(|row| row.from_rest == from_rest);
+        of.map(|row| (row.value, row.speed().unwrap_or(f64::NAN)))
+            .collect()
+    };
+    panel = panel.line("from rest", 0, of(true));
+    let locked = of(false);
+    if !locked.is_empty() {
+        panel = panel.markers("from a lock", 2, locked);
+    }
+    for (value, words) in notes {
+        panel = panel.mark(*value, words);
+    }
+    let rest: Vec<&Row> = rows.iter().filter(|row| row.from_rest).collect();
+    let middle = |n: usize| 0.5 * (rest[n].value + rest[n + 1].value);
+    let stretches = (0..rest.len()).map(|n| {
+        let left = if n == 0 { range.low } else { middle(n - 1) };
+        let right = if n + 1 == rest.len() {
+            range.high
+        } else {
+            middle(n)
+        };
+        (left, right, rest[n].regime.fill())
+    });
+    panel = panel.ribbon(stretches.collect(), &FILLS);
+    let mut below = Panel::new(
+        over.axis(range.low, range.high),
+        Axis::new("share of the time", Unit::NONE, 0.0, 1.0),
+    )
+    .height(200.0);
+    let names = ["in flight", "sliding up", "sliding down", "still"];
+    for (series, name) in names.into_iter().enumerate() {
+        let points = rest.iter().map(|row| (row.value, row.shares()[series]));
+        below = below.line(name, series, points.collect());
+    }
+    Picture::new("Conveying speed with friction")
+        .caption(words)
+        .panel(panel)
+        .panel(below)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(options: &str) -> Vec<Row> {
+        #[derive(clap::Parser)]
+        struct CommandLine {
+            #[command(flatten)]
+            arguments: Arguments,
+        }
+        let words = std::iter::once("transport").chain(options.split_whitespace());
+        let line = <CommandLine as clap::Parser>::try_parse_from(words).unwrap();
+        let feeder = Feeder::build(&line.arguments).unwrap();
+        let over = line.arguments.over.unwrap_or(Over::Throw);
+        let (range, amplitude) = asked(&feeder, &line.arguments, over).unwrap();
+        let at = |value| {
+            let point = Point::at(&feeder, &line.arguments, over, value, amplitude).unwrap();
+            rows(&feeder, &line.arguments, value, point).unwrap()
+        };
+        range.values().flat_map(at).collect()
+    }
+
+    /// docs/theory-real-parts.md#t10.4, from a stepwise integration.
+    #[test]
+    fn speeds_of_parts_that_hop_and_slide_are_the_references() {
+        for (options, expected, within) in [
+            (
+                "--throw 1.2 --friction 0.3 --restitution 0",
+                0.259_541,
+                2e-6,
+            ),
+            (
+                "--throw 1.2 --friction 0.3 --restitution 0.2",
+                0.259_541,
+                2e-6,
+            ),
+            ("--throw 2 --friction 0.3 --restitution 0.2", 0.8175, 1e-3),
+            ("--throw 2 --friction 0.1 --restitution 0.2", 0.6705, 1e-3),
+        ] {
+            let rows = found(&format!("{options} --incline 3"));
+            let rest = rows.iter().find(|row| row.from_rest).unwrap();
+            assert_eq!(rest.regime, Regime::HopAndSlide, "{options}");
+            let mean = rest.measured.conveyed.time_mean().unwrap();
+            assert!((mean - expected).abs() < within, "{options}: {mean}");
+        }
+    }
+
+    #[test]
+    fn a_lock_with_friction_is_the_paper_with_no_speed_kept() {
+        use kband::impact::TangentialSettings;
+        use kband::regime::Lock;
+        use kband::transport::locked;
+        let rows = found("--k 0.43 --friction 0.3 --restitution 0.2 --incline 3");
+        let hopping = rows
+            .iter()
+            .find(|row| row.regime == Regime::Hopping)
+            .unwrap();
+        let lock = Lock::at(0.43, 0.2, 1).unwrap().unwrap();
+        let dead = TangentialSettings::on(&hopping.point.track, 0.0);
+        let expected = locked::velocity(&lock, 0.43, &dead);
+        let mean = hopping.measured.conveyed.time_mean().unwrap();
+        assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
+    }
+
+    #[test]
+    fn regimes_follow_each_other_over_the_throw_number() {
+        let rows = found("--throw 0.3..3.5:33 --friction 0.3 --restitution 0.2 --incline 3");
+        for row in rows.iter().filter(|row| row.from_rest) {
+            let [flying, up, down, still] = row.shares();
+            assert!((flying + up + down + still - 1.0).abs() < 1e-9);
+            assert_eq!(
+                row.regime == Regime::Sliding,
+                row.value <= 1.0,
+                "{}",
+                row.value
+            );
+            assert_eq!(flying == 0.0, row.value <= 1.0);
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! What carries parts along the track: the law of contact that an orbit is watched with.
+
+use super::contact::Contact;
+use crate::impact::kernel::{Impact, State};
+
+/// What a part did while it lay on the track.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lain {
+    /// Way along the track in units of b.
+    pub distance: f64,
+    /// Velocity along the track at the end in units of `b w`.
+    pub velocity: f64,
+    /// Time in which it slid up the track, in rad.
+    pub forward: f64,
+    /// Time in which it slid down the track, in rad.
+    pub backward: f64,
+}
+
+/// A law of motion along the track: [`Tangential`](super::Tangential), the paper's restitution along it, or
+/// [`Friction`](super::Friction).
+pub trait Along: Copy {
+    /// Whether a part at rest has forgotten how it came there, so that its orbit repeats from lift-off to lift-off.
+    const FORGETS: bool;
+
+    /// The flight of `impact` from `launch`, left with `velocity` along the track: way in b and velocity after the impact.
+    fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64);
+
+    /// The endless hops of `chatter` rad that bring a part to rest after `last`.
+    fn chatter(&self, contact: &Contact, last: State, chatter: f64, velocity: f64) -> Lain;
+
+    /// The part lies on the track from `phase` on for `wait` rad.
+    fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain;
+
+    /// One drive cycle of a part that lies there for ever; `None` where it does not move, or not steadily.
+    fn stay(&self) -> Option<Lain>;
+}

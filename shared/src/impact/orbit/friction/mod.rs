@@ -1,0 +1,531 @@
+//! Motion along the track with Coulomb friction: stick, slide both ways, hop and impact by one event map
+//! (docs/theory-real-parts.md#t10.4).
+
+mod push;
+
+use push::{Push, first_zero};
+
+use super::along::{Along, Lain};
+use super::contact::Contact;
+use crate::feeder::{OutOfRange, Track, accept};
+use crate::impact::kernel::{Impact, State};
+use crate::impact::wave::Wave;
+
+/// What the motion along the track depends on besides k, where parts rub on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrictionSettings {
+    /// Coefficient of friction of a part that lies still (symbol mu_s), `sliding`..=10.
+    pub sticking: f64,
+    /// Coefficient of friction of one that slides or strikes (symbol mu), 0..=10.
+    pub sliding: f64,
+    /// Amplitude parallel to the track over the amplitude normal to it (symbol eta), 0..=100.
+    pub amplitude_ratio: f64,
+    /// Phase lead of the parallel motion (symbol gamma) in rad, -2 pi..=2 pi.
+    pub phase_lead: f64,
+    /// Tangent of the incline, -2..=2, positive where parts climb.
+    pub incline_tangent: f64,
+}
+
+impl FrictionSettings {
+    /// The settings of parts with these coefficients on `track`.
+    #[must_use]
+    pub fn on(track: &Track, sticking: f64, sliding: f64) -> Self {
+        Self {
+            sticking,
+            sliding,
+            amplitude_ratio: track.amplitude_ratio(),
+            phase_lead: track.phase_lead(),
+            incline_tangent: track.incline_tangent(),
+        }
+    }
+
+    /// Throw number (1/k) above which a part that lies on a sinusoidal track slides upwards, or downwards:
+    /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at gamma = 0 Boothroyd's limits.
+    /// `None` where it never does.
+    #[must_use]
+    pub fn slides_above(&self, upwards: bool) -> Option<f64> {
+        let c = if upwards { 1.0 } else { -1.0 };
+        let (sine, cosine) = libm::sincos(self.phase_lead);
+        let eta = c * self.amplitude_ratio;
+        let push = libm::hypot(self.sticking + eta * cosine, eta * sine);
+        let hold = self.sticking + c * self.incline_tangent;
+        (push > 0.0).then(|| (hold / push).max(0.0))
+    }
+}
+
+/// The motion along the track for one k, with friction. Velocities relative to the track in units of `b w`.
+///
+/// In contact the normal force is `N = k - A`, `A = sin tau` on one tone. A part that lies still is pushed by
+/// `f = eta A(tau + gamma) - k tan(alpha)` and sticks while `|f| <= mu_s N`; one that slides in direction c has
+/// `v'' = f - c mu N`, in closed form until v' is 0. An impact takes `mu` times its normal impulse, at most all there is:
+/// `phi' = sgn(phi) max(0, |phi| - mu (s + psi'))`. While c does not change, `v' + c mu u'` feels no contact force.
+///
+/// Events are found to 1e-14 rad of the phase, by steps that cannot jump over one.
+///
+/// ```
+/// use kband::impact::{Friction, FrictionSettings};
+///
+/// // Too weak to throw (k > 1), a track still conveys: Gamma = 0.6, a steep throw angle of 30 degrees.
+/// let along = Friction::build(1.0 / 0.6, FrictionSettings {
+///     sticking: 0.8,
+///     sliding: 0.8,
+///     amplitude_ratio: 3.0_f64.sqrt(),
+///     phase_lead: 0.0,
+///     incline_tangent: 3.0_f64.to_radians().tan(),
+/// })?;
+/// let cycle = along.lying_for_ever().expect("it settles");
+/// assert!((cycle.distance / core::f64::consts::TAU - 0.386_499).abs() < 1e-6);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Friction {
+    settings: FrictionSettings,
+    /// `f`, the acceleration relative to the track of a part that nothing holds.
+    free: Push,
+    /// `A - k`: minus the normal force on a part in contact, and u'' of one in flight.
+    normal: Push,
+}
+
+/// Friction in direction c while a part lies on the track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Contacting {
+    Sticking,
+    Sliding(f64),
+}
+
+impl Friction {
+    /// The motion along a sinusoidal track at `k` (0.001..=1000); the refusal names the parameter.
+    pub fn build(k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
+        Self::on(&Wave::sine(), k, settings)
+    }
+
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a whole.
+    pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
+        let FrictionSettings {
+            sticking,
+            sliding,
+            amplitude_ratio,
+            phase_lead,
+            incline_tangent,
+        } = settings;
+        accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
+        accept(
+            "friction",
+            sliding,
+            (0.0..=10.0).contains(&sliding),
+            "0..10",
+        )?;
+        accept(
+            "sticking friction",
+            sticking,
+            (sliding..=10.0).contains(&sticking),
+            "the friction of sliding..10: a part at rest holds at least as well as one that slides",
+        )?;
+        accept(
+            "amplitude_ratio",
+            amplitude_ratio,
+            (0.0..=100.0).contains(&amplitude_ratio),
+            "0..100",
+        )?;
+        accept(
+            "phase_lead",
+            phase_lead,
+            (-core::f64::consts::TAU..=core::f64::consts::TAU).contains(&phase_lead),
+            "-2 pi..2 pi rad",
+        )?;
+        accept(
+            "incline_tangent",
+            incline_tangent,
+            (-2.0..=2.0).contains(&incline_tangent),
+            "-2..2",
+        )?;
+        Ok(Self {
+            settings,
+            free: Push::of(wave, amplitude_ratio, phase_lead, k * incline_tangent),
+            normal: Push::of(wave, 1.0, 0.0, k),
+        })
+    }
+
+    /// What it was built from.
+    #[must_use]
+    pub fn settings(&self) -> FrictionSettings {
+        self.settings
+    }
+
+    /// What pushes a part that slides in direction c.
+    fn sliding(&self, c: f64) -> Push {
+        self.free.plus(c * self.settings.sliding, &self.normal)
+    }
+
+    /// By how much sticking friction exceeds the push in direction c: `mu_s N - c f`.
+    fn slack(&self, c: f64) -> Push {
+        Push::default()
+            .plus(-self.settings.sticking, &self.normal)
+            .plus(-c, &self.free)
+    }
+
+    /// What a part of velocity 0 does at `phase`.
+    fn held(&self, phase: f64) -> Contacting {
+        let free = self.free.at(phase);
+        let hold = -self.settings.sticking * self.normal.at(phase);
+        if free.abs() > hold {
+            Contacting::Sliding(if free > 0.0 { 1.0 } else { -1.0 })
+        } else {
+            Contacting::Sticking
+        }
+    }
+
+    /// A part that lies on the track from `phase` on for `duration` rad, sliding at first with `velocity`.
+    fn lain(&self, phase: f64, duration: f64, velocity: f64) -> Lain {
+        /// Rad by which the phase goes on at an event that leads nowhere: a push that only touches what holds.
+        const TOUCH: f64 = 1e-7;
+        let mut lain = Lain {
+            velocity,
+            ..Lain::default()
+        };
+        let (mut at, mut left) = (phase, duration);
+        let mut state = if velocity == 0.0 {
+            self.held(at)
+        } else {
+            Contacting::Sliding(if velocity > 0.0 { 1.0 } else { -1.0 })
+        };
+        while left > 0.0 {
+            match state {
+                Contacting::Sticking => {
+                    let until = |c: f64| {
+                        let slack = self.slack(c);
+                        first_zero(left, slack.bound(2), |d| {
+                            (slack.at(at + d), slack.slope(at + d))
+                        })
+                        .map(|d| (d, c))
+                    };
+                    let next = match (until(1.0), until(-1.0)) {
+                        (Some(one), Some(other)) if other.0 < one.0 => Some(other),
+                        (Some(one), _) => Some(one),
+                        (None, other) => other,
+                    };
+                    let Some((d, c)) = next else { break };
+                    (at, left) = (at + d, left - d);
+                    state = Contacting::Sliding(c);
+                }
+                Contacting::Sliding(c) => {
+                    let push = self.sliding(c);
+                    let begun = c * lain.velocity;
+                    // Where it begins to slide both velocity and push may be 0; then the push's slope makes the first way.
+                    let slope = c * push.slope(at);
+                    let lead = if begun <= 0.0 && c * push.at(at) <= 1e-9 {
+                        (1.5 * slope / push.bound(2).max(f64::MIN_POSITIVE)).clamp(0.0, left)
+                    } else {
+                        0.0
+                    };
+                    let speed = |d: f64| {
+                        let d = lead + d;
+                        (begun + c * push.velocity(at, d), c * push.at(at + d))
+                    };
+                    let d = if speed(0.0).0 < 0.0 {
+                        0.0
+                    } else {
+                        let stop = first_zero(left - lead, push.bound(1), speed);
+                        stop.map_or(left, |d| lead + d)
+                    };
+                    let stopped = d < left;
+                    lain.distance += lain.velocity * d + push.distance(at, d);
+                    lain.velocity = if stopped {
+                        0.0
+                    } else {
+                        lain.velocity + push.velocity(at, d)
+                    };
+                    if c > 0.0 {
+                        lain.forward += d;
+                    } else {
+                        lain.backward += d;
+                    }
+                    (at, left) = (at + d, left - d);
+                    if stopped {
+                        state = self.held(at);
+                        if d < TOUCH {
+                            let touch = TOUCH.min(left);
+                            (at, left) = (at + touch, left - touch);
+                        }
+                    }
+                }
+            }
+        }
+        lain
+    }
+
+    /// One drive cycle of a part that is never thrown, once its motion repeats; `None` where it does not settle, which
+    /// is an incline that friction cannot hold, and where the track throws.
+    #[must_use]
+    pub fn lying_for_ever(&self) -> Option<Lain> {
+        /// A slide that stops once forgets all; one that never does settles within its own damping.
+        const CYCLES: usize = 20_000;
+        let thrown = self.normal.bound(0) > 0.0 && self.throws();
+        if thrown {
+            return None;
+        }
+        let mut velocity = 0.0;
+        for _ in 0..CYCLES {
+            let cycle = self.lain(0.0, core::f64::consts::TAU, velocity);
+            if (cycle.velocity - velocity).abs() <= 1e-14 {
+                return Some(cycle);
+            }
+            velocity = cycle.velocity;
+        }
+        None
+    }
+
+    /// Whether the normal force falls below 0 somewhere in a cycle.
+    fn throws(&self) -> bool {
+        // From a phase where it is held down.
+        let up = |d: f64| (-self.normal.at(d), -self.normal.slope(d));
+        if up(0.0).0 < 0.0 {
+            return true;
+        }
+        match first_zero(core::f64::consts::TAU, self.normal.bound(2), up) {
+            // A force that only touches 0 throws nothing.
+            Some(d) => self.normal.at(d + 1e-6) > 1e-12,
+            None => false,
+        }
+    }
+}
+
+impl Along for Friction {
+    const FORGETS: bool = false;
+
+    fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64) {
+        let (t, d) = (launch.phase, impact.flight);
+        let distance = velocity * d + self.free.distance(t, d);
+        let arriving = velocity + self.free.velocity(t, d);
+        // The impulse of the impact, s + psi'.
+        let arrival = -(launch.velocity + self.normal.velocity(t, d));
+        let rubbed = self.settings.sliding * (arrival.max(0.0) + impact.next.velocity);
+        let left = (arriving.abs() - rubbed).max(0.0);
+        (distance, libm::copysign(left, arriving))
+    }
+
+    fn chatter(&self, _: &Contact, last: State, chatter: f64, velocity: f64) -> Lain {
+        // Over its whole length the impacts push as the contact would, but for the velocity that the part came with:
+        // their impulses add up to the integral of N less psi.
+        let spared = if velocity == 0.0 {
+            0.0
+        } else {
+            libm::copysign(self.settings.sliding * last.velocity, velocity)
+        };
+        self.lain(last.phase, chatter, velocity + spared)
+    }
+
+    fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain {
+        self.lain(phase, wait, velocity)
+    }
+
+    fn stay(&self) -> Option<Lain> {
+        self.lying_for_ever()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Event, Kernel, Map, Orbit};
+    use core::f64::consts::TAU;
+
+    fn settings(eta: f64, mu: f64, degrees: f64) -> FrictionSettings {
+        FrictionSettings {
+            sticking: mu,
+            sliding: mu,
+            amplitude_ratio: eta,
+            phase_lead: 0.0,
+            incline_tangent: libm::tan(degrees.to_radians()),
+        }
+    }
+
+    fn cycle(throw: f64, settings: FrictionSettings) -> Lain {
+        let along = Friction::build(1.0 / throw, settings).unwrap();
+        along.lying_for_ever().unwrap()
+    }
+
+    /// docs/theory-real-parts.md#t10.4.
+    #[test]
+    fn speeds_of_parts_that_never_hop_are_the_references() {
+        for (throw, eta, mu, degrees, expected) in [
+            (0.6, libm::sqrt(3.0), 0.8, 3.0, 0.386_499),
+            (0.9, libm::sqrt(3.0), 0.8, 3.0, 0.822_437),
+            (1.0, libm::sqrt(3.0), 0.3, 0.0, 0.636_358),
+            (0.9, 2.0, 0.2, 0.0, 0.434_802),
+        ] {
+            let found = cycle(throw, settings(eta, mu, degrees)).distance / TAU;
+            assert!((found - expected).abs() < 2e-6, "{throw} {mu}: {found}");
+        }
+    }
+
+    /// Boothroyd's limits: forward above (mu + T)/(eta + mu), backward above (mu - T)/(eta - mu).
+    #[test]
+    fn sliding_begins_at_its_thresholds() {
+        let slow = settings(1.0 / libm::tan(30_f64.to_radians()), 0.8, 3.0);
+        let (tangent, eta, mu) = (slow.incline_tangent, slow.amplitude_ratio, slow.sliding);
+        let forward = (mu + tangent) / (eta + mu);
+        let backward = (mu - tangent) / (eta - mu);
+        assert!((forward - 0.336_647).abs() < 1e-6 && (backward - 0.802_094).abs() < 1e-6);
+        for (upwards, closed) in [(true, forward), (false, backward)] {
+            assert!((slow.slides_above(upwards).unwrap() - closed).abs() < 1e-15);
+        }
+        // With a lead, against the contact itself.
+        for lead in [-1.0, 0.5, 2.0] {
+            let led = FrictionSettings {
+                phase_lead: lead,
+                ..slow
+            };
+            let from = led.slides_above(true).unwrap();
+            assert_eq!(cycle(from - 1e-6, led).forward, 0.0, "{lead}");
+            assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
+        }
+        let at = |throw: f64| cycle(throw, slow);
+        assert_eq!(
+            (at(forward - 1e-6).forward, at(forward - 1e-6).backward),
+            (0.0, 0.0)
+        );
+        assert!(at(forward + 1e-4).forward > 0.0);
+        assert_eq!(at(backward - 1e-6).backward, 0.0);
+        assert!(at(backward + 1e-3).backward > 0.0);
+        // A part that sticks better slides later, but then all the same.
+        let sticky = FrictionSettings {
+            sticking: 1.0,
+            ..slow
+        };
+        let later = (1.0 + tangent) / (eta + 1.0);
+        assert_eq!(cycle(later - 1e-6, sticky).distance, 0.0);
+        assert!(cycle(later + 1e-6, sticky).distance > 1e-2);
+    }
+
+    /// The classical Runge-Kutta rule's way over one contact, with the direction of each small step.
+    fn stepped(along: &Friction, k: f64, phase: f64, duration: f64, start: f64) -> (f64, f64) {
+        let s = along.settings;
+        let steps = 400_000;
+        let h = duration / f64::from(steps);
+        let (mut way, mut v) = (0.0, start);
+        for n in 0..steps {
+            let tau = phase + (f64::from(n) + 0.5) * h;
+            let free = s.amplitude_ratio * libm::sin(tau + s.phase_lead) - k * s.incline_tangent;
+            let force = k - libm::sin(tau);
+            if v == 0.0 && free.abs() <= s.sticking * force {
+                continue;
+            }
+            let c = if v == 0.0 { free.signum() } else { v.signum() };
+            let next = v + h * (free - c * s.sliding * force);
+            let next = if next * c < 0.0 { 0.0 } else { next };
+            way += 0.5 * h * (v + next);
+            v = next;
+        }
+        (way, v)
+    }
+
+    #[test]
+    fn a_contact_is_that_of_small_steps() {
+        let mut cases = 0;
+        for n in 0..40 {
+            let part = |m: i32| f64::from(n * m % 37) / 37.0;
+            let along = FrictionSettings {
+                sticking: 0.15 + 0.5 * part(5),
+                sliding: 0.1 + 0.4 * part(5),
+                amplitude_ratio: 0.5 + 2.0 * part(7),
+                phase_lead: 3.0 * part(11) - 1.5,
+                incline_tangent: 0.2 * part(13) - 0.1,
+            };
+            let k = 1.02 + part(17);
+            let friction = Friction::build(k, along).unwrap();
+            let (phase, duration, v) = (6.0 * part(19), 9.0, 2.0 * part(23) - 1.0);
+            let lain = friction.lie(phase, duration, v);
+            let (way, velocity) = stepped(&friction, k, phase, duration, v);
+            assert!((lain.distance - way).abs() < 2e-4, "{n}: {lain:?} {way}");
+            assert!(
+                (lain.velocity - velocity).abs() < 2e-4,
+                "{n}: {lain:?} {velocity}"
+            );
+            cases += usize::from(lain.forward > 0.0 && lain.backward > 0.0);
+        }
+        assert!(cases > 10, "{cases}");
+    }
+
+    /// While a part slides in one direction, v' + c mu u' feels no contact force, through slides and impacts.
+    #[test]
+    fn what_friction_and_impact_share_is_conserved() {
+        let mut runs = 0;
+        for n in 0..300 {
+            let part = |m: i32| f64::from(n * m % 101) / 101.0;
+            let along = FrictionSettings {
+                sticking: 0.1 + 0.2 * part(5),
+                sliding: 0.1 + 0.2 * part(5),
+                amplitude_ratio: 0.5 + 2.0 * part(7),
+                phase_lead: 2.0 * part(11) - 1.0,
+                incline_tangent: 0.2 * part(13) - 0.1,
+            };
+            let (k, mu) = (0.3 + 0.6 * part(17), along.sliding);
+            let friction = Friction::build(k, along).unwrap();
+            let map = Map::build(k, 0.1 + 0.7 * part(19)).unwrap();
+            let contact = Contact::new(&map);
+            let start = Map::state(6.0 * part(23), 0.3 + part(29)).unwrap();
+            // Fast enough to keep its direction for a while.
+            let c = if n % 2 == 0 { 1.0 } else { -1.0 };
+            let mut velocity = 30.0 * c;
+            let mut before = start;
+            let mut clock = 0.0;
+            let mut shared = velocity + c * mu * start.velocity;
+            let mut orbit = Orbit::new(&map, start);
+            for _ in 0..30 {
+                let (phase, d, u) = match orbit.next() {
+                    Some(Event::Impact(impact)) => {
+                        velocity = friction.fly(before, &impact, velocity).1;
+                        (before.phase, impact.flight, impact.next.velocity)
+                    }
+                    Some(Event::Rest { chatter, .. }) => {
+                        velocity = friction
+                            .chatter(&contact, before, chatter, velocity)
+                            .velocity;
+                        (before.phase, chatter, 0.0)
+                    }
+                    Some(Event::LiftOff { wait, .. }) => {
+                        velocity = friction.lie(before.phase, wait, velocity).velocity;
+                        (before.phase, wait, 0.0)
+                    }
+                    None => break,
+                };
+                if velocity * c <= 0.0 {
+                    break;
+                }
+                // v'' + c mu u'' without a contact force.
+                let pushes = friction.free.plus(c * mu, &friction.normal);
+                shared += pushes.velocity(phase, d);
+                clock += d;
+                let now = velocity + c * mu * u;
+                // 1e-9: the closure of a chatter, and the phases of some 30 events.
+                assert!(
+                    (now - shared).abs() < 1e-9 * (1.0 + clock),
+                    "{n}: {now} {shared}"
+                );
+                before = orbit.state();
+                runs += 1;
+            }
+        }
+        assert!(runs > 4000, "{runs}");
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        let named = |settings| Friction::build(0.5, settings).unwrap_err().parameter;
+        let good = settings(1.5, 0.3, 3.0);
+        let weak = FrictionSettings {
+            sticking: 0.2,
+            ..good
+        };
+        assert_eq!(named(weak), "sticking friction");
+        let slick = FrictionSettings {
+            sliding: -0.1,
+            ..good
+        };
+        assert_eq!(named(slick), "friction");
+        // An incline that friction cannot hold has no steady speed.
+        let steep = Friction::build(1.5, settings(1.5, 0.1, 20.0)).unwrap();
+        assert!(steep.lying_for_ever().is_none());
+    }
+}

@@ -1,0 +1,203 @@
+//! Accelerations that the drive gives: a few harmonics and a constant, integrated in closed form.
+
+use crate::impact::orbit::tangential::{sagitta, versine};
+use crate::impact::wave::Wave;
+
+/// Harmonics of a track's motion.
+const TONES: usize = 3;
+
+/// `sum over n of (sine_n sin(n tau) + cosine_n cos(n tau)) - constant`, in `b w^2`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Push {
+    sine: [f64; TONES],
+    cosine: [f64; TONES],
+    constant: f64,
+    /// Harmonics from this one on are zero.
+    count: usize,
+}
+
+impl Push {
+    /// `amplitude A(tau + lead) - constant`, with `A = -S''` of the track's motion S.
+    pub(super) fn of(wave: &Wave, amplitude: f64, lead: f64, constant: f64) -> Self {
+        let mut push = Self {
+            constant,
+            ..Self::default()
+        };
+        for (n, tone) in wave.tones() {
+            let index = n as usize - 1;
+            let (sine, cosine) = libm::sincos(n * lead + tone.angle);
+            let size = amplitude * n * n * tone.amplitude;
+            push.sine[index] = size * cosine;
+            push.cosine[index] = size * sine;
+            push.count = push.count.max(index + 1);
+        }
+        push
+    }
+
+    /// `self + factor other`.
+    pub(super) fn plus(&self, factor: f64, other: &Self) -> Self {
+        let sum = |a: [f64; TONES], b: [f64; TONES]| core::array::from_fn(|n| a[n] + factor * b[n]);
+        Self {
+            sine: sum(self.sine, other.sine),
+            cosine: sum(self.cosine, other.cosine),
+            constant: self.constant + factor * other.constant,
+            count: self.count.max(other.count),
+        }
+    }
+
+    /// The harmonics: number, coefficients.
+    fn tones(&self) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
+        (0..self.count).map(|n| (n as f64 + 1.0, self.sine[n], self.cosine[n]))
+    }
+
+    /// Its value at a phase.
+    pub(super) fn at(&self, phase: f64) -> f64 {
+        let tones = self.tones().map(|(n, p, q)| {
+            let (sine, cosine) = libm::sincos(n * phase);
+            p * sine + q * cosine
+        });
+        tones.sum::<f64>() - self.constant
+    }
+
+    /// Its slope at a phase.
+    pub(super) fn slope(&self, phase: f64) -> f64 {
+        let tones = self.tones().map(|(n, p, q)| {
+            let (sine, cosine) = libm::sincos(n * phase);
+            n * (p * cosine - q * sine)
+        });
+        tones.sum()
+    }
+
+    /// What it adds to a velocity in `d` rad from `phase` on.
+    pub(super) fn velocity(&self, phase: f64, d: f64) -> f64 {
+        let tones = self.tones().map(|(n, p, q)| {
+            let half = 0.5 * n * d;
+            let (sine, cosine) = libm::sincos(n * phase + half);
+            2.0 / n * libm::sin(half) * (p * sine + q * cosine)
+        });
+        tones.sum::<f64>() - self.constant * d
+    }
+
+    /// The way that it adds in `d` rad from `phase` on.
+    pub(super) fn distance(&self, phase: f64, d: f64) -> f64 {
+        let tones = self.tones().map(|(n, p, q)| {
+            let (sine, cosine) = libm::sincos(n * phase);
+            let x = n * d;
+            let (even, odd) = (versine(x), x * sagitta(x));
+            p * (sine * even + cosine * odd) + q * (cosine * even - sine * odd)
+        });
+        d * d * (tones.sum::<f64>() - 0.5 * self.constant)
+    }
+
+    /// Bound of its `order`-th derivative.
+    pub(super) fn bound(&self, order: i32) -> f64 {
+        self.tones()
+            .map(|(n, p, q)| powi(n, order) * libm::hypot(p, q))
+            .sum()
+    }
+}
+
+fn powi(n: f64, order: i32) -> f64 {
+    (0..order).fold(1.0, |power, _| power * n)
+}
+
+/// The first `d` in 0..=limit at which a function that begins at or above 0 has come down to 0; `None` where it does not
+/// within `limit`. `at` gives value and slope; `bend` bounds the second derivative from above, so that the smallest
+/// positive root of `value + slope h - bend h^2/2` never steps over a zero. It converges as Newton's rule does.
+///
+/// A function that begins at 0 and rises is taken to have left it.
+pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
+    /// Steps after which a zero is taken to be where the steps have come to: one needs some ten.
+    const STEPS: usize = 10_000;
+    /// Rad within which a zero is found; a step of it at most is lost.
+    const FINE: f64 = 1e-14;
+    let mut d = 0.0;
+    for _ in 0..STEPS {
+        let (value, slope) = at(d);
+        let value = value.max(0.0);
+        let step = if bend > 0.0 {
+            let root = libm::sqrt(slope * slope + 2.0 * bend * value);
+            // The form that does not cancel.
+            if slope > 0.0 {
+                (slope + root) / bend
+            } else {
+                2.0 * value / (root - slope).max(f64::MIN_POSITIVE)
+            }
+        } else if slope < 0.0 {
+            -value / slope
+        } else {
+            return None;
+        };
+        if step <= FINE * (1.0 + d) {
+            return Some(d);
+        }
+        d += step;
+        if d > limit {
+            return None;
+        }
+    }
+    Some(d)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::wave::Tone;
+
+    fn push() -> Push {
+        let second = Tone {
+            amplitude: 0.15,
+            angle: 2.356,
+        };
+        let wave = Wave::build(second, Tone::default()).unwrap();
+        Push::of(&wave, 1.5, 0.4, 0.3)
+    }
+
+    #[test]
+    fn integrals_are_those_of_the_value() {
+        let push = push();
+        let (phase, d) = (0.7, 3.1);
+        let steps = 20_000;
+        let h = d / f64::from(steps);
+        let (mut velocity, mut distance) = (0.0, 0.0);
+        for n in 0..steps {
+            let value = push.at(phase + (f64::from(n) + 0.5) * h);
+            distance += h * (velocity + 0.5 * h * value);
+            velocity += h * value;
+        }
+        assert!((push.velocity(phase, d) - velocity).abs() < 1e-8);
+        assert!((push.distance(phase, d) - distance).abs() < 1e-8);
+        let slope = (push.at(phase + 1e-6) - push.at(phase - 1e-6)) / 2e-6;
+        assert!((push.slope(phase) - slope).abs() < 1e-8);
+        assert!(push.bound(0) >= push.at(1.0) + 0.3 && push.bound(1) >= slope.abs());
+    }
+
+    /// Every zero of a fine scan is found, none is stepped over.
+    #[test]
+    fn the_first_zero_is_the_first() {
+        let push = push();
+        for n in 0..400 {
+            let from = 0.05 * f64::from(n);
+            if push.at(from) < 1e-3 {
+                continue;
+            }
+            let found = first_zero(20.0, push.bound(2), |d| {
+                (push.at(from + d), push.slope(from + d))
+            });
+            let scanned = (1..200_000)
+                .map(|n| 1e-4 * f64::from(n))
+                .find(|d| push.at(from + d) <= 0.0)
+                .unwrap();
+            let found = found.unwrap();
+            assert!(
+                (0.0..1e-4).contains(&(scanned - found)),
+                "{from}: {found} {scanned}"
+            );
+            assert!(push.at(from + found).abs() < 1e-12);
+        }
+        assert_eq!(
+            first_zero(20.0, 1.0, |d| (2.0 + libm::sin(d), libm::cos(d))),
+            None
+        );
+    }
+}
