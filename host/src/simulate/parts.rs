@@ -87,6 +87,28 @@ pub(super) fn read(
     Ok(None)
 }
 
+/// Reads `part.friction`: one coefficient, or that of sliding and that of sticking.
+pub(super) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], Refusal> {
+    let number = |value: &Value| number(value).map(|friction| friction as f32);
+    let found = match value {
+        Value::Array(pair) => match pair.as_slice() {
+            [sliding, sticking] => number(sliding).zip(number(sticking)),
+            _ => None,
+        },
+        one => number(one).map(|friction| (friction, friction)),
+    };
+    found
+        .filter(|(sliding, sticking)| *sliding >= 0.0 && (*sliding..=10.0).contains(sticking))
+        .map(|(sliding, sticking)| [sliding, sticking])
+        .ok_or_else(|| {
+            part.refuse(
+                "friction",
+                value,
+                "0..10, or [sliding, sticking] with the second at least the first, as 0.3 or [0.3, 0.35]",
+            )
+        })
+}
+
 /// Reads `part.scatter` into the scene: one number for all parts, or one for each.
 pub(super) fn read_scatter(
     part: &Section,

@@ -132,6 +132,15 @@ impl SceneFile {
             section.finish()?;
         }
         let mut part = root.section("part")?;
+        if let Some(value) = part.take("friction") {
+            scene.friction = Some(parts::read_friction(&part, &value)?);
+            if let Some(kept) = part.take("tangential_restitution") {
+                let accepted = "left out beside part.friction: the two are two models of one thing";
+                return Err(part.refuse("tangential_restitution", &kept, accepted));
+            }
+            // Friction stops a locked part at every impact.
+            settings.tangential_restitution = 0.0;
+        }
         part.setting(&mut settings, "tangential_restitution", false)?;
         let (low, high) = part.interval("restitution")?;
         (settings.restitution_low, settings.restitution_high) = (low, high);

@@ -152,6 +152,14 @@ fn part() -> Value {
         }),
     );
     properties.extend(settings(&["tangential_restitution"]));
+    let friction = json!({"type": "number", "minimum": 0, "maximum": 10});
+    properties.insert(
+        "friction".into(),
+        json!({
+            "description": "Friction of parts on the track: one coefficient, or [sliding, sticking]; in place of tangential_restitution.",
+            "anyOf": [friction, {"type": "array", "items": friction, "minItems": 2, "maxItems": 2}],
+        }),
+    );
     properties.insert("actual".into(), actual());
     let scatter = of_field(&SCATTER);
     properties.insert(

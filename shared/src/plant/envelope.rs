@@ -10,7 +10,7 @@ use super::drive::Swing;
 use super::feeder::{STRIKES, mean_displacement, parts_at_rest, set_restitution, set_scatter};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
-use super::part::{Part, Strike, Track, WaveCache, turned};
+use super::part::{Law, Part, Strike, Track, WaveCache, turned};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
@@ -21,7 +21,7 @@ use crate::control::{
     Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, Standard, phase_step,
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-use crate::impact::{Contact, TangentialSettings, Wave, WaveMap};
+use crate::impact::{Contact, Wave, WaveMap};
 
 /// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_CYCLE: usize = 200;
@@ -60,7 +60,7 @@ pub struct EnvelopePlant {
     ripple: f32,
     lost: bool,
     inverted: bool,
-    settings: TangentialSettings,
+    law: Law,
     watched: bool,
     strikes: Vec<Strike, STRIKES>,
     /// Impacts heard whose cycle has not ended, in the order of time.
@@ -108,7 +108,7 @@ impl EnvelopePlant {
             ripple: scene.drive.ripple,
             lost: false,
             inverted: false,
-            settings: TangentialSettings::on(&track, f64::from(settings.tangential_restitution)),
+            law: scene.law(&track),
             watched: true,
             strikes: Vec::new(),
             waiting: Vec::new(),
@@ -243,7 +243,7 @@ impl EnvelopePlant {
         let track = Track {
             normal_gravity: self.normal_gravity,
             angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
-            tangential: self.watched.then_some(self.settings),
+            law: self.watched.then_some(self.law),
             wave: None,
         };
         for index in 0..self.parts.len() {
@@ -276,6 +276,11 @@ impl EnvelopePlant {
                         ..strike
                     });
                 }
+            }
+            if let Some(Law::Friction(_)) = track.law {
+                let swing = self.swing(end);
+                let wave = waves.shape(swing.second);
+                part.slide(swing, &Track { wave, ..track }, end);
             }
             self.parts[index] = part;
         }

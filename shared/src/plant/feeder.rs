@@ -6,12 +6,12 @@ use heapless::Vec;
 
 use super::drive::{Resonator, Ringing, SecondMode, Swing, TonesApart, sum};
 use super::noise::Noise;
-use super::part::{Part, Strike, Track, WaveCache};
+use super::part::{Law, Part, Strike, Track, WaveCache};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::{AdcCode, SAMPLE_RATE, SecondTone, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-use crate::impact::{Scatter, TangentialSettings};
+use crate::impact::Scatter;
 
 /// Events of one part in one sample before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_SAMPLE: usize = 16;
@@ -51,7 +51,7 @@ pub struct Plant {
     mains: Phase,
     mains_step: u32,
     ripple: f32,
-    tangential: Option<TangentialSettings>,
+    law: Law,
     strikes: Vec<Strike, STRIKES>,
 }
 
@@ -99,10 +99,7 @@ impl Plant {
             mains: Phase::ZERO,
             mains_step: phase_step(scene.drive.mains),
             ripple: scene.drive.ripple,
-            tangential: Some(TangentialSettings::on(
-                &track,
-                f64::from(settings.tangential_restitution),
-            )),
+            law: scene.law(&track),
             strikes: Vec::new(),
         })
     }
@@ -163,6 +160,11 @@ impl Plant {
             pushed += 3.0 * f64::from(second);
         }
         let thrown = pushed * angular * angular > self.normal_gravity;
+        if let Law::Friction(_) = self.law
+            && now >> 32 != (now - u64::from(step)) >> 32
+        {
+            self.slide([x, v], angular, now);
+        }
         for index in 0..self.parts.len() {
             let due = match self.parts[index].next() {
                 Some(next) => next <= now,
@@ -174,12 +176,26 @@ impl Plant {
         }
     }
 
+    /// Lets the parts slide that lie on the track, once a cycle: while they lie its amplitude changes.
+    fn slide(&mut self, motion: [f32; 2], angular: f64, now: u64) {
+        let swing = self.swing(motion, angular as f32);
+        let track = Track {
+            normal_gravity: self.normal_gravity,
+            angular,
+            law: Some(self.law),
+            wave: self.waves.shape(swing.second),
+        };
+        for part in &mut self.parts {
+            part.slide(swing, &track, now);
+        }
+    }
+
     fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
         let swing = self.swing(motion, angular as f32);
         let track = Track {
             normal_gravity: self.normal_gravity,
             angular,
-            tangential: self.tangential,
+            law: Some(self.law),
             wave: self.waves.shape(swing.second),
         };
         let part = &mut self.parts[index];

@@ -7,8 +7,8 @@ use crate::arithmetic::Phase;
 use crate::control::SecondTone;
 use crate::feeder::OutOfRange;
 use crate::impact::{
-    Contact, Event, Impact, Kernel, Map, Next, Release, Scatter, State, Tangential,
-    TangentialSettings, Tone, Wave, WaveMap, WavePart,
+    Along, Contact, Event, Friction, FrictionSettings, Impact, Kernel, Map, Next, Release, Scatter,
+    State, Tangential, TangentialSettings, Tone, Wave, WaveMap, WavePart,
 };
 
 /// A part's motion between two events.
@@ -17,7 +17,8 @@ enum Motion {
     /// Lying on the track.
     Resting,
     /// In flight until a time in steps of 2^-32 turns of the drive, arriving at a speed in m/s, displaced
-    /// along the track by so much in m, with a velocity along it in m/s after the impact.
+    /// along the track by so much in m, with a velocity along it in m/s: after the impact by the paper's law, before it
+    /// with friction, which depends on what the impact leaves.
     Flying {
         until: u64,
         arrival: f64,
@@ -58,6 +59,18 @@ pub struct Part {
     along: f64,
     /// Displacement along the track so far in m.
     displacement: f64,
+    /// Time from which on it lies on the track and rubs, in steps of 2^-32 turns of the drive; what came before is in its
+    /// displacement. `None` in flight.
+    lying: Option<u64>,
+}
+
+/// What carries parts along the track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Law {
+    /// The paper's: an impact leaves a share of the velocity along the track, and a part at rest lies still.
+    Restitution(TangentialSettings),
+    /// Coulomb's friction, sliding included.
+    Friction(FrictionSettings),
 }
 
 /// What a part needs to know of the track.
@@ -68,7 +81,7 @@ pub struct Track<'a> {
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
     /// The motion along the track; `None` where nobody watches it.
-    pub tangential: Option<TangentialSettings>,
+    pub law: Option<Law>,
     /// The shape of its motion, where that is more than a sine.
     pub wave: Option<&'a Wave>,
 }
@@ -126,6 +139,7 @@ impl Part {
             began: 0,
             along: 0.0,
             displacement: 0.0,
+            lying: Some(0),
         }
     }
 
@@ -196,7 +210,7 @@ impl Part {
         let Some(Release { launch, impact }) = Release::of(&map, lift_off, 0.0) else {
             return;
         };
-        self.along = 0.0;
+        self.leave(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_sine(&map, launch.phase, impact);
         self.fly(&flight, amplitude, track, start);
@@ -220,6 +234,8 @@ impl Part {
         };
         self.displacement += displacement;
         self.along = along;
+        // Where it comes to rest it lies from now on; a flight that begins says otherwise.
+        self.lying = Some(time);
         let phase = swing.phase.radians();
         let strike = Strike {
             time,
@@ -233,7 +249,9 @@ impl Part {
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
         if let Some(wave) = track.wave {
-            let velocity = self.restitution.draw() * arrival / (amplitude * track.angular);
+            let left = self.restitution.draw() * arrival;
+            self.rub(track, arrival, left);
+            let velocity = left / (amplitude * track.angular);
             let state = State { phase, velocity };
             self.bounce_on_tones(wave, k, state, amplitude, track, time);
             return Some(strike);
@@ -243,7 +261,9 @@ impl Part {
             return Some(strike);
         };
         // Launch speed in the unit that the track has now.
-        let velocity = self.restitution.draw() * arrival / (amplitude * track.angular);
+        let left = self.restitution.draw() * arrival;
+        self.rub(track, arrival, left);
+        let velocity = left / (amplitude * track.angular);
         let state = State { phase, velocity };
         // A chatter is closed below 5e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask. That of a part
         // which scatters is closed at its mean.
@@ -253,6 +273,7 @@ impl Part {
             contact.time_to_rest(state)
         });
         if let Some(chatter) = closed.flatten() {
+            self.spare(track, left);
             self.motion = Motion::Chattering {
                 until: time + (chatter / TAU * Phase::TURN) as u64,
             };
@@ -288,15 +309,12 @@ impl Part {
         }
         let ticks = ((wait - BACK) / TAU * Phase::TURN) as i64;
         let impact = map.impact(launch);
-        self.along = 0.0;
-        self.rested = true;
         let amplitude = f64::from(swing.amplitude);
-        self.fly(
-            &Flight::on_tones(&map, launch.phase, impact),
-            amplitude,
-            track,
-            time.saturating_add_signed(ticks),
-        );
+        let start = time.saturating_add_signed(ticks);
+        self.leave(track, k, launch.phase, amplitude, start);
+        self.rested = true;
+        let flight = Flight::on_tones(&map, launch.phase, impact);
+        self.fly(&flight, amplitude, track, start);
     }
 
     /// The part's next motion after an impact on a track of several tones.
@@ -316,6 +334,7 @@ impl Part {
         };
         match WavePart::new(self.restitution.mean(), state).next(&map) {
             Some(Next::Contact(Event::Rest { chatter, .. })) => {
+                self.spare(track, state.velocity * amplitude * track.angular);
                 self.motion = Motion::Chattering {
                     until: time + (chatter / TAU * Phase::TURN) as u64,
                 };
@@ -333,8 +352,62 @@ impl Part {
         }
     }
 
+    /// What the friction of an impact takes that arrives and leaves with these speeds in m/s.
+    fn rub(&mut self, track: &Track<'_>, arrival: f64, left: f64) {
+        if let Some(Law::Friction(settings)) = track.law {
+            self.along = settings.struck(self.along, arrival + left);
+        }
+    }
+
+    /// What a chatter that begins with `left` m/s takes less than the contact that it is taken for.
+    fn spare(&mut self, track: &Track<'_>, left: f64) {
+        if let Some(Law::Friction(settings)) = track.law {
+            self.along += settings.spared(self.along, left);
+        }
+    }
+
+    /// Lets a part that lies on the track slide up to `time`; `swing` is the track then. With friction its motion is in
+    /// its displacement only up to the last call.
+    pub fn slide(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
+        let amplitude = f64::from(swing.amplitude);
+        let k = track.normal_gravity / (amplitude * track.angular * track.angular);
+        self.slide_to(track, k, swing.phase.radians(), amplitude, time);
+    }
+
+    /// [`Part::slide`] up to a phase of a track with this k and amplitude.
+    fn slide_to(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, time: u64) {
+        let (Some(since), Some(Law::Friction(settings))) = (self.lying, track.law) else {
+            return;
+        };
+        let Some(duration) = time.checked_sub(since).filter(|duration| *duration > 0) else {
+            return;
+        };
+        self.lying = Some(time);
+        let sine = Wave::sine();
+        // A track that hardly moves (k above 1000) holds what lies on it.
+        let Ok(friction) = Friction::on(track.wave.unwrap_or(&sine), k, settings) else {
+            self.along = 0.0;
+            return;
+        };
+        let duration = duration as f64 / Phase::TURN * TAU;
+        let unit = amplitude * track.angular;
+        let lain = friction.lie(phase - duration, duration, self.along / unit);
+        self.displacement += lain.distance * amplitude;
+        self.along = lain.velocity * unit;
+    }
+
+    /// The end of a rest: the track throws the part at `start`, at a phase.
+    fn leave(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, start: u64) {
+        match track.law {
+            Some(Law::Friction(_)) => self.slide_to(track, k, phase, amplitude, start),
+            _ => self.along = 0.0,
+        }
+        self.lying = None;
+    }
+
     fn fly(&mut self, flight: &Flight, amplitude: f64, track: &Track<'_>, start: u64) {
         self.began = start;
+        self.lying = None;
         let unit = amplitude * track.angular;
         let Flight {
             k, phase, impact, ..
@@ -343,21 +416,31 @@ impl Part {
             phase: *phase,
             velocity: 0.0,
         };
-        let along = track
-            .tangential
-            .and_then(|settings| Tangential::build(*k, settings).ok());
         let velocity = self.along / unit;
-        let (displacement, along) = match (along, track.wave) {
-            (None, _) => (0.0, 0.0),
-            (Some(along), None) => (
-                along.distance(launch, impact, velocity),
-                along.after(launch, impact, velocity),
-            ),
-            (Some(along), Some(wave)) => (
-                along.distance_on(wave, launch, impact, velocity),
-                along.after_on(wave, launch, impact, velocity),
-            ),
-        };
+        let (displacement, along) = match track.law {
+            None => None,
+            Some(Law::Friction(settings)) => {
+                let sine = Wave::sine();
+                Friction::on(track.wave.unwrap_or(&sine), *k, settings)
+                    .ok()
+                    .map(|along| along.flown(*phase, impact.flight, velocity))
+            }
+            Some(Law::Restitution(settings)) => {
+                Tangential::build(*k, settings)
+                    .ok()
+                    .map(|along| match track.wave {
+                        None => (
+                            along.distance(launch, impact, velocity),
+                            along.after(launch, impact, velocity),
+                        ),
+                        Some(wave) => (
+                            along.distance_on(wave, launch, impact, velocity),
+                            along.after_on(wave, launch, impact, velocity),
+                        ),
+                    })
+            }
+        }
+        .unwrap_or((0.0, 0.0));
         self.motion = Motion::Flying {
             until: start + (impact.flight / TAU * Phase::TURN) as u64,
             arrival: flight.arrival * unit,
@@ -413,4 +496,83 @@ fn arrival_speed(map: &Map, phase: f64, impact: &Impact<State>) -> f64 {
 pub(super) fn turned(angle: f64) -> f64 {
     let turned = angle - TAU * libm::floor(angle / TAU);
     if turned < TAU { turned } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::Friction;
+    use crate::transport::{Effort, Origin, measure};
+
+    /// Samples of a drive cycle in these runs.
+    const SAMPLES: u64 = 400;
+
+    /// Displacement in units of b of a part from rest, a cycle, over 600 cycles, on a track of constant amplitude; the
+    /// track is looked at in every sample, and the part slides in every cycle, as the plant has it.
+    fn way(k: f64, law: Law, restitution: f64) -> f64 {
+        let (normal_gravity, angular) = (9.81, 314.0);
+        let track = Track {
+            normal_gravity,
+            angular,
+            law: Some(law),
+            wave: None,
+        };
+        let amplitude = normal_gravity / (k * angular * angular);
+        let swing = |time: u64| Swing {
+            amplitude: amplitude as f32,
+            phase: Phase::from_bits(time as u32),
+            second: SecondTone::NONE,
+        };
+        let mut part = Part::at_rest(Scatter::build(restitution, 0.0, 1).unwrap());
+        let mut begun = 0.0;
+        for sample in 1..=800 * SAMPLES {
+            let now = (sample << 32) / SAMPLES;
+            if sample % SAMPLES == 0 {
+                part.slide(swing(now), &track, now);
+            }
+            if part.next().is_none() && libm::sin(swing(now).phase.radians()) > k {
+                part.throw(swing(now), &track, now);
+            }
+            while let Some(next) = part.next().filter(|next| *next <= now) {
+                part.event(swing(next), &track);
+            }
+            if sample == 200 * SAMPLES {
+                begun = part.displacement();
+            }
+        }
+        (part.displacement() - begun) / amplitude / 600.0
+    }
+
+    #[test]
+    fn a_part_with_friction_goes_as_far_as_its_orbit() {
+        for (throw, restitution, mu) in [
+            (0.9, 0.2, 0.3),
+            (1.2, 0.2, 0.3),
+            (2.0, 0.2, 0.1),
+            (2.3, 0.2, 0.3),
+        ] {
+            let k = 1.0 / throw;
+            let settings = FrictionSettings {
+                sticking: mu,
+                sliding: mu,
+                amplitude_ratio: 1.5,
+                phase_lead: 0.2,
+                incline_tangent: 0.0524,
+            };
+            let along = Friction::build(k, settings).unwrap();
+            let map = Map::build(k, restitution).unwrap();
+            let effort = Effort {
+                settle: 1000,
+                impacts: 3000,
+            };
+            let found = measure(&map, along, Origin::Rest, effort, &mut ()).conveyed;
+            let expected = found.time_mean().unwrap() * TAU;
+            let found = way(k, Law::Friction(settings), restitution);
+            // The amplitude is known to f32, the time of a throw to a sample.
+            assert!(
+                (found / expected - 1.0).abs() < 2e-3,
+                "{throw}: {found} {expected}"
+            );
+        }
+    }
 }

@@ -3,8 +3,10 @@
 
 use heapless::Vec;
 
+use super::part::Law;
 use crate::control::{Settings, StartCause, Target};
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, Track, accept};
+use crate::impact::{FrictionSettings, TangentialSettings};
 
 /// Most parts that a plant carries.
 pub const PARTS: usize = 24;
@@ -166,6 +168,9 @@ pub struct Scene {
     /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.3; parts beyond its end
     /// do not scatter.
     pub scatter: Parts,
+    /// Friction of the parts on the track, of sliding and of sticking (symbols mu, mu_s), 0..=10; `None`: the paper's
+    /// restitution along the track, which the settings hold.
+    pub friction: Option<[f32; 2]>,
     /// Seed of the noise and of the scatter.
     pub seed: u64,
     /// What happens, in the order of time.
@@ -183,6 +188,7 @@ impl Default for Scene {
             sensor: SensorModel::default(),
             parts: core::iter::once(0.2).collect(),
             scatter: Parts::new(),
+            friction: None,
             seed: 1,
             disturbances: Vec::new(),
         }
@@ -190,6 +196,19 @@ impl Default for Scene {
 }
 
 impl Scene {
+    /// What carries parts along `track`.
+    pub(super) fn law(&self, track: &Track) -> Law {
+        match self.friction {
+            Some([sliding, sticking]) => {
+                Law::Friction(FrictionSettings::on(track, sticking.into(), sliding.into()))
+            }
+            None => {
+                let kept = f64::from(self.settings.tangential_restitution);
+                Law::Restitution(TangentialSettings::on(track, kept))
+            }
+        }
+    }
+
     /// Refused with the first parameter out of range; the settings are checked where they are used.
     pub fn check(&self) -> Result<(), OutOfRange> {
         let within = |parameter, value: f32, low: f32, high: f32, accepted| {
@@ -258,6 +277,11 @@ impl Scene {
         }
         for &scatter in &self.scatter {
             within("part scatter", scatter, 0.0, 0.3, "0..0.3")?;
+        }
+        if let Some([sliding, sticking]) = self.friction {
+            within("part friction", sliding, 0.0, 10.0, "0..10")?;
+            let accepted = "the friction of sliding..10";
+            within("part sticking friction", sticking, sliding, 10.0, accepted)?;
         }
         for disturbance in &self.disturbances {
             accept(

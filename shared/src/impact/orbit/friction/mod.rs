@@ -39,6 +39,23 @@ impl FrictionSettings {
         }
     }
 
+    /// What an impact of a normal impulse (per mass) leaves of a velocity along the track, both in one unit.
+    #[must_use]
+    pub(crate) fn struck(&self, velocity: f64, impulse: f64) -> f64 {
+        let left = velocity.abs() - self.sliding * impulse;
+        libm::copysign(left.max(0.0), velocity)
+    }
+
+    /// What a chatter that begins with a normal velocity takes less of a velocity along the track than a contact would.
+    #[must_use]
+    pub(crate) fn spared(&self, velocity: f64, normal: f64) -> f64 {
+        if velocity == 0.0 {
+            0.0
+        } else {
+            libm::copysign(self.sliding * normal, velocity)
+        }
+    }
+
     /// Throw number (1/k) above which a part that lies on a sinusoidal track slides upwards, or downwards:
     /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at gamma = 0 Boothroyd's limits.
     /// `None` where it never does.
@@ -150,6 +167,16 @@ impl Friction {
     #[must_use]
     pub fn settings(&self) -> FrictionSettings {
         self.settings
+    }
+
+    /// A flight of `d` rad from a phase, begun with `velocity` along the track: way in b and velocity in `b w` just before
+    /// the impact.
+    #[must_use]
+    pub(crate) fn flown(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
+        (
+            velocity * d + self.free.distance(phase, d),
+            velocity + self.free.velocity(phase, d),
+        )
     }
 
     /// What pushes a part that slides in direction c.
@@ -295,23 +322,16 @@ impl Along for Friction {
 
     fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64) {
         let (t, d) = (launch.phase, impact.flight);
-        let distance = velocity * d + self.free.distance(t, d);
-        let arriving = velocity + self.free.velocity(t, d);
-        // The impulse of the impact, s + psi'.
+        let (distance, arriving) = self.flown(t, d, velocity);
         let arrival = -(launch.velocity + self.normal.velocity(t, d));
-        let rubbed = self.settings.sliding * (arrival.max(0.0) + impact.next.velocity);
-        let left = (arriving.abs() - rubbed).max(0.0);
-        (distance, libm::copysign(left, arriving))
+        let impulse = arrival.max(0.0) + impact.next.velocity;
+        (distance, self.settings.struck(arriving, impulse))
     }
 
     fn chatter(&self, _: &Contact, last: State, chatter: f64, velocity: f64) -> Lain {
         // Over its whole length the impacts push as the contact would, but for the velocity that the part came with:
         // their impulses add up to the integral of N less psi.
-        let spared = if velocity == 0.0 {
-            0.0
-        } else {
-            libm::copysign(self.settings.sliding * last.velocity, velocity)
-        };
+        let spared = self.settings.spared(velocity, last.velocity);
         self.lain(last.phase, chatter, velocity + spared)
     }
 
