@@ -12,3 +12,4 @@ kband diagram --restitution 0.2 --k 0.3..0.5:300 --out diagram.svg
 kband basins --k 0.43 --restitution 0.2 --grid 60 --out basins.svg
 kband transport --restitution 0.2 --incline 3 --out transport.svg
 kband margins --out margins.svg
+kband transport --restitution 0.2 --friction 0.3 --incline 3 --throw 0.4..3 --out friction.svg

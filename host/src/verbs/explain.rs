@@ -65,7 +65,7 @@ const fn topic(
     }
 }
 
-const TOPICS: [Topic; 15] = [
+const TOPICS: [Topic; 16] = [
     topic(
         "k",
         "The number that is controlled.",
@@ -135,6 +135,13 @@ const TOPICS: [Topic; 15] = [
         &["in gear"],
         "theory-real-parts.md",
         &["## 10.1 "],
+    ),
+    topic(
+        "friction",
+        "Parts that rub on the track: stick, slide, hop.",
+        &["mu", "slide", "sliding", "h-s"],
+        "theory-real-parts.md",
+        &["## 10.4 "],
     ),
     topic(
         "second tone",

@@ -142,7 +142,6 @@ impl Wave {
     }
 
     /// Its tones, each with its number; the first has amplitude 1 and angle 0.
-    #[cfg(feature = "plant")]
     pub(crate) fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
         let first = Tone {
             amplitude: 1.0,

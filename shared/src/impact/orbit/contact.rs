@@ -96,7 +96,7 @@ impl Contact {
 
     /// Way that a velocity along the track carries the part during a closed chatter, per unit of that
     /// velocity, in rad: `2 psi / (A (1 - R Rt))`, to first order in psi.
-    #[cfg(any(test, feature = "analysis"))]
+    #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[must_use]
     pub(crate) fn chatter_reach(&self, state: State, tangential_restitution: f64) -> f64 {
         let pull = self.track.k - libm::sin(state.phase);
