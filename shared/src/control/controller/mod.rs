@@ -3,6 +3,7 @@
 use core::f32::consts::TAU;
 
 use crate::arithmetic::Phase;
+use crate::arithmetic::square_root_single;
 use crate::control::aim::{Selection, Target};
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::course::{
@@ -219,7 +220,7 @@ impl Controller {
         self.machine.count();
         let sine = -cycle.quadrature / self.scale.square;
         let cosine = -cycle.in_phase / self.scale.square;
-        let measured = libm::sqrtf(sine * sine + cosine * cosine);
+        let measured = square_root_single(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
         let motion = self.motion(cycle, Complex::new(sine, cosine));
         let held_back = !self.limits.limits().is_empty();
@@ -410,7 +411,7 @@ impl Controller {
             _ => self.selection.lock().is_some(),
         };
         let turns = f32::from(order.unwrap_or(1));
-        let unit = measured * libm::sqrtf(self.scale.square);
+        let unit = measured * square_root_single(self.scale.square);
         let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
         self.deafness.cycle(&Sound {
             listening: settled && wanted && self.selection.chosen(),

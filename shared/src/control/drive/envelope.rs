@@ -8,6 +8,7 @@ use core::f32::consts::{PI, TAU};
 
 use num_complex::Complex32 as Complex;
 
+use crate::arithmetic::square_root_single;
 use crate::control::settings::Settings;
 
 /// Turn of the envelope within its time constant, in rad, up to which it is taken for one that does not turn: three tenths of
@@ -49,7 +50,7 @@ impl Envelope {
         }
         let cycles = settings.quality * (1.0 / PI) * x;
         let damped = 1.0 - 0.25 / (settings.quality * settings.quality);
-        let turn = TAU * (libm::sqrtf(damped) / x - 1.0);
+        let turn = TAU * (square_root_single(damped) / x - 1.0);
         let left = libm::expf(-1.0 / cycles);
         let pole = Complex::new(libm::cosf(turn), libm::sinf(turn)) * left;
         // The mean of e^(t ln pole) over a cycle.
@@ -60,7 +61,8 @@ impl Envelope {
             mean,
             cycles,
             first_order: turn.abs() * cycles <= FIRST_ORDER,
-            response: 1.0 / (settings.quality * libm::sqrtf(detuned * detuned + width * width)),
+            response: 1.0
+                / (settings.quality * square_root_single(detuned * detuned + width * width)),
             lead: -libm::atan2f(width, detuned),
         }
     }
@@ -91,7 +93,7 @@ impl Envelope {
         let half = (left.conj() * step).re / square;
         let room = half * half + (size * size - left.norm_sqr()) / square;
         if room > 0.0 {
-            (libm::sqrtf(room) - half).max(0.0)
+            (square_root_single(room) - half).max(0.0)
         } else {
             0.0
         }
@@ -103,6 +105,6 @@ pub fn size(phasor: Complex) -> f32 {
     if phasor.im == 0.0 {
         phasor.re.abs()
     } else {
-        libm::sqrtf(phasor.norm_sqr())
+        square_root_single(phasor.norm_sqr())
     }
 }

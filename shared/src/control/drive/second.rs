@@ -6,7 +6,7 @@ use num_complex::Complex32 as Complex;
 
 use super::answer::Answer;
 use super::scale::Scale;
-use crate::arithmetic::sine_cosine_single;
+use crate::arithmetic::{sine_cosine_single, square_root_single};
 use crate::control::angle::phase_of;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, accept};
@@ -99,7 +99,7 @@ impl Motion {
         if size <= 0.0 {
             return Complex::default();
         }
-        self.second * square.conj() / (size * libm::sqrtf(size))
+        self.second * square.conj() / (size * square_root_single(size))
     }
 
     /// The second tone as it was measured.
@@ -394,7 +394,7 @@ impl SecondLoop {
 }
 
 fn size_of(z: Complex) -> f32 {
-    libm::sqrtf(z.norm_sqr())
+    square_root_single(z.norm_sqr())
 }
 
 #[cfg(test)]

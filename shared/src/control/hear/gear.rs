@@ -10,7 +10,7 @@ use core::f32::consts::TAU;
 use super::margin::Margin;
 use super::onset::Heard;
 use super::signal::Cycle;
-use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::drive::SecondTone;
 
@@ -458,7 +458,7 @@ impl GearHearing {
             return 0.0;
         }
         let mean = self.sum / self.impacts;
-        libm::sqrtf((self.squares / self.impacts - mean * mean).max(0.0))
+        square_root_single((self.squares / self.impacts - mean * mean).max(0.0))
     }
 
     /// How far the part is from losing gear; `None` where too little was heard, or not one part alone.
@@ -482,7 +482,7 @@ impl GearHearing {
         Some(Margin {
             trace,
             restitution: mean,
-            error: scatter / libm::sqrtf(self.impacts),
+            error: scatter / square_root_single(self.impacts),
             scatter,
             flip: 1.0 + mean * mean + trace,
             to_loss: self.cycles / (self.losses + 1.0),

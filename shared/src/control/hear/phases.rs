@@ -1,7 +1,7 @@
 //! What the impacts heard say together: circular statistics of their phases.
 
 use super::signal::Cycle;
-use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::angle::radians_of;
 
 /// Circular statistics of the phases at which parts strike, with a memory of some cycles.
@@ -79,7 +79,7 @@ impl PhaseStatistics {
     #[must_use]
     pub fn concentration(&self) -> f32 {
         if self.weight > 0.0 {
-            libm::sqrtf(self.sine * self.sine + self.cosine * self.cosine) / self.weight
+            square_root_single(self.sine * self.sine + self.cosine * self.cosine) / self.weight
         } else {
             0.0
         }
