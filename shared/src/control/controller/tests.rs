@@ -4,6 +4,7 @@ use crate::regime::classify::Regime;
 
 #[cfg(feature = "plant")]
 mod hearing;
+mod lockout;
 mod table;
 
 #[test]

@@ -31,9 +31,11 @@ const SURE: f32 = 0.5;
 /// Cycles in lock before the glide to chaos begins: three times the memory of the phase statistics. From 5 to 200
 /// every scene passes.
 const SETTLED: u32 = 50;
-/// Seconds for which the enable input has to be withdrawn before a fault is acknowledged: no contact bounces so long.
+/// Seconds for which the enable input has to be withdrawn before a fault is acknowledged: no contact bounces so long. Longer
+/// and shorter, `half_a_second_without_enable_acknowledges_a_fault` fails.
 const ACKNOWLEDGED: f32 = 0.5;
-/// The third fault within so many seconds locks the drive out, for as long.
+/// The third fault within so many seconds locks the drive out, for as long: who looks for the cause of the second one takes
+/// that long. Longer and shorter, `the_third_fault_within_a_minute_locks_the_drive_out_for_a_minute` fails.
 const MINUTE: f32 = 60.0;
 
 /// Where the way to chaos stands.
