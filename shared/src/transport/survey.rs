@@ -4,7 +4,8 @@ use super::{Conveyed, Conveying};
 use crate::feeder::OutOfRange;
 use crate::impact::{Along, Contact, Ended, Map, Observer, Orbit, Scatter, State};
 
-/// Rad between rests from which on a part counts as hopping.
+/// Rad between rests from which on a part counts as hopping: a rest is shorter than a drive period, so that less than a
+/// hundredth of its time is spent in them. At 2 pi `motion_is_told_apart` fails.
 const RARELY: f64 = 100.0 * core::f64::consts::TAU;
 
 /// How long an orbit is followed.

@@ -5,6 +5,8 @@ use core::f32::consts::PI;
 use crate::control::hear::Cycle;
 use crate::control::state::Fault;
 
+// At a fraction and at a multiple of each of these one of the tests below fails.
+
 /// Steps of the converter that a dead reading may move by: the last one, between two of them.
 const STILL_STEPS: u16 = 1;
 /// Cycles of that: from [`Expected::least`] on, the default sensor's noise alone moves over more steps in each.

@@ -11,9 +11,11 @@ use crate::control::settings::Settings;
 use crate::control::state::Limits;
 use crate::feeder::STANDARD_GRAVITY;
 
-/// Steps of the converter that a swing has to have to be told from rest.
+/// Steps of the converter that a swing has to have to be told from rest: noise of 1.5 steps RMS leaves an error of 0.34 of them
+/// in the amplitude of a cycle of 40 samples, at 500 Hz, so that its phase is then known to 0.04 rad.
 const TELLS: f32 = 8.0;
-/// How far the envelope that the outputs should give may go over the hard limits.
+/// How far the envelope that the outputs should give may go over the hard limits: further than the fault of too large an
+/// amplitude, so that a gain told wrong is found by that fault. Other values fail `no_output_takes_the_envelope_further`.
 const OVER: f32 = 1.2;
 
 /// Amplitude in m that the converter tells from rest at the set frequency.
@@ -155,5 +157,20 @@ mod tests {
                 "{n}: {single} {double}"
             );
         }
+    }
+
+    #[test]
+    fn no_output_takes_the_envelope_further() {
+        let settings = Settings {
+            amplitude_limit: 0.3,
+            ..Settings::default()
+        };
+        let scale = Scale::at(&settings, settings.frequency);
+        let mut envelope = Complex::default();
+        for _ in 0..200 {
+            envelope = scale.after(envelope, scale.most_output(envelope));
+        }
+        let reached = envelope.norm_sqr().sqrt() * scale.strength / scale.ceiling;
+        assert!((reached - 1.2).abs() < 0.02, "{reached}");
     }
 }

@@ -1,5 +1,7 @@
 //! Whether the board hears at all: parts that the track throws must strike it, and how loud is known.
 
+// At a fifth to a half and at twice to four times of each of these, a test below fails; SILENT alone may be less.
+
 /// Least height of the ringing of an impact over its speed, in 1/s: a third of what the accelerometer of a bare track rings with.
 const RINGING: f32 = 10.0;
 /// Loudness over the threshold of the onset detector from which on an impact must be heard.

@@ -115,7 +115,8 @@ const TWO_TONES: [Round; 6] = [
     round(12, 1200, 1, 0.0),
 ];
 
-/// Share from which on nothing better is searched.
+/// Share from which on nothing better is searched: what is missing is two and a half standard errors of what the last round
+/// tells (22 400 flights, lost eight at a time). From 0.9 on every test passes.
 const ENOUGH: f32 = 0.998;
 
 /// k tried at first of one tone, and at each angle of the second one.
@@ -145,7 +146,7 @@ const ABOUT_TWO: [[f32; 3]; 8] = [
     [0.3, 0.0, -0.1],
 ];
 
-/// Second tones below this are none.
+/// Second tones below this are none. From 1e-4 to 0.1 every test passes.
 const LEAST: f32 = 0.01;
 
 /// Impacts after which the search of one tone, and of two, ends with what it has: within what 84 million instructions buy on
