@@ -20,7 +20,8 @@ use crate::station::{NotTaken, Station};
 use crate::store::{Condition, Store};
 use crate::watch::{Roll, Watched};
 
-/// Requests that a drive cycle answers.
+/// Requests that a drive cycle answers: of the dearest, 81 196 instructions (counted), they take 2.6 of the 3.36 million of a
+/// cycle at 50 Hz.
 const ALLOWANCE: u8 = 32;
 /// Largest mean of the accelerometer at rest, in m/s^2: gravity along its axis and a fifth of error.
 const AT_REST: f32 = 11.8;

@@ -15,7 +15,7 @@ use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Condition, Found};
 
-/// Records that the event log keeps.
+/// Records that the event log keeps: 12 bytes each.
 const LOG: usize = 64;
 
 /// The fault that a start is, to be kept.

@@ -118,7 +118,7 @@ impl EnvelopePlant {
         Ok(plant)
     }
 
-    /// What the accelerometer's noise and sensitivity give.
+    /// What follows from the accelerometer's noise and sensitivity.
     fn sense(&mut self) {
         let factor = f64::from(self.sensor.sensitivity);
         let noise = f64::from(self.sensor.noise);
@@ -164,7 +164,7 @@ impl EnvelopePlant {
             samples: samples as u16,
             ..Cycle::default()
         };
-        // What is only heard in the cycle that follows has the phases of this one.
+        // What is heard only in the cycle that follows is stamped with the phases of this one.
         let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
         let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
@@ -270,7 +270,7 @@ impl EnvelopePlant {
                 let swing = self.swing(next);
                 let wave = waves.shape(swing.second);
                 if let Some(strike) = part.event(swing, &Track { wave, ..track }) {
-                    // What is too much is not remembered.
+                    // Strikes for which there is no room are not remembered.
                     let _ = self.strikes.push(Strike {
                         part: index as u8,
                         ..strike
@@ -309,7 +309,7 @@ impl EnvelopePlant {
                 let time = from + (wait / TAU * Phase::TURN) as u64;
                 (time <= end).then_some(time)
             };
-            // Where the swing that is now throws no part, the one at the end of the cycle may.
+            // Where the present amplitude throws no part, that at the end of the cycle may.
             let time = after(began, waves).or_else(|| after(self.swing(end), waves))?;
             let time = after(self.swing(time), waves)?;
             return Some((self.swing(time), time));
@@ -464,7 +464,7 @@ impl EnvelopePlant {
         self.readings.read(&of, cycle, &mut self.noise)
     }
 
-    /// Keeps what was heard for the cycle of its sample; what is too much is not heard.
+    /// Keeps what was heard for the cycle of its sample; what there is no room for is not heard.
     fn wait(&mut self, heard: HeardAt) {
         let waiting = &self.waiting;
         let at = waiting.partition_point(|other| other.sample <= heard.sample);

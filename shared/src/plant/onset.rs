@@ -17,7 +17,7 @@ use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Standard};
 const LOOKED: usize = 10;
 /// Places within a sample at which a ringing's begin is tabulated.
 const SHARES: usize = 8;
-/// Share of the detector's memory that is none: less than the noise of any ringing that a board can read.
+/// Share of its height at which the detector's memory of a ringing counts as gone: less than the noise of any ringing that a board can read.
 const FORGOTTEN: f64 = 1.354e-4;
 /// Weight of a sample in the memory of hidden time: 2000 samples, twice the memory of the detector's median, which it stands
 /// for. From 5e-5 to 5e-3 every test passes.
@@ -30,13 +30,13 @@ pub struct OnsetModel<O = Standard> {
     ringing: Complex,
     /// Residual of a ringing of unit height that begins at a sample, n samples later: its imaginary part.
     response: [Complex; LOOKED],
-    /// What it tends to, once the filters have forgotten the begin.
+    /// Its limit, once the filters' own transient is over.
     steady: [Complex; LOOKED],
     /// RMS of the residual over the RMS of white noise in the reading.
     noise_gain: f64,
     /// Share of time that a ringing hides for each e-fold of its height over the noise.
     filling: f64,
-    /// What a drive's speed gives.
+    /// What follows from the drive's frequency.
     tuning: Tuning,
     /// Share of time in which ringing hides the noise, over some cycles.
     hidden: f64,
@@ -49,7 +49,7 @@ pub struct OnsetModel<O = Standard> {
     blanking: Blanking,
     /// Logarithm of what a sample leaves of the detector's memory of a loud ringing.
     forgetting: f64,
-    /// Samples after which it is taken for none.
+    /// Samples after which it counts as gone.
     forgotten: u64,
     /// The last ringing that was loud.
     last: Ring,
@@ -78,7 +78,7 @@ struct Ring {
     sample: u64,
     /// The same of all earlier ones, at that sample.
     under: Complex,
-    /// Samples of it that the memory has.
+    /// Samples of it that the memory has taken in.
     known: usize,
     memory: f64,
     /// Least height that is loud, and that is blanked.
@@ -114,7 +114,7 @@ impl Ring {
         self.under == Complex::new(0.0, 0.0)
     }
 
-    /// Lets the detector's memory have the height of the residual at the next sample.
+    /// Feeds the detector's memory the height of the residual at the next sample.
     fn remember<O: Onset>(&mut self, residual: f64) {
         self.memory *= O::MEMORY;
         if residual > self.loud {
@@ -126,7 +126,7 @@ impl Ring {
         self.known += 1;
     }
 
-    /// Lets the detector's memory have what it has not. The noise is that of the onset: what follows only says
+    /// Feeds the detector's memory the samples of the last ringing that it has not taken in. The noise is that of the onset: what follows only says
     /// how long an impact soon after is taken for the same ringing.
     fn complete<O: Onset>(&mut self, model: &OnsetModel<O>) {
         while self.known < LOOKED {
@@ -162,7 +162,7 @@ pub struct Struck {
     pub height: f64,
 }
 
-/// What the detector holds against impacts.
+/// What the detector compares an impact with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Background {
     /// The detector's running median of the residual in m/s^2.

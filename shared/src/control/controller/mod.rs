@@ -292,8 +292,8 @@ impl Controller {
         }
     }
 
-    /// A cycle of the second tone, where the drive affords one. Nothing but what is wanted allows it: with any limit
-    /// but its own, and while the drive stops, there is none.
+    /// A cycle of the second tone, where the drive affords one. It is made at the chosen setpoint alone: not while the link is
+    /// lost, no setpoint serves the target, or the drive stops.
     fn make_second_tone(&mut self, motion: &Motion, events: &mut Events) {
         if !self.second.allowed() {
             return;
@@ -396,7 +396,7 @@ impl Controller {
         }
     }
 
-    /// Whether what is heard decides something, and nothing is heard.
+    /// Watches for deafness: the target depends on hearing the parts, and none is heard.
     fn listen(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
         let limits = self.limits.limits();
         let settled = match self.machine.state() {
@@ -609,7 +609,7 @@ impl Controller {
     }
 }
 
-/// What hears parts in gear: of the lot as told, or of any where that is what is asked.
+/// The hearing of gear: for the lot as told, or for parts of any restitution where that is to be found out.
 fn gear_hearing(settings: &Settings, any: bool) -> GearHearing {
     let Settings {
         restitution_low,
