@@ -77,7 +77,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
         let sampled = self.signal.sample(self.sense.sample());
         if self.on {
-            // What is no number is no output.
+            // An output that is not a number is none.
             if sampled.output.abs() <= 1.0 {
                 self.drive.set(sampled.output);
             } else {

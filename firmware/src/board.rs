@@ -37,7 +37,7 @@ pub trait Panel {
 
 /// Whoever wants to know what the controller does.
 pub trait Monitor {
-    /// One drive cycle, and whether what is wanted is so.
+    /// One drive cycle, and whether its target is met.
     fn report(&mut self, report: &Report, ready: bool);
 }
 

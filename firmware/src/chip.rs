@@ -16,7 +16,7 @@ use crate::store::{Store, StoreFailed};
 
 /// The clocks that a chip starts with.
 pub struct ChipClocks {
-    /// Them.
+    /// Their frequencies and sources.
     pub config: embassy_stm32::Config,
     /// Whether they are what the board is to run from: the drive stays off where they are not.
     pub sound: bool,

@@ -18,7 +18,7 @@ use crate::store::{Condition, Found};
 /// Records that the event log keeps: 12 bytes each.
 const LOG: usize = 64;
 
-/// The fault that a start is, to be kept.
+/// The fault that a cause of the start counts as, to be kept.
 fn fault_of(start: StartCause) -> Option<KeptFault> {
     let fault = match start {
         StartCause::Ordinary | StartCause::PowerOn => return None,
@@ -287,7 +287,7 @@ impl Station {
         self.controller.borrow_mut().plan_step()
     }
 
-    /// Whether what is wanted is so.
+    /// Whether the target is met.
     #[must_use]
     pub fn ready(&self) -> bool {
         self.controller.borrow().ready()

@@ -47,8 +47,8 @@ const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
 /// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
 ///
-/// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that what the control takes for full output
-/// is. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
+/// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that full output of the
+/// control is the most that the bridge gives. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,

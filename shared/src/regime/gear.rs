@@ -1,5 +1,5 @@
-//! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and how much of
-//! the time one does whose restitution scatters (docs/theory-real-parts.md#t10.1).
+//! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and for how
+//! much of the time a part does so whose restitution scatters (docs/theory-real-parts.md#t10.1).
 
 #[cfg(feature = "control")]
 mod draw;
@@ -241,9 +241,11 @@ impl GearWatch {
 const ABREAST: usize = 16;
 
 /// Follows parts that start at rest for `periods` of the drive, 16..=1e7, each with the restitutions that a `scatter`
-/// draws; `each` is told the number of each part and how much of the last three quarters it was in gear of an order.
+/// draws; `each` is told the number of each part and for how much of the last three quarters of that time it was in gear of
+/// this order.
 ///
-/// Of `map` wave and k are taken. A chatter is closed at the mean of a scatter. A part that rests for ever is out of gear.
+/// `map` gives the wave and k; its restitution is not used. A chatter is closed at the mean of a scatter. A part that rests for
+/// ever is out of gear.
 pub fn shares_from_rest(
     map: &WaveMap,
     scatters: &[Scatter],

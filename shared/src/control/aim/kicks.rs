@@ -28,7 +28,7 @@ pub struct Planned {
     pub slices: u32,
 }
 
-/// The search for kicks, slice by slice; the default wants nothing.
+/// The search for kicks, slice by slice; by default there is nothing to search.
 #[derive(Clone, Debug, Default)]
 pub struct Search {
     planner: Option<Planner<Hybrid>>,

@@ -64,7 +64,7 @@ impl SpeedSearch {
 /// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
 fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
     let lot = settings.lot().ok()?;
-    // What a lot would need for a band that it has not is the costliest to say, and not asked for here.
+    // What a lot without a band would need for one takes longest to compute, and is not needed here.
     let (flip, birth) = (
         band::flip(lot.high(), u32::from(order)).ok()?,
         band::birth(lot.low(), u32::from(order)).ok()?,

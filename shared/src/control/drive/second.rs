@@ -26,8 +26,8 @@ const NOTED: (f32, f32) = (1.5, 0.35);
 const BORNE: (f32, f32) = (3.0, 1.05);
 /// Acceleration over the hard limit at which the second tone is given up at once, as the first tone's fault.
 const EXCESS: f32 = 1.15;
-/// Share of the wanted second tone that may be missing before less of it is made than is wanted: what the noise of an
-/// amplitude at its hard limit takes off is less.
+/// Least share of the wanted second tone: where less is made, it counts as held back. The noise of an amplitude at its hard
+/// limit takes off less than the rest.
 const LEAST: f32 = 0.95;
 /// Cycles of that before it counts as a limit, as of the output's own.
 const SHORT: u16 = 25;
@@ -278,7 +278,7 @@ impl SecondLoop {
         self.given_up || self.cut_for > SHORT
     }
 
-    /// Whether it has come to where it goes.
+    /// Whether it has reached its goal.
     pub fn arrived(&self) -> bool {
         self.given_up || size_of(self.goal - self.shape) < 1e-3
     }
@@ -306,7 +306,7 @@ impl SecondLoop {
         } else {
             self.goal
         };
-        // Below what tells the first tone's phase there is none to hold the second one to.
+        // An amplitude too small to tell the first tone's phase gives none to hold the second tone to.
         let wanted = if first > asked.least {
             self.shape * motion.first * motion.first / first
         } else {
@@ -358,7 +358,7 @@ impl SecondLoop {
     /// Learns the track's answer from the cycle that ended; whether it was found to be none as told.
     fn learn(&mut self, motion: &Motion) -> bool {
         let [_, driven, _] = self.wanted;
-        // What a full second tone moves tells most; less counts by its square.
+        // A full second tone tells most of the answer; a smaller one counts by its square.
         let full = self.goal.norm_sqr() * motion.first.norm_sqr();
         let size = driven.norm_sqr();
         if self.short || self.given_up || full <= 0.0 || 16.0 * size < full {

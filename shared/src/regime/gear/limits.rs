@@ -3,7 +3,7 @@
 use super::rider::Second;
 use crate::arithmetic::{Phase, sine_cosine_single};
 
-/// Up to which k a drive comes with one tone, and what a second one takes of it.
+/// The lowest k that each of a drive's limits allows with one tone, and what a second tone takes of its output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearLimits {
     /// k of one tone at the hard limit of displacement; 0: no limit.

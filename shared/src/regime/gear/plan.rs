@@ -37,7 +37,7 @@ pub struct GearPlan {
     pub second: [f32; 2],
     /// The share of time in gear to expect there, the mean over the lot, 0..=1.
     pub share: f32,
-    /// Whether the search is over: the share is then that of parts that had no say in the choice.
+    /// Whether the search is over: the share is then that of parts on which the choice did not rest.
     pub settled: bool,
 }
 
@@ -95,7 +95,7 @@ const fn round(runs: u16, periods: u16, kept: usize, about: f32) -> Round {
 }
 
 /// The rounds of one tone: successive halving (Karnin, Koren & Somekh 2013), about as much work for every round, shared by
-/// ever fewer; then steps about the best. The last one tells the share, by parts that had no say in the choice.
+/// ever fewer; then steps about the best. The last one tells the share, by parts on which the choice did not rest.
 const ONE_TONE: [Round; 6] = [
     round(4, 200, 8, 0.0),
     round(8, 300, 3, 0.0),

@@ -67,7 +67,7 @@ const AFTER: u32 = (LATE * Phase::STEPS_PER_RADIAN) as u32;
 /// Velocity in `b w` below which a chatter is closed to rest by its series. From 1e-3 to 0.1 every test passes.
 const CHATTER: f32 = 0.01;
 
-/// What a part that is thrown into no flight waits, in steps of 2^-32 turns: 1.5e-3 rad. From an eighth to eight
+/// Wait of a part whose throw leads to no flight, in steps of 2^-32 turns: 1.5e-3 rad. From an eighth to eight
 /// times of it every test passes.
 const STAYS: i64 = 1 << 20;
 
@@ -107,7 +107,7 @@ pub struct Rider {
 }
 
 impl Rider {
-    /// At rest, to be followed for a span with a gear that was never in.
+    /// At rest, with the span for which it is followed and a gear that it has not been in yet.
     pub fn new(draw: Draw, gear: Gear<i64>, span: Span) -> Self {
         Self {
             draw,
@@ -143,7 +143,7 @@ impl Rider {
         };
         let Landing { steps, next, .. } = surface.map.land_at(launch, self.draw.draw());
         if steps <= 0 {
-            // A hop of no step: it stays, and time goes on.
+            // A hop shorter than a step of time: it stays where it is, and time goes on.
             self.rest();
             self.go_on(STAYS);
             return self.time >= self.span.end;
