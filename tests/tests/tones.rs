@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Event, Hybrid, Kernel, Map, Single, State, Tone, Wave, WaveExact, WaveHybrid, WaveKernel,
-    WaveMap, WaveOrbit, WaveSingle,
+    Event, Hybrid, Integer, Kernel, Map, Single, State, Tone, Wave, WaveExact, WaveHybrid,
+    WaveInteger, WaveKernel, WaveMap, WaveOrbit, WaveSingle,
 };
 use kband_tests::states::Random;
 use kband_tests::tones::Track;
@@ -451,6 +451,22 @@ fn no_impact_is_missed_in_hybrid() {
     none_missed_in::<WaveHybrid>(&HYBRID);
 }
 
+const INTEGER: Held = Held {
+    // As hybrid, and the rounding of three products.
+    golden: [1e-7, 1e-6],
+    height: [4e-8, 1.5e-8],
+};
+
+#[test]
+fn golden_impacts_in_integers() {
+    golden_in::<WaveInteger>(&INTEGER);
+}
+
+#[test]
+fn no_impact_is_missed_in_integers() {
+    none_missed_in::<WaveInteger>(&INTEGER);
+}
+
 #[test]
 fn no_impact_is_missed_in_f32() {
     none_missed_in::<WaveSingle>(&SINGLE);
@@ -472,6 +488,9 @@ fn one_tone_keeps_its_bits() {
         let start = Hybrid::state(random.between(0.0, TAU), random.scale(1e-7, 20.0)).unwrap();
         let one = Hybrid::build(k, restitution).unwrap().impact(start);
         let same = WaveHybrid::on_tones(tones, k, restitution).unwrap();
+        assert_eq!(one, same.impact(start));
+        let one = Integer::build(k, restitution).unwrap().impact(start);
+        let same = WaveInteger::on_tones(tones, k, restitution).unwrap();
         assert_eq!(one, same.impact(start));
     }
 }

@@ -9,7 +9,7 @@ use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
     Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State, Tone, WaveExact, WaveHybrid,
-    WaveKernel, WaveMap, WaveSingle,
+    WaveInteger, WaveKernel, WaveMap, WaveSingle,
 };
 
 use crate::arguments::{self, Drawn, ScatterArguments};
@@ -144,12 +144,7 @@ fn on_tones(
         Arithmetic::Hybrid => table(arguments, desk, of::<WaveHybrid>(tones), one_by_one),
         Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
         Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
-        Arithmetic::Integer => Err(Refusal::value(
-            "arithmetic",
-            "integer",
-            "f64, f64-exact, hybrid, f32 or batch on several tones",
-            "choose one of them, or leave out --second-tone and --third-tone",
-        )),
+        Arithmetic::Integer => table(arguments, desk, of::<WaveInteger>(tones), one_by_one),
     }
 }
 

@@ -164,6 +164,13 @@ impl<const F: u32> Fixed<F> {
         Fixed(self.0.unsigned_abs())
     }
 
+    /// The product with an integer.
+    #[cfg(any(test, feature = "analysis", feature = "control"))]
+    #[inline(always)]
+    pub const fn times_integer(self, n: i32) -> Self {
+        Self(self.0 * n)
+    }
+
     /// The product in steps of 2^-`H`, from its upper half, which is rounded down.
     #[inline(always)]
     pub fn times<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {

@@ -3,7 +3,9 @@
 use core::f64::consts::TAU;
 use std::vec::Vec;
 
-use super::{Exact, Hybrid, Integer, Kernel, Map, Single, State};
+use super::{
+    Exact, Hybrid, Integer, Kernel, Map, Single, State, Tone, WaveInteger, WaveKernel, WaveMap,
+};
 use crate::arithmetic::Phase;
 
 /// Uniform numbers in 0..1 (splitmix64).
@@ -63,13 +65,16 @@ struct Errors {
     wrong: usize,
 }
 
-fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -> Errors {
+fn measure<K: Kernel, M: Kernel<State = State>>(
+    count: usize,
+    mut case: impl FnMut(&mut Random) -> Case,
+    build: impl Fn(f64) -> (K, M),
+) -> Errors {
     let mut random = Random(1);
     let (mut flights, mut velocities, mut wrong) = (Vec::new(), Vec::new(), 0);
     for _ in 0..count {
         let (k, phase, velocity) = case(&mut random);
-        let kernel = K::build(k, 0.8).unwrap();
-        let map = Map::build(k, 0.8).unwrap();
+        let (kernel, map) = build(k);
         let state = K::state(phase, velocity).unwrap();
         // The same start for both: what the kernel can hold.
         let held = K::observe(state);
@@ -115,13 +120,39 @@ fn resting_by_rounding(k: f64, state: State) -> bool {
 /// Checks a set: median, p99 and largest error of the phase in rad, the largest of the velocity, and
 /// no wrong root.
 fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
-    let errors = measure::<K>(20_000, case);
-    std::println!("{}: {errors:?}", K::NAME);
+    let on_the_sine = |k| (K::build(k, 0.8).unwrap(), Map::build(k, 0.8).unwrap());
+    judge(&measure(20_000, case, on_the_sine), K::NAME, limits);
+}
+
+/// The same on two tones, against the map of a wave.
+fn holds_on_tones<K: WaveKernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
+    let second = Tone {
+        // 5/32.
+        amplitude: 0.156_25,
+        angle: Phase::from_radians(2.487).radians(),
+    };
+    let tones = [second, Tone::default()];
+    let on_tones = |k| {
+        let kernel = K::on_tones(tones, k, 0.8).unwrap();
+        (kernel, WaveMap::on_tones(tones, k, 0.8).unwrap())
+    };
+    judge(&measure(20_000, case, on_tones), K::NAME, limits);
+}
+
+fn judge(errors: &Errors, name: &str, limits: [f64; 4]) {
+    std::println!("{name}: {errors:?}");
     let measured = [errors.median, errors.p99, errors.max, errors.velocity_max];
     assert_eq!(errors.wrong, 0);
     for (error, limit) in measured.iter().zip(limits) {
         assert!(*error <= limit, "{measured:?} against {limits:?}");
     }
+}
+
+#[test]
+fn integer_on_tones_holds_its_errors() {
+    holds_on_tones::<WaveInteger>(high, [8e-9, 1.5e-7, 6e-7, 6e-7]);
+    holds_on_tones::<WaveInteger>(low, [8e-9, 1.5e-7, 3e-6, 2e-6]);
+    holds_on_tones::<WaveInteger>(logarithmic, [4e-9, 4e-7, 1e-5, 1.2e-6]);
 }
 
 // Medians: one phase step (1.463e-9 rad) for the hybrid kernel, where two are promised, and 2e-6 rad for

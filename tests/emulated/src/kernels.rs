@@ -2,7 +2,7 @@
 
 use kband::impact::{
     Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveHybrid,
-    WaveKernel, WaveSingle,
+    WaveInteger, WaveKernel, WaveSingle,
 };
 
 /// A kernel with its step in machine units.
@@ -63,6 +63,16 @@ impl Machine for WaveSingle {
     }
 }
 
+impl Machine for WaveInteger {
+    #[inline(always)]
+    fn land(&self, state: HybridState) -> Landing<HybridState> {
+        WaveInteger::land(self, state)
+    }
+    fn bits(state: HybridState) -> [u32; 2] {
+        Hybrid::bits(state)
+    }
+}
+
 /// k, restitution, phase and velocity of eleven orbits that stay locked or chaotic.
 pub const ORBITS: [[f64; 4]; 11] = [
     [0.43, 0.2, 0.45, 0.45],
@@ -95,7 +105,7 @@ pub const WAVES: [[f64; 6]; 9] = [
 ];
 
 /// Chatter on two tones, two humps a turn.
-pub const WAVE_CHATTER: [f64; 6] = [0.9, 0.5, 1.119_769_515, 0.0, 0.3, 1.0];
+pub const WAVE_CHATTER: [f64; 6] = [0.9, 0.5, 1.119_769_515, 0.5, 0.3, 1.0];
 
 /// The kernel and the first state of an orbit on two tones.
 ///
@@ -170,6 +180,9 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
         (WaveSingle::NAME, |count| {
             hash_waves::<WaveSingle>(count / 4)
         }),
+        (WaveInteger::NAME, |count| {
+            hash_waves::<WaveInteger>(count / 4)
+        }),
     ]
     .into_iter()
     .map(|(name, hash)| (name, hash(10_000)))
@@ -218,32 +231,41 @@ impl Random {
     }
 }
 
-/// Eight tracks and 256 states on them, velocities up to `top`.
-pub fn states<K: Machine>(top: f64) -> ([K; 8], [(K::State, u8); 256]) {
-    states_on(top, |k| K::build(k, 0.8).expect("parameters within range"))
+/// k of eight tracks.
+pub const TRACKS: [f64; 8] = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85];
+
+/// The map of a track for one that keeps 0.8 of its speed.
+///
+/// # Panics
+/// Where the kernel refuses it.
+pub fn track<K: Kernel>(k: f64) -> K {
+    K::build(k, 0.8).expect("parameters within range")
 }
 
 /// The same on two tones.
-pub fn states_on_tones<K: Machine + WaveKernel>(top: f64) -> ([K; 8], [(K::State, u8); 256]) {
+///
+/// # Panics
+/// Where the kernel refuses it.
+pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
     let second = Tone {
         amplitude: 0.15,
         angle: 2.356,
     };
-    states_on(top, |k| {
-        K::on_tones([second, Tone::default()], k, 0.8).expect("parameters within range")
-    })
+    K::on_tones([second, Tone::default()], k, 0.8).expect("parameters within range")
 }
 
-fn states_on<K: Machine>(top: f64, build: impl Fn(f64) -> K) -> ([K; 8], [(K::State, u8); 256]) {
+/// 256 states on [`TRACKS`], velocities up to `top`.
+///
+/// # Panics
+/// Where the kernel refuses them.
+pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
     let mut random = Random(1);
-    let kernels = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85].map(build);
-    let states = core::array::from_fn(|i| {
+    core::array::from_fn(|i| {
         let phase = random.uniform() * core::f64::consts::TAU;
         let velocity = random.uniform() * top;
         let state = K::state(phase, velocity).expect("a state within range");
         (state, (i & 7) as u8)
-    });
-    (kernels, states)
+    })
 }
 
 /// One impact from each state; their bits folded so that none is skipped.

@@ -17,7 +17,7 @@ const FAR: f32 = 4.0;
 
 /// The cubic's roots may be complex by this share of `a1^2` and still start an approach, as terms left out
 /// may make them real. Cost alone: between 0 and 1 it moves only flights that all but touch a hump.
-const NEARLY_REAL: f32 = 0.06;
+pub(super) const NEARLY_REAL: f32 = 0.06;
 
 /// Flights up to this many rad are corrected by the next two terms at once. Tuned: at 2 more flights are
 /// searched (5.4 % for 3.5 %), at 4 `kernels_survive_their_whole_range` fails; at 0.5 it takes 4 % more

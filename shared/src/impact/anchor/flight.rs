@@ -37,7 +37,7 @@ pub(crate) struct Local {
 
 /// What the track does at a node.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Motion {
+pub(in crate::impact) struct Motion {
     /// Displacement S.
     pub height: f32,
     /// S'.

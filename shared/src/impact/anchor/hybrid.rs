@@ -237,7 +237,7 @@ pub(super) fn settled<F: Exact>(
 
 /// The impact at the end of a short hop.
 #[inline(always)]
-fn hop(
+pub(super) fn hop(
     phase: u32,
     flight: f32,
     arrival: f32,

@@ -22,7 +22,7 @@ mod short;
 mod single;
 mod solve;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-mod tones;
+pub(super) mod tones;
 
 pub use hybrid::Hybrid;
 pub use single::{Single, SingleState};

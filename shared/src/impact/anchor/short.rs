@@ -40,10 +40,10 @@ const ROUNDING: f32 = 4e-7;
 
 /// The square of `w1` over `w b2` from which a third-order step converges: it leaves that squared, 1e-4 of
 /// the step. Between 1e-3 and 1/4 no impact changes, nor the mean count of steps.
-const QUADRATIC: f32 = 1e-2;
+pub(super) const QUADRATIC: f32 = 1e-2;
 
 /// The share of a flight that the last third-order step may be: it leaves its cube, an f32's rounding.
-const LAST: f32 = 4e-3;
+pub(super) const LAST: f32 = 4e-3;
 
 /// What the cubic near launch says of the first impact.
 pub(super) enum ShortFlight {

@@ -231,7 +231,7 @@ pub(super) fn settled<F: Flight>(
 
 /// The impact at the end of a short hop.
 #[inline(always)]
-fn hop(
+pub(super) fn hop(
     phase: u32,
     flight: f32,
     arrival: f32,

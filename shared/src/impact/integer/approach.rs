@@ -2,17 +2,18 @@
 
 use core::f64::consts::{PI, TAU};
 
+use super::anchored::Anchored;
 use super::ballistic::Ballistic;
 use super::constants::HALF;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::node;
 
 /// Where steps on nodes start: a node `late` rad after the part was at height `base`, going down at `speed`.
-pub(super) struct StepsFrom {
-    node: i32,
-    late: Fixed<17>,
-    speed: Fixed<13>,
-    base: Fixed<30>,
+pub(super) struct StepsFrom<H> {
+    pub node: i32,
+    pub late: Fixed<17>,
+    pub speed: Fixed<13>,
+    pub base: H,
 }
 
 /// Distance of two nodes in rad.
@@ -24,10 +25,56 @@ const LAST: Fixed<16> = Fixed::<16>::of(0.03967);
 
 /// The node nearest to a time in turns, and how late it is.
 #[inline(always)]
-fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
+pub(super) fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
     let Fixed(node) = (time + Fixed::<18>(1 << 9)).to::<8>();
     let half_turns = (Fixed::<8>(node).to::<18>() - time).scaled::<17>();
     (node, half_turns.short_times(Fixed::<10>::of(PI)))
+}
+
+/// Steps on nodes until they are short: a node and the distance from it in rad.
+#[inline(never)]
+pub(super) fn approach<const C: u32, F: Anchored<C>>(
+    flight: &F,
+    from: StepsFrom<F::Height>,
+) -> Option<(i32, Fixed<34>)> {
+    let StepsFrom {
+        mut node,
+        mut late,
+        speed,
+        base,
+    } = from;
+    let k = flight.k();
+    for _ in 0..8 {
+        let motion = flight.motion(node, base);
+        let fall = k.wrapping_times::<17, 13>(late) + speed;
+        // Below 8 in size.
+        let mean = (speed + fall).to::<12>().scaled::<13>();
+        let fallen: Fixed<16> = mean.wrapping_times(late.to::<15>());
+        let u0 = fallen + motion.below;
+        let u1 = fall + motion.speed;
+        if u1 < Fixed::<13>::of(1.0 / 32.0) {
+            return None;
+        }
+        // Newton's step and the quadratic correction b2 u0 / u1^2.
+        let reciprocal = Reciprocal::coarse(u1.unsigned());
+        let one = Fixed::<16>::ONE;
+        let newton: Fixed<16> = reciprocal.times(u0).clamp(-one, one);
+        let two = one + one;
+        let ratio: Fixed<16> = reciprocal.times(newton).clamp(-two, two);
+        let twice: Fixed<15> = motion.curvature.short_times(ratio.to::<14>());
+        let half = Fixed::<15>::of(0.5);
+        let bend = twice.to::<14>().scaled::<15>().clamp(-half, half);
+        let step = -(newton + newton.short_times(bend));
+        let nodes: Fixed<22> = step.short_times(NODES_PER_RADIAN);
+        let jump = (nodes + Fixed::<22>::of(0.5)).to::<0>().0;
+        node += jump;
+        let distance = Fixed::<17>(jump * SPACING.0);
+        if step.unsigned_abs() < LAST.unsigned() {
+            return Some((node, (step - distance.to::<16>()).to()));
+        }
+        late = late + distance;
+    }
+    None
 }
 
 impl Ballistic<'_> {
@@ -35,7 +82,7 @@ impl Ballistic<'_> {
     #[inline(always)]
     pub(super) fn fall(&self) -> Option<(i32, Fixed<34>)> {
         let crossing = self.crossing(self.constants.tall)?;
-        self.approach(crossing)
+        approach(self, crossing)
     }
 
     /// The velocity of launch in the frame of the feeder.
@@ -53,7 +100,7 @@ impl Ballistic<'_> {
     /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
     /// `least`.
     #[inline(always)]
-    pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom> {
+    pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom<Fixed<30>>> {
         let constants = self.constants;
         let Fixed(rise) = self.rise();
         if rise <= 0 {
@@ -99,50 +146,6 @@ impl Ballistic<'_> {
         })
     }
 
-    /// Steps on nodes until they are short: a node and the distance from it in rad.
-    #[inline(never)]
-    pub(super) fn approach(&self, from: StepsFrom) -> Option<(i32, Fixed<34>)> {
-        let StepsFrom {
-            mut node,
-            mut late,
-            speed,
-            base,
-        } = from;
-        let k = self.constants.k.to::<12>();
-        for _ in 0..8 {
-            let [sine, cosine] = node::FIXED[(node & 255) as usize];
-            let fall = k.wrapping_times::<17, 13>(late) + speed;
-            // Below 8 in size.
-            let mean = (speed + fall).to::<12>().scaled::<13>();
-            let fallen: Fixed<16> = mean.wrapping_times(late.to::<15>());
-            let u0 = fallen + (sine - base).to();
-            let u1 = fall + cosine.to();
-            if u1 < Fixed::<13>::of(1.0 / 32.0) {
-                return None;
-            }
-            // Newton's step and the quadratic correction b2 u0 / u1^2.
-            let reciprocal = Reciprocal::coarse(u1.unsigned());
-            let one = Fixed::<16>::ONE;
-            let newton: Fixed<16> = reciprocal.times(u0).clamp(-one, one);
-            let two = one + one;
-            let ratio: Fixed<16> = reciprocal.times(newton).clamp(-two, two);
-            let curvature = self.constants.k.to::<13>() - sine.to();
-            let twice: Fixed<15> = curvature.short_times(ratio.to::<14>());
-            let half = Fixed::<15>::of(0.5);
-            let bend = twice.to::<14>().scaled::<15>().clamp(-half, half);
-            let step = -(newton + newton.short_times(bend));
-            let nodes: Fixed<22> = step.short_times(NODES_PER_RADIAN);
-            let jump = (nodes + Fixed::<22>::of(0.5)).to::<0>().0;
-            node += jump;
-            let distance = Fixed::<17>(jump * SPACING.0);
-            if step.unsigned_abs() < LAST.unsigned() {
-                return Some((node, (step - distance.to::<16>()).to()));
-            }
-            late = late + distance;
-        }
-        None
-    }
-
     /// Where the first impact of a low flight may be, nearly; see the search of the kernels with an FPU.
     #[inline(always)]
     pub(super) fn candidate(&self) -> Option<(i32, Fixed<34>)> {
@@ -180,12 +183,15 @@ impl Ballistic<'_> {
                 if near < Fixed::<17>::of(4.0) {
                     let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
                     let (node, late) = nearest_node(self.turns().signed() + turns);
-                    return self.approach(StepsFrom {
-                        node,
-                        late: near + late,
-                        speed: -self.rise().to::<13>(),
-                        base: self.sine,
-                    });
+                    return approach(
+                        self,
+                        StepsFrom {
+                            node,
+                            late: near + late,
+                            speed: -self.rise().to::<13>(),
+                            base: self.sine,
+                        },
+                    );
                 }
             }
         }
@@ -193,7 +199,7 @@ impl Ballistic<'_> {
         // A root more than half a rad before the crossing is none of a fall.
         let limit = self.constants.limit(self.phase) + HALF;
         (self.steps_to(crossing.node) < limit)
-            .then(|| self.approach(crossing))
+            .then(|| approach(self, crossing))
             .flatten()
     }
 }

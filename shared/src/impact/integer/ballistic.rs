@@ -1,19 +1,16 @@
 //! Heights and slopes of a flight at exact times.
 
+use super::anchored::{Anchored, Local, Motion};
 use super::constants::{Constants, RADIANS_PER_TURN};
 use crate::arithmetic::fixed::{Fixed, wide};
 use crate::arithmetic::node;
+use crate::arithmetic::trigonometry::Powers;
 
-/// Height and slope of the flight above the track at a node, with sine and cosine there.
+/// What an expansion takes of a sine: sine and cosine of the node.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Local {
-    /// Saturating.
-    pub(super) height: Fixed<30>,
-    pub(super) slope: Fixed<26>,
-    pub(super) sine: Fixed<30>,
-    pub(super) cosine: Fixed<30>,
-    /// `sin - k`.
-    pub(super) curvature: Fixed<28>,
+pub(super) struct Circle {
+    pub sine: Fixed<30>,
+    pub cosine: Fixed<30>,
 }
 
 /// A flight.
@@ -70,29 +67,81 @@ impl Ballistic<'_> {
         };
         (height, velocity.narrow())
     }
+}
+
+impl Anchored<28> for Ballistic<'_> {
+    type Track = Circle;
+    type Height = Fixed<30>;
 
     #[inline(always)]
-    pub(super) fn steps_to(&self, node: i32) -> i64 {
-        (i64::from(node) << 24) - i64::from(self.phase)
+    fn phase(&self) -> u32 {
+        self.phase
+    }
+
+    #[inline(always)]
+    fn restitution(&self) -> Fixed<32, u32> {
+        self.constants.restitution
+    }
+
+    #[inline(always)]
+    fn k(&self) -> Fixed<12> {
+        self.constants.k.to()
+    }
+
+    #[inline(always)]
+    fn motion(&self, node: i32, base: Fixed<30>) -> Motion {
+        let [sine, cosine] = node::FIXED[(node & 255) as usize];
+        Motion {
+            below: (sine - base).to(),
+            speed: cosine.to(),
+            curvature: self.constants.k.to::<13>() - sine.to(),
+        }
     }
 
     #[inline(never)]
-    pub(super) fn local(&self, node: i32) -> Local {
+    fn local(&self, node: i32) -> Local<28, Circle> {
         let [sine, cosine] = node::FIXED[(node & 255) as usize];
         let (height, velocity) = self.over(self.steps_to(node), sine);
         Local {
             height,
             slope: velocity - cosine.to(),
-            sine,
-            cosine,
             curvature: sine.to() - self.constants.k,
+            track: Circle { sine, cosine },
         }
+    }
+
+    #[inline(always)]
+    fn expanded(&self, local: &Local<28, Circle>, d: Fixed<34>) -> (Fixed<30>, Fixed<26>) {
+        let powers = Powers::of(d);
+        let Circle { sine, cosine } = local.track;
+        // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d).
+        let bent: Fixed<30> =
+            local.curvature.times(powers.versine) - self.constants.k.times(powers.flat);
+        let height = local
+            .height
+            .saturating_add(local.slope.times(d.to::<36>()))
+            .saturating_add(bent + cosine.times(powers.lag));
+        // (S - k) d - S (d - sin d) + C (1 - cos d).
+        let gain: Fixed<30> =
+            local.curvature.times(d) + cosine.times(powers.versine) - sine.times(powers.lag);
+        (height, local.slope + gain.to())
+    }
+
+    #[inline(always)]
+    fn turned(local: &Local<28, Circle>, d: Fixed<34>) -> Fixed<28> {
+        local.curvature + local.track.cosine.times(d)
+    }
+
+    #[inline(always)]
+    fn bent(local: &Local<28, Circle>, curvature: Fixed<28>, d: Fixed<34>) -> Fixed<28> {
+        let half: Fixed<27> = local.track.cosine.times(d);
+        curvature + half.scaled()
     }
 }
 
 /// `turns b` for turns in steps of a phase, below 2^48 of them, modulo 2^64 steps.
 #[inline(always)]
-fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
+pub(super) fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
     let a = turns;
     let (a_low, a_high) = (a as u32, (a >> 32) as i32);
     let (b_low, b_high) = (b as u32, (b >> 32) as u32);

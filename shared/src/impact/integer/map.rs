@@ -1,7 +1,9 @@
 //! The map in integers: a launch, by the kind of its flight.
 
+use super::anchored::Anchored;
 use super::ballistic::Ballistic;
 use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
+use super::settle::{arrival, landing, settle, solve};
 use super::short::ShortFlight;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::sine_cosine_narrow;
@@ -63,10 +65,10 @@ impl Integer {
                 + Fixed::<30, i64>(i64::from(cosine.0)).to(),
         };
         if let Some((node, offset)) = flight.fall() {
-            let settled = flight.settle(node, flight.local(node), offset);
+            let settled = settle(&flight, node, flight.local(node), offset);
             // The steps may have led back to launch, where the part rises over the track.
             if settled.converged && settled.speed > Fixed::<26>::ZERO && settled.steps > 0 {
-                return flight.landing(settled.steps, settled.speed, false);
+                return landing(&flight, settled.steps, settled.speed, false);
             }
         }
         let throws = phase.wrapping_sub(constants.lift_off) < constants.hump;
@@ -85,29 +87,29 @@ impl Integer {
         if let Some((node, offset)) = flight.candidate()
             && flight.steps_to(node) <= self.0.limit(flight.phase) + (1 << 23)
         {
-            let settled = flight.settle(node, flight.local(node), offset);
+            let settled = settle(flight, node, flight.local(node), offset);
             if settled.converged && settled.speed > SLOW && self.0.ends(flight.phase, settled.steps)
             {
-                return flight.landing(settled.steps, settled.speed, false);
+                return landing(flight, settled.steps, settled.speed, false);
             }
         }
         let (clears, skims) = match flight.short_flight(throws) {
             ShortFlight::Hop {
                 flight: d,
-                arrival,
+                arrival: speed,
                 grazes,
             } => {
                 let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
                 let steps = i64::from((turns + Fixed::<34>(2)).to::<32>().0);
-                return flight.landing(steps, arrival.max(Fixed::<26>::ZERO), grazes);
+                return landing(flight, steps, speed.max(Fixed::<26>::ZERO), grazes);
             }
             ShortFlight::Clears { grazes } => (true, grazes),
             ShortFlight::Open => (false, false),
         };
         let (bracket, grazes) = flight.segment(throws, clears);
-        let (node, local, offset) = flight.solve(bracket);
-        let settled = flight.settle(node, local, offset);
-        flight.arrival(&settled, grazes || skims)
+        let (node, local, offset) = solve(flight, bracket);
+        let settled = settle(flight, node, local, offset);
+        arrival(flight, &settled, grazes || skims)
     }
 }
 

@@ -1,18 +1,19 @@
 //! The segment of convex or concave height that holds the first impact.
 
+use super::anchored::Anchored;
 use super::ballistic::Ballistic;
 use core::f64::consts::PI;
 
 use super::constants::{RADIANS_PER_TURN, TURNS_PER_RADIAN, turn_steps};
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::{Fixed, Reciprocal};
-use crate::arithmetic::trigonometry::Powers;
 
 /// A height below which the lowest point over a hump is looked for, though its middle is under the track:
 /// the flight may graze.
 const BARELY: Fixed<30> = Fixed::<30>::of(1.0 / 8192.0);
 
 /// A bracket with one down-crossing, where to begin in it, all in steps of a phase.
+#[derive(Clone, Copy)]
 pub(super) struct Bracket {
     pub(super) low: i64,
     pub(super) high: i64,
@@ -184,15 +185,14 @@ impl Ballistic<'_> {
         let (mut left, mut right) = (place(begin), place(end));
         for _ in 0..16 {
             let middle = Fixed((left.0 + right.0) / 2);
-            if local.slope + self.gain(&local, middle, &Powers::of(middle)) > Fixed::<26>::ZERO {
+            if self.expanded(&local, middle).1 > Fixed::<26>::ZERO {
                 right = middle;
             } else {
                 left = middle;
             }
         }
         let d = Fixed((left.0 + right.0) / 2);
-        let powers = Powers::of(d);
-        let height = self.height(&local, d, &powers);
+        let height = self.expanded(&local, d).0;
         // Steps that the height's products round by. With 6 no more of 60 000 grazing flights are wrong, with 3 34 more,
         // with 0 458.
         const ROUNDED: u32 = 11;
@@ -211,7 +211,7 @@ impl Ballistic<'_> {
 
 /// Where Newton's step leads from the begin of a hump, steps of a phase, not before `low`.
 #[inline(always)]
-fn from_begin(lift_off: i64, height: Fixed<30>, slope: Fixed<26>, low: i64) -> i64 {
+pub(super) fn from_begin(lift_off: i64, height: Fixed<30>, slope: Fixed<26>, low: i64) -> i64 {
     if slope >= Fixed::<26>::ZERO {
         return lift_off;
     }

@@ -1,10 +1,9 @@
 //! The root in a bracket that holds one, and an impact near a node to the precision of the constants.
 
-use super::ballistic::{Ballistic, Local};
+use super::anchored::{Anchored, Local};
 use super::constants::{RADIANS_PER_TURN, REACH, SLOW, SPACING, TURNS_PER_RADIAN, turn_steps};
 use super::search::Bracket;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
-use crate::arithmetic::trigonometry::Powers;
 use crate::arithmetic::{Phase, Velocity};
 use crate::impact::kernel::{HybridState, Landing};
 
@@ -18,190 +17,180 @@ pub(super) struct Settled {
 /// A step in rad after which rounding is all that is left.
 const SMALL: Fixed<34> = Fixed::<34>::of(1.0 / 4096.0);
 
-impl Ballistic<'_> {
-    /// The state after an impact at `speed` of at least 0.
-    #[inline(always)]
-    pub(super) fn landing(
-        &self,
-        steps: i64,
-        speed: Fixed<26>,
-        grazes: bool,
-    ) -> Landing<HybridState> {
-        let product: Fixed<58, u64> = speed.unsigned().wide(self.constants.restitution);
-        let nearest = product + Fixed::<58, u64>(1 << 31);
-        let velocity = Fixed(nearest.to::<26>().0 as u32);
-        Landing {
-            steps,
-            next: HybridState {
-                phase: Phase::from_bits(self.phase.wrapping_add(steps as u32)),
-                velocity: Velocity::from_fixed(velocity),
-            },
-            grazes,
-        }
+/// The state after an impact at `speed` of at least 0.
+#[inline(always)]
+pub(super) fn landing<const C: u32>(
+    flight: &impl Anchored<C>,
+    steps: i64,
+    speed: Fixed<26>,
+    grazes: bool,
+) -> Landing<HybridState> {
+    let product: Fixed<58, u64> = speed.unsigned().wide(flight.restitution());
+    let nearest = product + Fixed::<58, u64>(1 << 31);
+    let velocity = Fixed(nearest.to::<26>().0 as u32);
+    Landing {
+        steps,
+        next: HybridState {
+            phase: Phase::from_bits(flight.phase().wrapping_add(steps as u32)),
+            velocity: Velocity::from_fixed(velocity),
+        },
+        grazes,
     }
+}
 
-    /// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
-    #[inline(never)]
-    pub(super) fn solve(&self, bracket: Bracket) -> (i32, Local, Fixed<34>) {
-        let Bracket {
-            mut low,
-            mut high,
-            start: mut place,
-        } = bracket;
-        let mut round = 0;
-        loop {
-            let node = ((place + i64::from(self.phase) + (1 << 23)) >> 24) as i32;
-            let time = self.steps_to(node);
-            let local = self.local(node);
-            // The bracket's middle if steps do not find the root in time: within the reach of the node.
-            if round >= 60 {
-                let offset = Fixed::<32>((place - time) as i32);
-                return (node, local, offset.times(RADIANS_PER_TURN));
-            }
-            let (step, crosses) = down_crossing(&local);
-            let next = time + turn_steps(step);
-            let inside = crosses && next >= low - (1 << 16) && next <= high + (1 << 16);
-            if inside && step.abs() < REACH.to::<24>() {
-                return (node, local, step.to());
-            }
-            if time > low && time < high {
-                // The one down-crossing is after every height above 0; near launch, on a concave rise,
-                // even one rounded below 0 is before it.
-                let before = local.height > Fixed::<30>::ZERO
-                    || (local.curvature < Fixed::<28>::ZERO && local.slope > Fixed::<26>::ZERO);
-                if before {
-                    low = time;
-                } else {
-                    high = time;
-                }
-            }
-            round += 1;
-            place = if inside && round < 30 {
-                next
+/// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
+#[inline(never)]
+pub(super) fn solve<const C: u32, F: Anchored<C>>(
+    flight: &F,
+    bracket: Bracket,
+) -> (i32, Local<C, F::Track>, Fixed<34>) {
+    let Bracket {
+        mut low,
+        mut high,
+        start: mut place,
+    } = bracket;
+    let mut round = 0;
+    loop {
+        let node = ((place + i64::from(flight.phase()) + (1 << 23)) >> 24) as i32;
+        let time = flight.steps_to(node);
+        let local = flight.local(node);
+        // The bracket's middle if steps do not find the root in time: within the reach of the node.
+        if round >= 60 {
+            let offset = Fixed::<32>((place - time) as i32);
+            return (node, local, offset.times(RADIANS_PER_TURN));
+        }
+        let (step, crosses) = down_crossing(&local);
+        let next = time + turn_steps(step);
+        let inside = crosses && next >= low - (1 << 16) && next <= high + (1 << 16);
+        if inside && step.abs() < REACH.to::<24>() {
+            return (node, local, step.to());
+        }
+        if time > low && time < high {
+            // The one down-crossing is after every height above 0; near launch, on a concave rise,
+            // even one rounded below 0 is before it.
+            let before = local.height > Fixed::<30>::ZERO
+                || (local.curvature < Fixed::<C>::ZERO && local.slope > Fixed::<26>::ZERO);
+            if before {
+                low = time;
             } else {
-                (low + high) / 2
-            };
-        }
-    }
-
-    /// The impact at the root near `offset` from a node.
-    #[inline(never)]
-    pub(super) fn settle(&self, mut node: i32, mut local: Local, offset: Fixed<34>) -> Settled {
-        let mut d = offset.clamp(-REACH, REACH);
-        let mut round = 0;
-        loop {
-            let powers = Powers::of(d);
-            let height = self.height(&local, d, &powers);
-            let slope = local.slope + self.gain(&local, d, &powers);
-            let curvature = local.curvature + local.cosine.times(d);
-            round += 1;
-            // 2 (S - k) u0 below u1^2 / 4, with the slope at most 4.
-            let low = height.unsigned_abs().to::<16>().min(Fixed(0x7fff));
-            let bend: Fixed<28, u32> = curvature.unsigned_abs().to::<12>().short_times(low);
-            let slow = slope.unsigned_abs().to::<14>().min(Fixed(0xffff));
-            let square: Fixed<28, u32> = slow.short_times(slow);
-            let simple = if slope < -SLOW {
-                bend.scaled::<25>() < square.to::<25>()
-            } else {
-                let (square, bend) = squares(height, slope, curvature);
-                slope < Fixed::<26>::ZERO && bend.0.abs() < square.0 >> 2
-            };
-            let step = if simple {
-                let reciprocal = Reciprocal::fine(slope.unsigned_abs());
-                let newton: Fixed<34> = reciprocal.times(height);
-                // (S - k) e / (2 |u'|).
-                let bend: Fixed<29> = reciprocal.times(curvature.times::<34, 30>(newton));
-                newton.saturating_add(newton.times(bend.scaled::<30>()))
-            } else {
-                let nearly = Local {
-                    height,
-                    slope,
-                    curvature,
-                    ..local
-                };
-                let farthest = REACH.to::<24>();
-                let step = down_crossing(&nearly).0;
-                step.clamp((-REACH).to(), farthest).to()
-            };
-            // What is left of a simple root is about 2 (b2 e / slope)^2 e.
-            let reach = match slope.unsigned_abs().to::<2>().0 {
-                0 => SMALL,
-                1..4 => Fixed::<34>::of(2.0 / 4096.0),
-                4..16 => Fixed::<34>::of(4.0 / 4096.0),
-                _ => Fixed::<34>::of(12.0 / 4096.0),
-            };
-            let size = step.unsigned_abs();
-            let converged = simple && size < reach.unsigned();
-            let small = size < SMALL.unsigned();
-            d = d.saturating_add(step);
-            if d.unsigned_abs() > REACH.unsigned() && round < 10 {
-                // From far along a long fall by several nodes at once.
-                let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
-                let jump = (turns + Fixed::<34>(1 << 25)).to::<8>().0;
-                node += jump;
-                local = self.local(node);
-                d = (d - Fixed::<34>(jump * SPACING.0)).clamp(-REACH, REACH);
-            } else if converged || small || round >= 10 {
-                d = d.clamp(-REACH, REACH);
-                let half: Fixed<27> = local.cosine.times(step);
-                let last = (curvature + half.scaled::<28>()).times(step);
-                let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
-                let steps = (turns + Fixed::<34>(2)).to::<32>();
-                return Settled {
-                    steps: self.steps_to(node) + i64::from(steps.0),
-                    speed: -(slope + last),
-                    converged,
-                };
+                high = time;
             }
         }
+        round += 1;
+        place = if inside && round < 30 {
+            next
+        } else {
+            (low + high) / 2
+        };
     }
+}
 
-    /// The state after a settled impact, which at a graze may have come out at launch or with a speed of 0.
-    #[inline(always)]
-    pub(super) fn arrival(&self, settled: &Settled, grazes: bool) -> Landing<HybridState> {
-        let steps = settled.steps.max(0);
-        if settled.speed <= Fixed::<26>::ZERO {
-            return self.landing(steps, Fixed::<26>::ZERO, true);
+/// The impact at the root near `offset` from a node.
+#[inline(never)]
+pub(super) fn settle<const C: u32, F: Anchored<C>>(
+    flight: &F,
+    mut node: i32,
+    mut local: Local<C, F::Track>,
+    offset: Fixed<34>,
+) -> Settled {
+    let mut d = offset.clamp(-REACH, REACH);
+    let mut round = 0;
+    loop {
+        let (height, slope) = flight.expanded(&local, d);
+        let curvature = F::turned(&local, d);
+        round += 1;
+        // 2 (S - k) u0 below u1^2 / 4, with the slope at most 4.
+        let low = height.unsigned_abs().to::<16>().min(Fixed(0x7fff));
+        let bend: Fixed<28, u32> = curvature.unsigned_abs().to::<12>().short_times(low);
+        let slow = slope.unsigned_abs().to::<14>().min(Fixed(0xffff));
+        let square: Fixed<28, u32> = slow.short_times(slow);
+        let simple = if slope < -SLOW {
+            bend.scaled::<25>() < square.to::<25>()
+        } else {
+            let (square, bend) = squares(height, slope, curvature);
+            slope < Fixed::<26>::ZERO && bend.0.abs() < square.0 >> 2
+        };
+        let step = if simple {
+            let reciprocal = Reciprocal::fine(slope.unsigned_abs());
+            let newton: Fixed<34> = reciprocal.times(height);
+            // (S - k) e / (2 |u'|).
+            let bend: Fixed<29> = reciprocal.times(curvature.times::<34, 30>(newton));
+            newton.saturating_add(newton.times(bend.scaled::<30>()))
+        } else {
+            let nearly = Local {
+                height,
+                slope,
+                curvature,
+                ..local
+            };
+            let farthest = REACH.to::<24>();
+            let step = down_crossing(&nearly).0;
+            step.clamp((-REACH).to(), farthest).to()
+        };
+        // What is left of a simple root is about 2 (b2 e / slope)^2 e.
+        let reach = match slope.unsigned_abs().to::<2>().0 {
+            0 => SMALL,
+            1..4 => Fixed::<34>::of(2.0 / 4096.0),
+            4..16 => Fixed::<34>::of(4.0 / 4096.0),
+            _ => Fixed::<34>::of(12.0 / 4096.0),
+        };
+        let size = step.unsigned_abs();
+        let converged = simple && size < reach.unsigned();
+        let small = size < SMALL.unsigned();
+        d = d.saturating_add(step);
+        if d.unsigned_abs() > REACH.unsigned() && round < 10 {
+            // From far along a long fall by several nodes at once.
+            let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
+            let jump = (turns + Fixed::<34>(1 << 25)).to::<8>().0;
+            node += jump;
+            local = flight.local(node);
+            d = (d - Fixed::<34>(jump * SPACING.0)).clamp(-REACH, REACH);
+        } else if converged || small || round >= 10 {
+            d = d.clamp(-REACH, REACH);
+            let last = F::bent(&local, curvature, step).times(step);
+            let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
+            let steps = (turns + Fixed::<34>(2)).to::<32>();
+            return Settled {
+                steps: flight.steps_to(node) + i64::from(steps.0),
+                speed: -(slope + last),
+                converged,
+            };
         }
-        self.landing(steps, settled.speed, grazes)
     }
+}
 
-    /// Height at `d`, below 2^-5, from a node, where it is small.
-    #[inline(always)]
-    pub(super) fn height(&self, local: &Local, d: Fixed<34>, powers: &Powers) -> Fixed<30> {
-        // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d).
-        let bent: Fixed<30> =
-            local.curvature.times(powers.versine) - self.constants.k.times(powers.flat);
-        local
-            .height
-            .saturating_add(local.slope.times(d.to::<36>()))
-            .saturating_add(bent + local.cosine.times(powers.lag))
+/// The state after a settled impact, which at a graze may have come out at launch or with a speed of 0.
+#[inline(always)]
+pub(super) fn arrival<const C: u32>(
+    flight: &impl Anchored<C>,
+    settled: &Settled,
+    grazes: bool,
+) -> Landing<HybridState> {
+    let steps = settled.steps.max(0);
+    if settled.speed <= Fixed::<26>::ZERO {
+        return landing(flight, steps, Fixed::<26>::ZERO, true);
     }
-
-    /// Slope gained over `d` from a node.
-    #[inline(always)]
-    pub(super) fn gain(&self, local: &Local, d: Fixed<34>, powers: &Powers) -> Fixed<26> {
-        // (S - k) d - S (d - sin d) + C (1 - cos d).
-        let gain: Fixed<30> = local.curvature.times(d) + local.cosine.times(powers.versine)
-            - local.sine.times(powers.lag);
-        gain.to()
-    }
+    landing(flight, steps, settled.speed, grazes)
 }
 
 /// `u1^2` and `2 (S - k) u0`, whose difference is the discriminant of the local parabola.
 #[inline(always)]
-fn squares(
+fn squares<const C: u32>(
     height: Fixed<30>,
     slope: Fixed<26>,
-    curvature: Fixed<28>,
+    curvature: Fixed<C>,
 ) -> (Fixed<52, i64>, Fixed<52, i64>) {
-    let bend: Fixed<58, i64> = curvature.wide(height);
-    (slope.wide(slope), bend.to::<53>().scaled())
+    // In C + 30 places; twice it in 52.
+    let Fixed(bend) = curvature.scaled::<28>().wide::<30, 58>(height);
+    (
+        slope.wide(slope),
+        Fixed::<53, i64>(bend >> (C - 23)).scaled(),
+    )
 }
 
 /// Root of what is positive of `square`, to about 2^-15 of it.
 #[inline(always)]
-fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
+pub(super) fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
     Fixed(if square <= 0 {
         0
     } else if square >> 32 == 0 {
@@ -216,7 +205,7 @@ fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
 /// The step to the first down-crossing of the parabola at a node in rad, at most 2.9; to its extremum where
 /// there is none, which the second value tells.
 #[inline(always)]
-fn down_crossing(local: &Local) -> (Fixed<24>, bool) {
+fn down_crossing<const C: u32, T: Copy>(local: &Local<C, T>) -> (Fixed<24>, bool) {
     let Local {
         height,
         slope,
@@ -235,12 +224,12 @@ fn down_crossing(local: &Local) -> (Fixed<24>, bool) {
         let root = square_root(discriminant);
         if slope > Fixed::<26>::ZERO || discriminant <= Fixed::<52, i64>::ZERO {
             // -(u1 + r) / (S - k).
-            if curvature == Fixed::<28>::ZERO {
+            if curvature == Fixed::<C>::ZERO {
                 return (Fixed(0), false);
             }
             let reciprocal = Reciprocal::coarse(curvature.unsigned_abs());
             let step = reciprocal.times(slope.saturating_add(root.signed()));
-            if curvature > Fixed::<28>::ZERO {
+            if curvature > Fixed::<C>::ZERO {
                 -step
             } else {
                 step

@@ -10,7 +10,7 @@ use crate::impact::wave::Tone;
 
 /// One harmonic, `e sin(n t + th)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Harmonic {
+pub(in crate::impact) struct Harmonic {
     /// e.
     pub amplitude: Fixed<32, u32>,
     /// th.
@@ -69,7 +69,7 @@ impl Harmonic {
 
 /// The harmonics of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Harmonics {
+pub(in crate::impact) struct Harmonics {
     pub second: Harmonic,
     pub third: Harmonic,
     /// Whether there is a third.
@@ -78,7 +78,7 @@ pub(super) struct Harmonics {
 
 /// Displacement and velocity of each tone over its frequency.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Parts(pub [[f32; 2]; 3]);
+pub(in crate::impact) struct Parts(pub [[f32; 2]; 3]);
 
 impl Harmonics {
     /// Those of a wave; the refusal names the one out of range.

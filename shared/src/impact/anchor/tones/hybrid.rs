@@ -3,7 +3,7 @@
 
 use super::harmonics::{Harmonic, Harmonics, Parts};
 use super::launch::Launch;
-use super::search::{Edged, candidate, halved, has_left, search};
+use super::search::{Candidate, Edged, candidate, halved, has_left, search};
 use super::track::Track;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
@@ -14,7 +14,7 @@ use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::flight::{self, Flight, Local, STEPS_PER_RADIAN};
 use crate::impact::anchor::hybrid::Hybrid;
 use crate::impact::anchor::hybrid::{
-    Exact, Parabola, TOP_VELOCITY, landing, product_32, settled, speed,
+    Exact, Parabola, TOP_VELOCITY, hop, landing, product_32, settled, speed,
 };
 use crate::impact::anchor::settle::settle;
 use crate::impact::anchor::solve::Found;
@@ -168,13 +168,27 @@ impl Tones {
             };
         }
         let launch = Launch::new(track, phase, psi, &parts, throws);
-        if let Some((approach, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
-            let (node, offset) = approach.end;
-            let (local, slope) = flight.exact(node);
-            if let Some(settled) = settle::<Ballistic<'_>>(track.k, &local, offset) {
-                let steps = flight.steps_at(node, &settled);
-                if limits.hold(steps) {
-                    return landing(phase, steps, speed(&settled, slope), restitution, false);
+        if let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
+            match candidate {
+                Candidate::Hop {
+                    flight: time,
+                    arrival,
+                } => {
+                    let landing = hop(phase, time, arrival, restitution, false);
+                    if limits.hold(landing.steps) {
+                        return landing;
+                    }
+                }
+                Candidate::Near(approach) => {
+                    let (node, offset) = approach.end;
+                    let (local, slope) = flight.exact(node);
+                    if let Some(settled) = settle::<Ballistic<'_>>(track.k, &local, offset) {
+                        let steps = flight.steps_at(node, &settled);
+                        if limits.hold(steps) {
+                            let speed = speed(&settled, slope);
+                            return landing(phase, steps, speed, restitution, false);
+                        }
+                    }
                 }
             }
         }

@@ -17,8 +17,9 @@ pub(super) struct Launch {
     pub rise: f32,
     /// `k - A`, of the sign that the humps say.
     pub pull: f32,
-    /// The first to fifth derivative of A.
-    pub derivatives: [f32; 5],
+    /// A' there.
+    pub surge: f32,
+    parts: Parts,
 }
 
 /// `w = u / d` of a short flight, its derivative, and half its second one.
@@ -48,13 +49,8 @@ impl Launch {
             } else {
                 larger(pull, 1e-20)
             },
-            derivatives: [
-                parts.cosines(8.0, 27.0),
-                -parts.sines(16.0, 81.0),
-                -parts.cosines(32.0, 243.0),
-                parts.sines(64.0, 729.0),
-                parts.cosines(128.0, 2187.0),
-            ],
+            surge: parts.cosines(8.0, 27.0),
+            parts: *parts,
         }
     }
 
@@ -62,7 +58,9 @@ impl Launch {
     /// `w = psi - x (k - A)/2 + x^2 A'/6 + x^3 A''/24 + ...`.
     #[inline(always)]
     pub fn short(&self, x: f32) -> Short {
-        let [a1, a2, a3, a4, a5] = self.derivatives;
+        let (parts, a1) = (&self.parts, self.surge);
+        let (a2, a3) = (-parts.sines(16.0, 81.0), -parts.cosines(32.0, 243.0));
+        let (a4, a5) = (parts.sines(64.0, 729.0), parts.cosines(128.0, 2187.0));
         let half = 0.5 * self.pull;
         let inner = a1 * (1.0 / 6.0)
             + x * (a2 * (1.0 / 24.0)

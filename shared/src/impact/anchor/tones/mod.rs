@@ -11,5 +11,7 @@ mod search;
 mod single;
 mod track;
 
+pub(in crate::impact) use harmonics::{Harmonic, Harmonics};
 pub use hybrid::WaveHybrid;
 pub use single::WaveSingle;
+pub(in crate::impact) use track::{Edge, Hump, Track};

@@ -5,12 +5,13 @@ use core::f32::consts::TAU;
 use super::launch::{Launch, Short};
 use super::track::{Edge, Hump, Track};
 use crate::arithmetic::fixed::Fixed;
-use crate::impact::anchor::approach::{Approach, fall_at, householder};
-use crate::impact::anchor::candidate::{BEYOND, LEAST};
+use crate::impact::anchor::approach::{Approach, approach, fall_at, householder};
+use crate::impact::anchor::candidate::{BEYOND, LEAST, NEARLY_REAL};
 use crate::impact::anchor::flight::{
     Flight, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
+use crate::impact::anchor::short::{LAST, QUADRATIC};
 use crate::impact::anchor::solve::{Bracket, Found, LaunchPoint, solve};
 
 /// A flight that knows its height over an edge to the precision of its kernel.
@@ -33,35 +34,79 @@ fn longest<F: Flight>(track: &Track) -> f32 {
 const NOISE: f32 = 3e-5;
 const DRIFT: f32 = 4e-6;
 
+/// Half the pull below which a step of the phase decides whether the track throws the part.
+const LEVEL: f32 = 1e-7;
+
+/// No start near launch is farther, in rad: there the quadratic does not tell.
+const FAR: f32 = 2.0;
+
 /// Flights up to this many rad start from the quadratic near launch.
 const HOP: f32 = 0.6;
 
-/// Steps from the fall of the parabola through height 0 where that may end the flight within [`Track::limit`], and that
-/// limit: what they lead to is the first impact if it keeps to it and is not so soon that it may be launch itself or
-/// is settled with more digits as a short hop.
+/// Where the first impact of a low flight may be, without a search.
+pub(super) enum Candidate {
+    /// A short hop: flight in rad and arrival speed.
+    Hop { flight: f32, arrival: f32 },
+    /// The end of an approach.
+    Near(Approach),
+}
+
+/// A candidate from the flight near launch or the fall of the parabola through height 0, and between which steps it is
+/// the first impact: not so soon that it may be launch itself or is settled with more digits as a short hop, and within
+/// [`Track::limit`].
 #[inline(always)]
-pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Approach, Limits)> {
+pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let Launch {
         phase,
+        velocity,
         height,
         rise,
         ..
     } = *launch;
-    let square = rise * rise + 2.0 * track.k * height;
-    if !(rise > 0.0 && square > LEAST) || near_launch(launch).is_some() {
-        return None;
-    }
-    let last = track.limit(phase, rise)?;
-    let speed = root(square);
-    let reach = last as f32 * RADIANS_PER_STEP + BEYOND;
-    if rise + speed > reach * track.k {
-        return None;
-    }
-    let limits = Limits {
+    let limit = track.limit(phase, rise)?;
+    let mut limits = Limits {
         first: (F::SHORT * STEPS_PER_RADIAN) as i64,
-        last,
+        last: limit.last,
     };
-    Some((fall_at::<F>(track, phase, rise, speed)?, limits))
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.surge * (1.0 / 6.0);
+    let square = a1 * a1;
+    let discriminant = square - 4.0 * a2 * velocity;
+    let mut near = FAR;
+    if a1 > 0.0 && discriminant > -NEARLY_REAL * square {
+        near = 2.0 * velocity / (a1 + root(discriminant));
+    } else if a1 <= 0.0 && a2 < 0.0 {
+        near = (a1 - root(discriminant)) / (a2 + a2);
+    }
+    if near < FAR {
+        let short = longest::<F>(track);
+        if near < short {
+            if a1 < LEVEL {
+                return None;
+            }
+            limits.first = 0;
+            let (flight, arrival) = simple_hop(launch, near, short)?;
+            return Some((Candidate::Hop { flight, arrival }, limits));
+        }
+        let (node, offset) = F::node_of(phase, near);
+        let approach = approach::<F>(track, node, near - offset, -rise, height)?;
+        return Some((Candidate::Near(approach), limits));
+    }
+    let square = rise * rise + 2.0 * track.k * height;
+    if square <= LEAST {
+        return None;
+    }
+    let speed = root(square);
+    let reach = limit.last as f32 * RADIANS_PER_STEP + BEYOND;
+    let origin = rise + speed;
+    if origin <= 0.0 {
+        return None;
+    }
+    if origin > reach * track.k {
+        limits.last = track.limit_from_above(phase, height, rise, limit)?;
+    }
+    let approach = fall_at::<F>(track, phase, rise, speed)?;
+    Some((Candidate::Near(approach), limits))
 }
 
 /// Between which steps after launch a down-crossing is the first impact.
@@ -262,7 +307,7 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
 #[inline(always)]
 fn near_launch(launch: &Launch) -> Option<f32> {
     let a1 = 0.5 * launch.pull;
-    let a2 = launch.derivatives[0] * (1.0 / 6.0);
+    let a2 = launch.surge * (1.0 / 6.0);
     let square = a1 * a1 - 4.0 * a2 * launch.velocity;
     if !(a1 > 0.0 && square >= 0.0) {
         return None;
@@ -408,6 +453,34 @@ impl<F: Edged> Edges<'_, F> {
     }
 }
 
+/// The short hop near `x` and below `short`, by third-order steps on `u/d` where it is a simple root.
+#[inline(always)]
+fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
+    for _ in 0..4 {
+        let Short {
+            value,
+            slope,
+            half_bend,
+        } = launch.short(x);
+        if !(slope < 0.0 && abs(value * half_bend) < QUADRATIC * slope * slope) {
+            return None;
+        }
+        let inverse = 1.0 / slope;
+        let newton = value * inverse;
+        let e = -newton * (1.0 + half_bend * newton * inverse);
+        let last = abs(e) <= LAST * x;
+        x += e;
+        if !(x > 0.0 && x < short) {
+            return None;
+        }
+        if last {
+            let arrival = -x * (slope + 2.0 * half_bend * e);
+            return (arrival > 0.0).then_some((x, arrival));
+        }
+    }
+    None
+}
+
 /// The short hop that ends between `low` and `high`: third-order steps on `u/d`.
 #[inline(never)]
 fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
@@ -428,7 +501,7 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
         } else {
             high = x;
         }
-        let mut e = if slope < 0.0 && abs(value * half_bend) < 1e-2 * slope * slope {
+        let mut e = if slope < 0.0 && abs(value * half_bend) < QUADRATIC * slope * slope {
             let inverse = 1.0 / slope;
             let newton = value * inverse;
             -newton * (1.0 + half_bend * newton * inverse)
@@ -441,7 +514,7 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
         if !inside {
             e = 0.5 * (low + high) - x;
         }
-        if inside && abs(e) <= 4e-3 * x || round >= 60 {
+        if inside && abs(e) <= LAST * x || round >= 60 {
             let flight = x + e;
             return (flight, larger(-flight * (slope + 2.0 * half_bend * e), 0.0));
         }

@@ -2,7 +2,7 @@
 
 use super::harmonics::Harmonics;
 use super::launch::Launch;
-use super::search::{Edged, candidate, halved, has_left, search};
+use super::search::{Candidate, Edged, candidate, halved, has_left, search};
 use super::track::Track;
 #[cfg(feature = "control")]
 use crate::arithmetic::Phase;
@@ -116,10 +116,20 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         };
     }
     let launch = Launch::new(track, phase, velocity, &parts, throws);
-    if let Some((approach, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
-        let steps = steps_after(phase, &approach);
-        if limits.hold(steps) {
-            return single::landing(phase, steps, approach.arrival(), restitution, false);
+    if let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
+        match candidate {
+            Candidate::Hop { flight, arrival } => {
+                let landing = single::hop(phase, flight, arrival, restitution, false);
+                if limits.hold(landing.steps) {
+                    return landing;
+                }
+            }
+            Candidate::Near(approach) => {
+                let steps = steps_after(phase, &approach);
+                if limits.hold(steps) {
+                    return single::landing(phase, steps, approach.arrival(), restitution, false);
+                }
+            }
         }
     }
     let (found, grazes, bracket) = search(track, &launch, &flight);

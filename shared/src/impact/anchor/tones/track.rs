@@ -13,7 +13,7 @@ use crate::impact::wave::Tone;
 
 /// Where the push passes k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Edge {
+pub(in crate::impact) struct Edge {
     /// S there.
     pub height: f32,
     /// The same, modulo 4.
@@ -26,7 +26,7 @@ pub(super) struct Edge {
 
 /// A stretch on which the track pushes harder than k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Hump {
+pub(in crate::impact) struct Hump {
     /// Where it begins: a resting part is thrown off here.
     pub phase: u32,
     /// Its length in steps of a phase and in rad.
@@ -39,14 +39,28 @@ pub(super) struct Hump {
 /// Most humps in a turn: A has at most six extrema.
 const HUMPS: usize = 3;
 
+/// Until when a flight is told without a search, in steps after launch.
+#[derive(Clone, Copy)]
+pub(in crate::impact) struct Limit {
+    /// A ball that is above the reach of the track at this time or before has met none of it.
+    pub clear: i64,
+    /// A down-crossing up to this time is the first impact.
+    ///
+    /// Up to the end of the next hump it is: on the concave stretch up to that hump it ends what is above 0 from
+    /// launch on; within the hump, where the gap is convex, it is above 0 from the begin on, and so was the stretch
+    /// before. Where the gap rises at the begin of the hump it rises before it, from launch on, and until the hump
+    /// ends; so the same holds up to the end of the hump after it.
+    pub last: i64,
+}
+
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Track {
+pub(in crate::impact) struct Track {
     pub tones: Harmonics,
     pub k: f32,
     half_k: f32,
     inverse: f32,
-    tall: f32,
+    pub tall: f32,
     /// Bound of |S|.
     pub reach: f32,
     humps: [Hump; HUMPS],
@@ -96,15 +110,10 @@ impl Track {
             .any(|hump| phase.wrapping_sub(hump.phase) < hump.length)
     }
 
-    /// Until how many steps after launch at `phase`, with the ball's velocity `rise`, a down-crossing is certain to be the
-    /// first impact; `None` where there is no hump.
-    ///
-    /// Up to the end of the next hump it is: on the concave stretch up to that hump it ends what is above 0 from
-    /// launch on; within the hump, where the gap is convex, it is above 0 from the begin on, and so was the stretch
-    /// before. Where the gap rises at the begin of the hump it rises before it, from launch on, and until the hump
-    /// ends; so the same holds up to the end of the hump after it.
+    /// Until when a flight from `phase`, with the ball's velocity `rise`, is told without a search; `None` where there is no
+    /// hump.
     #[inline(always)]
-    pub fn limit(&self, phase: u32, rise: f32) -> Option<i64> {
+    pub fn limit(&self, phase: u32, rise: f32) -> Option<Limit> {
         let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
         let humps = self.humps();
         let (first, others) = humps.split_first()?;
@@ -116,13 +125,52 @@ impl Track {
         }
         let begin = soonest as f32 * RADIANS_PER_STEP;
         if rise - self.k * begin - next.begin.speed > 1e-5 {
-            if humps.len() == 1 {
-                return Some(i64::from(soonest) + i64::from(next.length) + Phase::STEPS);
-            }
-            let after = humps.get(place + 1).unwrap_or(first);
-            return Some(i64::from(wait(after)) + i64::from(after.length));
+            let (hump, begin) = if humps.len() == 1 {
+                (next, i64::from(soonest) + Phase::STEPS)
+            } else {
+                let after = humps.get(place + 1).unwrap_or(first);
+                (after, i64::from(wait(after)))
+            };
+            return Some(Limit {
+                clear: begin,
+                last: begin + i64::from(hump.length),
+            });
         }
-        Some(i64::from(soonest) + i64::from(next.length))
+        Some(Limit {
+            clear: i64::from(soonest),
+            last: i64::from(soonest) + i64::from(next.length),
+        })
+    }
+
+    /// The same for a ball that leaves the reach of the track before it meets any: from when it sinks into it, in steps
+    /// after launch from `height`, up to the end of the next hump, or of the one it sinks over.
+    #[inline(never)]
+    pub fn limit_from_above(
+        &self,
+        phase: u32,
+        height: f32,
+        rise: f32,
+        limit: Limit,
+    ) -> Option<i64> {
+        let (from, to) = self.above(height, rise);
+        // Earlier than it sinks, by more than f32 may take from the time.
+        let sinks = to - 1e-3 - 1e-6 * to;
+        if !(from * STEPS_PER_RADIAN < limit.clear as f32 && from < sinks) {
+            return None;
+        }
+        let sinks = (sinks * STEPS_PER_RADIAN) as i64;
+        let there = phase.wrapping_add(sinks as u32);
+        let end = |hump: &Hump| {
+            let past = there.wrapping_sub(hump.phase);
+            if past < hump.length {
+                hump.length - past
+            } else {
+                // The longest hump is shorter than what is left of the turn.
+                hump.phase.wrapping_sub(there).saturating_add(hump.length)
+            }
+        };
+        let soonest = self.humps().iter().map(end).min()?;
+        Some(sinks + i64::from(soonest))
     }
 
     /// Where it next throws a part that rests at `phase` but is not thrown there.
