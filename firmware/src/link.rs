@@ -315,25 +315,28 @@ async fn samples(
     else {
         return Response::Refused(Refusal::OutOfStep);
     };
+    // What is refused has changed nothing: the samples are tried before they are taken.
+    let (mut tried, mut last, mut check) = (signal.clone(), *code, *outputs);
     let mut wrapped = false;
     while !codes.is_empty() {
-        let Some(next) = read_reading(&mut codes, *code) else {
+        let Some(next) = read_reading(&mut codes, last) else {
             return Response::Refused(Refusal::OutOfStep);
         };
-        *code = next;
-        let sampled = signal.sample(AdcCode(next));
-        *outputs = fold_output(*outputs, sampled.output);
+        last = next;
+        let sampled = tried.sample(AdcCode(next));
+        check = fold_output(check, sampled.output);
         wrapped = sampled.wrapped;
         if wrapped && !(codes.is_empty() && end.is_some()) {
             return Response::Refused(Refusal::OutOfStep);
         }
     }
+    if end.is_some() && !wrapped {
+        return Response::Refused(Refusal::OutOfStep);
+    }
+    (*signal, *code, *outputs) = (tried, last, check);
     let Some(inputs) = end else {
         return Response::Done;
     };
-    if !wrapped {
-        return Response::Refused(Refusal::OutOfStep);
-    }
     let report = station.simulated_cycle(signal.cycle(), inputs.into());
     signal.command(report.command);
     for _ in 0..PLAN_SLICES {

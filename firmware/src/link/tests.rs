@@ -455,6 +455,12 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     let mut signal = Signal::build(&scene.settings).unwrap();
     let mut before = 0;
     for n in 0..100 {
+        // Readings too few for a cycle, and what is no reading after one that is: neither is taken.
+        board.refused(
+            &samples(&[4; 3], Some(bench.inputs().into())),
+            Refusal::OutOfStep,
+        );
+        board.refused(&samples(&[4, 0xff, 0xff, 0xff], None), Refusal::OutOfStep);
         let (mut bytes, mut used, mut check) = ([0; 200], 0, 0);
         loop {
             let AdcCode(code) = bench.sample();

@@ -3,7 +3,7 @@
 //! Where the drive runs at its resonance the amplitude is of first order, and the loop is PI with feedforward through the
 //! inverse of that. Elsewhere the envelope turns against the output and beats: a PI loop at six cycles swings for
 //! ever from 2.5 half widths of the resonance on. There the output is the reference through the inverse of the turning envelope
-//! over the gain as learned, and learning the gain is the only feedback: an integral loop. [`margins`](super::margins) gives
+//! over the gain as learned, and learning the gain is the only feedback: an integral loop. `margins` gives
 //! the margins of both.
 
 use num_complex::Complex32 as Complex;

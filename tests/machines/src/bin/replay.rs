@@ -14,7 +14,8 @@ use kband_machines::images;
 const USAGE: &str = "usage: replay IMAGE [SCHEMA [NAME]]
        IMAGE   the file that cargo feeder builds
        SCHEMA  what it speaks, where it is not what this desk does: 0xc905e82a for commit 116d3e225212
-       NAME    part of the names of the scenarios that are played";
+       NAME    part of the names of the scenarios that are played; slow: six machines at random that take 20 to 120 s each, which
+               are played where they are asked for";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -30,7 +31,10 @@ fn main() -> ExitCode {
     let read = |text: &String| u32::from_str_radix(text.strip_prefix("0x")?, 16).ok();
     let schema = match schema.map(|text| (text, read(text))) {
         None => None,
-        Some((_, Some(schema))) => Some(schema as u16),
+        // An image that speaks as this desk does is no older one.
+        Some((_, Some(schema))) => {
+            Some(schema as u16).filter(|low| *low != kband::wire::SCHEMA as u16)
+        }
         Some((text, None)) => {
             eprintln!("replay: {text} is no schema\n{USAGE}");
             return ExitCode::from(2);
@@ -44,7 +48,19 @@ fn main() -> ExitCode {
         .flatten()
         .take(6)
         .collect();
-    let all = all.chain(bands()).chain([bounce(), over_current()]);
+    let mut draw = Draw::new(22);
+    let slow = std::iter::repeat_with(|| of_any_sensor(&mut draw, 120.0))
+        .flatten()
+        .filter(|one| name == "slow" && one.until > 20.0)
+        .map(|one| Hazard {
+            name: "a slow machine at random",
+            ..one
+        });
+    let slow: Vec<_> = slow.take(if name == "slow" { 6 } else { 0 }).collect();
+    let all = all
+        .chain(slow)
+        .chain(bands())
+        .chain([bounce(), over_current()]);
     let all = all.chain(of_the_program(panics, stack)).chain(drawn);
     for hazard in all.filter(|one| one.name.contains(name)) {
         play(&hazard, image, schema);

@@ -20,7 +20,7 @@ pub mod world;
 
 use self::core::{COUNTER, Core, Fault, STACK, Waits};
 pub use board::Board;
-use board::MEMORY;
+pub use board::MEMORY;
 use clocks::{Cause, TICKS};
 use system::HARD_FAULT;
 use world::Seen;
