@@ -40,6 +40,21 @@ pub enum Dynamics {
     },
 }
 
+impl Dynamics {
+    /// What an exponent per impact says of an orbit that never rests.
+    #[must_use]
+    pub fn of(per_impact: Estimate) -> Self {
+        let Estimate { value, error } = per_impact;
+        if value > 3.0 * error {
+            Self::Chaotic
+        } else if value < -3.0 * error {
+            Self::Regular
+        } else {
+            Self::Undecided
+        }
+    }
+}
+
 /// Largest Lyapunov exponent of one orbit.
 ///
 /// With rest the values are those of the flight until then.
@@ -220,9 +235,7 @@ impl Sums {
         let per_impact = estimate(|batch| f64::from(batch.impacts), impacts);
         let dynamics = match rest {
             Some(after) => Dynamics::Rest { after },
-            None if per_impact.value > 3.0 * per_impact.error => Dynamics::Chaotic,
-            None if per_impact.value < -3.0 * per_impact.error => Dynamics::Regular,
-            None => Dynamics::Undecided,
+            None => Dynamics::of(per_impact),
         };
         Exponent {
             per_impact,

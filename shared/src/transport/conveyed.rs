@@ -156,6 +156,11 @@ impl<A: Along> Conveying<A> {
         self.conveyed
     }
 
+    /// Whether any motion along the track can be steady.
+    pub(super) fn is_held(&self) -> bool {
+        self.along.is_held()
+    }
+
     /// Velocity along the track just after the last impact (symbol phi) in units of `b w`.
     #[must_use]
     pub fn velocity(&self) -> f64 {

@@ -44,7 +44,7 @@ pub struct Measured {
     /// What the part does.
     pub motion: Motion,
     /// What was conveyed: over exactly one period where the part came to rest twice, else over the
-    /// impacts asked for; nothing where it rests for ever.
+    /// impacts asked for; nothing where it lies still for ever, or slides ever faster.
     pub conveyed: Conveyed,
 }
 
@@ -118,7 +118,7 @@ fn measure_along(
     let mut conveying = Conveying::new(along, Contact::new(map));
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();
-    let ended = settled(&mut orbit, &mut conveying, effort, also);
+    let (ended, steady) = settled(&mut orbit, &mut conveying, effort, also);
     let conveyed = match ended {
         Ended::RestsForEver => {
             return Measured {
@@ -137,31 +137,41 @@ fn measure_along(
     } else {
         Motion::Hopping
     };
-    Measured { motion, conveyed }
+    // Ever faster: there is no speed to tell.
+    let steady = steady && along.is_held();
+    Measured {
+        motion,
+        conveyed: if steady {
+            conveyed
+        } else {
+            Conveyed::default()
+        },
+    }
 }
 
 /// Watches the measured part. Where parts remember at lift-off how they slid, their flights repeat before their velocity
-/// along the track does: it is watched again until that has settled.
+/// along the track does: it is watched again until that has settled; `false` where it never does.
 fn settled<A: Along>(
     orbit: &mut Orbit<'_>,
     conveying: &mut Conveying<A>,
     effort: Effort,
     also: &mut impl Observer,
-) -> Ended {
+) -> (Ended, bool) {
     /// Periods until a velocity has settled that nothing but friction damps.
     const PERIODS: usize = 500;
-    if !A::FORGETS {
+    let mut steady = true;
+    if !A::FORGETS && conveying.is_held() {
         for _ in 0..PERIODS {
             let before = conveying.velocity();
             let ended = orbit.watch(effort.impacts, conveying);
             conveying.restart();
-            let settled = (conveying.velocity() - before).abs() <= 1e-12;
-            if ended != Ended::Repeats || settled {
+            steady = ended != Ended::Repeats || (conveying.velocity() - before).abs() <= 1e-12;
+            if steady {
                 break;
             }
         }
     }
-    orbit.watch(effort.impacts, &mut (conveying, also))
+    (orbit.watch(effort.impacts, &mut (conveying, also)), steady)
 }
 
 #[cfg(test)]

@@ -633,6 +633,19 @@ mod tests {
         assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
     }
 
+    /// Friction holds an incline of mu at most; above it a part has no steady speed in any regime.
+    #[test]
+    fn what_friction_cannot_hold_has_no_speed() {
+        for throw in [0.8, 1.5, 2.4] {
+            let options =
+                format!("--throw {throw} --friction 0.3 --over incline --values 10..22:7");
+            for row in found(&options) {
+                let held = row.value.to_radians().tan() <= 0.3;
+                assert_eq!(row.speed().is_some(), held, "{throw} {}", row.value);
+            }
+        }
+    }
+
     #[test]
     fn regimes_follow_each_other_over_the_throw_number() {
         let rows = found("--throw 0.3..3.5:33 --friction 0.3 --restitution 0.2 --incline 3");

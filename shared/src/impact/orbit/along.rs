@@ -31,6 +31,11 @@ pub trait Along: Copy {
     /// The part lies on the track from `phase` on for `wait` rad.
     fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain;
 
+    /// Whether any motion along the track can be steady.
+    fn is_held(&self) -> bool {
+        true
+    }
+
     /// One drive cycle of a part that lies there for ever; `None` where it does not move, or not steadily.
     fn stay(&self) -> Option<Lain>;
 }

@@ -287,6 +287,9 @@ impl Friction {
     pub fn lying_for_ever(&self) -> Option<Lain> {
         /// A slide that stops once forgets all; one that never does settles within its own damping.
         const CYCLES: usize = 20_000;
+        if !self.is_held() {
+            return None;
+        }
         let thrown = self.normal.bound(0) > 0.0 && self.throws();
         if thrown {
             return None;
@@ -337,6 +340,12 @@ impl Along for Friction {
 
     fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain {
         self.lain(phase, wait, velocity)
+    }
+
+    /// Over time the normal force is `k` in the mean, whatever a part does, so that friction holds an incline of at most
+    /// `mu_s`.
+    fn is_held(&self) -> bool {
+        self.settings.incline_tangent.abs() <= self.settings.sticking
     }
 
     fn stay(&self) -> Option<Lain> {
