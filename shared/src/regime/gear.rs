@@ -4,6 +4,8 @@
 #[cfg(feature = "control")]
 mod draw;
 #[cfg(feature = "control")]
+mod fit;
+#[cfg(feature = "control")]
 mod limits;
 #[cfg(feature = "control")]
 mod plan;

@@ -46,6 +46,7 @@ impl GearSearch {
         let asked = GearPlanSettings {
             restitution: lot,
             scatter: settings.scatter,
+            amplitude_error: settings.amplitude_error,
             order: u32::from(order),
             k: [reached.max((LOWEST / turns) as f32), high],
             second_tone: settings.second_tone,

@@ -54,8 +54,11 @@ impl Retuning {
             let low = (heard.restitution - HALF).clamp(0.0, 0.95);
             let high = (heard.restitution + HALF).max(low).min(0.99);
             let scatter = heard.scatter.clamp(0.0, 0.3);
-            wrong = (low - wanted.restitution_low).abs() > FAR
-                || (high - wanted.restitution_high).abs() > FAR
+            // A lot that is narrower than what one is planned for by ear is not wrong for that.
+            wrong = wanted.restitution_low < low - FAR
+                || wanted.restitution_high > high + FAR
+                || heard.restitution < wanted.restitution_low - FAR
+                || heard.restitution > wanted.restitution_high + FAR
                 || (scatter - wanted.scatter).abs() > SCATTERED;
             (wanted.restitution_low, wanted.restitution_high) = (low, high);
             wanted.scatter = scatter;
@@ -79,6 +82,7 @@ mod tests {
         GearPlanSettings {
             restitution: Restitution::interval(0.28, 0.32).unwrap(),
             scatter: 0.05,
+            amplitude_error: 0.02,
             order: 1,
             k: [0.28, 0.6],
             second_tone: 0.15,
@@ -117,6 +121,25 @@ mod tests {
         assert_eq!(wanted.second_tone, 0.15);
         let (_, wanted) = anew(heard(0.3, 0.01, 0.08), false).unwrap();
         assert_eq!(wanted.scatter, 0.08);
+    }
+
+    #[test]
+    fn a_lot_of_one_restitution_stays_while_that_is_heard() {
+        let settings = Settings::default();
+        let of_one = GearPlanSettings {
+            restitution: Restitution::single(0.3).unwrap(),
+            ..planned()
+        };
+        let anew = |restitution| {
+            let mut retuning = Retuning::default();
+            let heard = heard(restitution, 0.008, 0.05);
+            (1..5000).any(|_| {
+                let wanted = retuning.cycle(&of_one, heard.as_ref(), false, &settings);
+                wanted.is_some()
+            })
+        };
+        assert!(!anew(0.305) && !anew(0.29));
+        assert!(anew(0.32) && anew(0.28));
     }
 
     #[test]

@@ -29,10 +29,16 @@ impl GearLimits {
     /// Whether the drive affords a second tone at a k.
     #[must_use]
     pub fn afford(&self, k: f32, second: Second) -> bool {
+        k >= self.least(second)
+    }
+
+    /// The least k at which the drive affords a second tone.
+    #[must_use]
+    pub fn least(&self, second: Second) -> f32 {
         let [displacement, acceleration] = peaks(second);
-        k >= self.displacement * displacement
-            && k >= self.acceleration * acceleration
-            && k >= self.output * (1.0 + self.overtone * second[0])
+        (self.displacement * displacement)
+            .max(self.acceleration * acceleration)
+            .max(self.output * (1.0 + self.overtone * second[0]))
     }
 }
 

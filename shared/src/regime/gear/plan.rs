@@ -7,8 +7,9 @@ use heapless::Vec;
 
 use super::Gear;
 use super::draw::Draw;
+use super::fit::{Fit, Shape};
 use super::limits::GearLimits;
-use super::rider::{Rider, Second, Span, Surface};
+use super::rider::{Rider, Span, Surface};
 use crate::feeder::{OutOfRange, Restitution, accept};
 
 /// What a plan for gear is asked.
@@ -18,6 +19,8 @@ pub struct GearPlanSettings {
     pub restitution: Restitution,
     /// Standard deviation of a part's restitution from impact to impact (symbol s), 0..=0.3.
     pub scatter: f32,
+    /// Largest error of the amplitude at which the track stands, over it, 0..=0.2.
+    pub amplitude_error: f32,
     /// Drive periods in a flight (symbol r), 1..=100.
     pub order: u32,
     /// Lowest and highest k that may be chosen, 0.005..=4.
@@ -37,116 +40,74 @@ pub struct GearPlan {
     pub second: [f32; 2],
     /// The share of time in gear to expect there, the mean over the lot, 0..=1.
     pub share: f32,
-    /// Whether the search is over: the share is then that of parts on which the choice did not rest.
+    /// Whether the search is over.
     pub settled: bool,
 }
 
-/// Most candidates of a round.
-const CANDIDATES: usize = 40;
+/// Most candidates of the first round.
+const CANDIDATES: usize = 36;
 
-/// A k and a second tone that are tried.
+/// A k and a second tone that are tried, by their number.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    k: f32,
-    second: Second,
+    /// What the drive affords of the second tone.
+    ratio: f32,
     /// Sum of the shares of its runs, and their number.
     sum: f32,
     runs: u16,
 }
 
-impl Candidate {
-    fn at(k: f32, second: Second) -> Self {
-        Self {
-            k,
-            second,
-            sum: 0.0,
-            runs: 0,
-        }
-    }
+/// A k, and amplitude over the first (symbol e) and angle (symbol th, rad) of a second tone.
+type Place = [f32; 3];
 
-    fn share(&self) -> f32 {
-        if self.runs == 0 {
-            0.0
-        } else {
-            self.sum / f32::from(self.runs)
-        }
-    }
-}
+/// Runs that each candidate of the first round gets, of one tone and of two; one that was never in gear in the first two gets
+/// no third.
+const RUNS: [u16; 2] = [5, 3];
 
-/// A round of the search.
-#[derive(Clone, Copy, Debug)]
-struct Round {
-    /// Runs that each candidate gets, and how long they are in drive periods.
-    runs: u16,
-    periods: u16,
-    /// Candidates kept after it.
-    kept: usize,
-    /// How far from the best one new candidates are set after it, over the distance between the first ones; 0: none.
-    about: f32,
-}
+/// Drive periods of a run of the first round, and of those about the best place, and how many of them do not count.
+const PERIODS: [[u16; 2]; 4] = [[130, 25], [300, 30], [300, 30], [300, 30]];
 
-const fn round(runs: u16, periods: u16, kept: usize, about: f32) -> Round {
-    Round {
-        runs,
-        periods,
-        kept,
-        about,
-    }
-}
+/// Up to which share of the effort the first round goes, the runs about its best place, those about the best of these,
+/// and those that tell its share.
+const UNTIL: [f32; 4] = [0.38, 0.57, 0.82, 0.97];
 
-/// The rounds of one tone: successive halving (Karnin, Koren & Somekh 2013), about as much work for every round, shared by
-/// ever fewer; then steps about the best. The last one tells the share, by parts on which the choice did not rest.
-const ONE_TONE: [Round; 6] = [
-    round(4, 200, 8, 0.0),
-    round(8, 300, 3, 0.0),
-    round(12, 500, 1, 1.0),
-    round(16, 400, 2, 0.0),
-    round(16, 500, 1, 0.0),
-    round(14, 1600, 1, 0.0),
-];
+/// From this share on the places differ too little to be told apart: they are then tried with so much more scatter, and the
+/// one that bears it best is wanted.
+const ENOUGH: f32 = 0.985;
+const STRAIN: f32 = 1.5;
 
-/// Those of two tones, which cost half as much again an impact.
-const TWO_TONES: [Round; 6] = [
-    round(4, 150, 10, 0.0),
-    round(6, 250, 3, 0.0),
-    round(12, 300, 1, 1.0),
-    round(8, 300, 2, 0.5),
-    round(6, 300, 1, 0.0),
-    round(12, 1200, 1, 0.0),
-];
+/// How much less than a run that tells the share of the chosen place one counts that chose it.
+const CHOSE: f32 = 6.0;
 
-/// Share from which on nothing better is searched: what is missing is two and a half standard errors of what the last round
-/// tells (22 400 flights, lost eight at a time). From 0.9 on every test passes.
-const ENOUGH: f32 = 0.998;
+/// Half of the region about the best of the first round: in k over the distance between candidates, in e over the
+/// largest tried, in th in rad. The next one is [`NARROWER`].
+const HALF: [f32; 3] = [1.3, 0.25, 0.2];
+const NARROWER: f32 = 0.75;
 
-/// k tried at first of one tone, and at each angle of the second one.
-const STEPS: usize = 24;
-const STEPS_OF_TWO: usize = 10;
+/// k tried at first of one tone, and in each row of a second one.
+const STEPS: usize = 20;
+const STEPS_OF_TWO: usize = 12;
 
-/// Angles of the second tone tried at first, in rad: of order 1 the best of 32 around the circle lay between them for every
-/// lot that was asked (docs/theory-real-parts.md#t10.2); else around the circle.
-const ANGLES: [f32; 4] = [2.4, 2.6, 2.2, 2.8];
-const ROUND: [f32; 4] = [0.0, FRAC_PI_2, PI, 1.5 * PI];
+/// Rows of the second tone tried at first: e over the largest that is tried, and th in rad. Of order 1 the best of 32
+/// angles around the circle lay between them for every lot that was asked (docs/theory-real-parts.md#t10.2); else
+/// around the circle.
+const ROWS: [[f32; 2]; 3] = [[1.0, 2.4], [1.0, 2.65], [0.7, 2.5]];
+const ROUND: [[f32; 2]; 3] = [[1.0, FRAC_PI_2], [1.0, PI], [1.0, 2.4]];
 
-/// Steps in k (over the first distance), e (over the largest) and th (rad) to the candidates about the best one.
-const ABOUT_ONE: [[f32; 3]; 4] = [
-    [-0.667, 0.0, 0.0],
-    [-0.333, 0.0, 0.0],
-    [0.333, 0.0, 0.0],
-    [0.667, 0.0, 0.0],
-];
-const ABOUT_TWO: [[f32; 3]; 8] = [
-    [-0.5, 0.0, 0.0],
-    [0.5, 0.0, 0.0],
-    [0.0, 0.0, 0.1],
-    [0.0, 0.0, -0.1],
-    [0.0, -0.25, 0.0],
-    [0.25, -0.25, 0.0],
-    [-0.3, 0.0, 0.1],
-    [0.3, 0.0, -0.1],
-];
+/// Largest second tone tried of a lot of mean restitution R is LEAST_TRIED + TRIED R: the best of order 1 lay between
+/// 0.13 at R = 0.15 and 0.25 at 0.6, for scatter of 0.03 to 0.15.
+const LEAST_TRIED: f32 = 0.08;
+const TRIED: f32 = 0.3;
 
-/// Second tones below this are none. From 1e-4 to 0.1 every test passes.
+/// Places in e and in th, and in k, at which the fitted share is looked at.
+const LOOKED: u8 = 5;
+const LOOKED_K: u8 = 17;
+
+/// What a place at the border of the region must be better by than its centre: where nothing is ever lost, the place
+/// farthest from any loss is wanted.
+const AWAY: f32 = 0.03;
+
+/// Second tones below this are none.
 const LEAST: f32 = 0.01;
 
 /// Impacts after which the search of one tone, and of two, ends with what it has: within what 84 million instructions buy on
@@ -154,12 +115,57 @@ const LEAST: f32 = 0.01;
 /// counted for 110 000 impacts).
 const EFFORT: [u32; 2] = [170_000, 101_000];
 
+/// Impacts that take as long as the peaks of a second tone do, and the set-up of a track.
+const PEAKS: u32 = 8;
+const SET_UP: u32 = 30;
+
+/// Where the search is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// Candidates over the whole range.
+    Wide,
+    /// Runs about the best place.
+    Near,
+    /// Which place of the region is the best: the next row of it to look at.
+    Choice(u8),
+    /// Runs that tell the share of the place chosen.
+    Verdict,
+}
+
+/// What the runs of a stage have come to: one of these at a time.
+#[derive(Clone, Debug)]
+enum Tried {
+    Candidates(Vec<Candidate, CANDIDATES>),
+    Fit(Fit),
+    Shape(Shape),
+}
+
+/// Where runs are set.
+#[derive(Clone, Copy, Debug)]
+struct Region {
+    centre: Place,
+    half: Place,
+}
+
+impl Region {
+    fn inside(&self, place: Place) -> Place {
+        core::array::from_fn(|n| {
+            if self.half[n] > 0.0 {
+                (place[n] - self.centre[n]) / self.half[n]
+            } else {
+                0.0
+            }
+        })
+    }
+}
+
 /// The search for the k, and the second tone, with which parts of a lot are in gear for the largest share of time, from
 /// rest and without a kick.
 ///
-/// Each is tried with parts of the whole lot whose restitution scatters, the same parts for every candidate (common random
-/// numbers), and the better third goes on to longer trials. Everything is integers and f32 without fused operations: the
-/// same bits at the desk, in the emulator and on the board.
+/// A few parts of the whole lot, whose restitution scatters, are tried over the whole range; then ever new ones, each at
+/// another place about the best, with a smooth share [fitted](Fit) to them: one run errs by far more than places differ
+/// by, their fit does not, and what it tells at its highest place is hardly the luck of a draw. Everything is integers and
+/// f32 without fused operations: the same bits at the desk, in the emulator and on the board.
 ///
 /// ```
 /// use kband::feeder::Restitution;
@@ -167,6 +173,7 @@ const EFFORT: [u32; 2] = [170_000, 101_000];
 /// let mut planner = GearPlanner::new(GearPlanSettings {
 ///     restitution: Restitution::single(0.3)?,
 ///     scatter: 0.05,
+///     amplitude_error: 0.0,
 ///     order: 1,
 ///     k: [0.28, 0.6],
 ///     second_tone: 0.0,
@@ -181,20 +188,39 @@ const EFFORT: [u32; 2] = [170_000, 101_000];
 #[derive(Clone, Debug)]
 pub struct GearPlanner {
     settings: GearPlanSettings,
-    candidates: Vec<Candidate, CANDIDATES>,
+    tried: Tried,
     /// Whether a second tone is tried.
     two: bool,
-    /// Distance of the first candidates in k.
+    /// Distance of the first candidates in k, and largest second tone tried.
+    low: f32,
     step: f32,
-    /// Which round is under way.
-    round: usize,
-    /// The candidate and the run of it that are under way.
+    most: f32,
+    stage: Stage,
+    /// Regions left behind, and the one that is searched.
+    regions: usize,
+    region: Region,
+    /// The candidate under way, and how many runs each has had.
     candidate: usize,
-    run: u16,
-    rider: Option<(Surface, Rider)>,
+    round: u16,
+    /// Runs begun so far.
+    runs: u32,
+    rider: Option<(Surface, Rider, Run)>,
     gear: Gear<i64>,
+    best: Option<(f32, Place)>,
+    /// How much more than the parts' own scatter is tried.
+    strain: f32,
+    /// Sum of the shares of the runs that tell, and how many they are, or those that choose.
+    told: [f32; 2],
     plan: Option<GearPlan>,
     impacts: u32,
+}
+
+/// A run under way: its part's place in the lot, -1..1, if that is of more than one restitution, and where it is tried in the
+/// region.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    lot: Option<f32>,
+    inside: Place,
 }
 
 impl GearPlanner {
@@ -211,6 +237,12 @@ impl GearPlanner {
             "0..0.3",
         )?;
         within(
+            "amplitude_error",
+            settings.amplitude_error,
+            (0.0..=0.2).contains(&settings.amplitude_error),
+            "0..0.2",
+        )?;
+        within(
             "k",
             low,
             0.005 <= low && low <= high && high <= 4.0,
@@ -222,50 +254,68 @@ impl GearPlanner {
             (0.0..=0.5).contains(&settings.second_tone),
             "0..0.5 of the first",
         )?;
-        let mut planner = Self {
+        let two = settings.second_tone >= LEAST;
+        let middle = settings.restitution.middle() as f32;
+        let tried = LEAST_TRIED + TRIED * middle;
+        let (steps, [low, high]) = if two && settings.order == 1 {
+            let best = 0.28 + (0.15 + 0.95 * middle) * middle;
+            let within = [low.max(0.75 * best), high.min(1.3 * best)];
+            let range = if within[0] < within[1] {
+                within
+            } else {
+                settings.k
+            };
+            (STEPS_OF_TWO, range)
+        } else if two {
+            (STEPS_OF_TWO, settings.k)
+        } else {
+            (STEPS, settings.k)
+        };
+        let step = (high - low) / (steps - 1) as f32;
+        let most = if two {
+            settings.second_tone.min(tried)
+        } else {
+            0.0
+        };
+        Ok(Self {
             settings,
-            candidates: Vec::new(),
-            two: false,
-            step: 0.0,
-            round: 0,
+            tried: Tried::Candidates(Vec::new()),
+            two,
+            low,
+            step,
+            most,
+            stage: Stage::Wide,
+            regions: 0,
+            region: Region {
+                centre: [0.0; 3],
+                half: [0.0; 3],
+            },
             candidate: 0,
-            run: 0,
+            round: 0,
+            runs: 0,
             rider: None,
             gear: Gear::in_steps(settings.order)?,
+            best: None,
+            strain: 1.0,
+            told: [0.0; 2],
             plan: None,
             impacts: 0,
-        };
-        planner.begin();
-        Ok(planner)
+        })
     }
 
-    /// The first candidates.
-    fn begin(&mut self) {
-        let [low, high] = self.settings.k;
-        let most = self.settings.second_tone;
-        self.two = most >= LEAST;
-        let (angles, steps): (&[f32], usize) = match (self.two, self.settings.order) {
-            (false, _) => (&[0.0], STEPS),
-            (true, 1) => (&ANGLES, STEPS_OF_TWO),
-            (true, _) => (&ROUND, STEPS_OF_TWO),
-        };
-        self.step = (high - low) / (steps - 1) as f32;
-        for &angle in angles {
-            for n in 0..steps as u8 {
-                let k = low + self.step * f32::from(n);
-                let _ = self
-                    .candidates
-                    .push(Candidate::at(k, self.afforded(k, most, angle)));
+    /// As much of a second tone as the drive affords at a place, up to what that has; none where it affords none.
+    fn afforded(&mut self, [k, ratio, angle]: Place) -> Place {
+        for part in [1.0, 0.85, 0.7, 0.55, 0.4, 0.2] {
+            let ratio = ratio * part;
+            if ratio < LEAST {
+                break;
+            }
+            self.impacts += PEAKS;
+            if self.settings.limits.afford(k, [ratio, angle]) {
+                return [k, ratio, angle];
             }
         }
-    }
-
-    /// As much of a second tone as the drive affords at a k, at most `most`; `[0, 0]` where it affords none.
-    fn afforded(&self, k: f32, most: f32, angle: f32) -> Second {
-        let parts = [1.0, 0.8, 0.6, 0.4, 0.2].map(|part| [most * part, angle]);
-        let affords =
-            |second: &&Second| second[0] >= LEAST && self.settings.limits.afford(k, **second);
-        parts.iter().find(affords).copied().unwrap_or([0.0; 2])
+        [k, 0.0, angle]
     }
 
     /// What was asked.
@@ -280,19 +330,17 @@ impl GearPlanner {
         self.plan.as_ref()
     }
 
-    /// Impacts computed so far.
+    /// Impacts computed so far, with what took as long as some.
     #[must_use]
     #[cfg(test)]
     pub fn impacts(&self) -> u32 {
         self.impacts
     }
 
-    /// Goes on by at most so many impacts; whether more are to be done.
+    /// Goes on by about so many impacts; whether more are to be done.
     pub fn advance(&mut self, impacts: u32) -> bool {
-        for _ in 0..impacts {
-            if self.is_over() {
-                return false;
-            }
+        let until = self.impacts.saturating_add(impacts);
+        while self.impacts < until && !self.is_over() {
             self.step();
         }
         !self.is_over()
@@ -302,165 +350,365 @@ impl GearPlanner {
         self.plan.is_some_and(|plan| plan.settled)
     }
 
-    fn rounds(&self) -> &'static [Round; 6] {
-        if self.two { &TWO_TONES } else { &ONE_TONE }
-    }
-
-    fn now(&self) -> Round {
-        let rounds = self.rounds();
-        rounds[self.round.min(rounds.len() - 1)]
-    }
-
-    /// The part of a run: it fills the lot evenly (additive recurrence of the golden ratio), whatever the number of runs.
-    fn part(&self, run: u32) -> Draw {
-        let turn = run.wrapping_mul(0x9E37_79B9).wrapping_add(1 << 31);
-        let place = (turn >> 8) as f32 * (1.0 / 16_777_216.0);
-        let lot = self.settings.restitution;
-        let (low, high) = (lot.low() as f32, lot.high() as f32);
-        Draw::new(low + (high - low) * place, self.settings.scatter, run)
+    /// The share of the effort that is spent.
+    fn spent(&self) -> f32 {
+        self.impacts as f32 / EFFORT[usize::from(self.two)] as f32
     }
 
     /// One impact of the run under way, or what lies between two runs.
     fn step(&mut self) {
         self.impacts += 1;
-        if self.impacts >= EFFORT[usize::from(self.two)] {
-            self.end();
-            return;
-        }
-        if let Some((surface, rider)) = &mut self.rider {
+        if let Some((surface, rider, run)) = &mut self.rider {
             if rider.step(surface) {
-                let share = rider.share();
+                let (share, run) = (rider.share(), *run);
                 self.rider = None;
-                self.take(share);
+                self.take(share, &run);
+            } else if self.impacts >= EFFORT[usize::from(self.two)] {
+                self.rider = None;
             }
             return;
         }
-        let round = self.now();
-        let Some(candidate) = self.candidates.get(self.candidate) else {
-            self.end_round();
+        let until = UNTIL[self.regions.min(UNTIL.len() - 1)];
+        if self.spent() >= until && !matches!(self.stage, Stage::Choice(_)) {
+            self.end_stage();
+            return;
+        }
+        match self.stage {
+            Stage::Wide => self.try_candidate(),
+            Stage::Near => self.try_about(),
+            Stage::Choice(row) => self.look(row),
+            Stage::Verdict => self.try_chosen(),
+        }
+    }
+
+    fn steps(&self) -> usize {
+        if self.two { STEPS_OF_TWO } else { STEPS }
+    }
+
+    fn rows(&self) -> &'static [[f32; 2]] {
+        match (self.two, self.settings.order) {
+            (false, _) => &[[0.0; 2]],
+            (true, 1) => &ROWS,
+            (true, _) => &ROUND,
+        }
+    }
+
+    /// The place of a candidate with so much of a second tone.
+    fn place(&self, number: usize, ratio: f32) -> Place {
+        let [_, angle] = self.rows()[number / self.steps()];
+        let k = self.low + self.step * (number % self.steps()) as f32;
+        [k.min(self.settings.k[1]), ratio, angle]
+    }
+
+    /// Begins the next run of the first round.
+    fn try_candidate(&mut self) {
+        let number = self.candidate;
+        if number >= self.steps() * self.rows().len() {
+            self.candidate = 0;
+            self.round += 1;
+            if self.round >= RUNS[usize::from(self.two)] {
+                self.end_stage();
+            }
+            return;
+        }
+        let tried = |tried: &Tried| match tried {
+            Tried::Candidates(candidates) => candidates.get(number).copied(),
+            _ => None,
+        };
+        if tried(&self.tried).is_none() {
+            let [ratio, _] = self.rows()[number / self.steps()];
+            let place = self.afforded(self.place(number, ratio * self.most));
+            let candidate = Candidate {
+                ratio: place[1],
+                sum: 0.0,
+                runs: 0,
+            };
+            if let Tried::Candidates(candidates) = &mut self.tried {
+                // There are at least as many places as rows have steps.
+                let _ = candidates.push(candidate);
+            }
+        }
+        let Some(candidate) = tried(&self.tried) else {
+            self.end_stage();
             return;
         };
-        // Runs of different rounds are different parts.
-        let number = (self.round as u32) << 16 | u32::from(self.run);
-        let draw = self.part(number);
-        let span = Span::periods(round.periods, round.periods / 4);
-        match Surface::at(candidate.k, candidate.second) {
-            Ok(surface) => self.rider = Some((surface, Rider::new(draw, self.gear, span))),
-            Err(_) => self.take(0.0),
+        if candidate.runs >= 2 && candidate.sum == 0.0 {
+            self.candidate += 1;
+            return;
+        }
+        self.begin_run(self.place(number, candidate.ratio), u32::from(self.round));
+    }
+
+    /// Begins a run somewhere in the region.
+    fn try_about(&mut self) {
+        // The additive recurrence of three dimensions that fills a cube the most evenly (M. Roberts 2018), by 2^-32.
+        const STEP: [u32; 3] = [0xD1B5_4A33, 0xABC9_8388, 0x8CB9_2BA7];
+        let run = self.runs;
+        let Region { centre, half } = self.region;
+        let place: Place = core::array::from_fn(|n| {
+            centre[n] + half[n] * (2.0 * part(run.wrapping_mul(STEP[n])) - 1.0)
+        });
+        let place = self.within(place);
+        self.begin_run(place, run);
+    }
+
+    /// Begins a run at the place chosen.
+    fn try_chosen(&mut self) {
+        if let Some(plan) = self.plan {
+            self.begin_run([plan.k, plan.second[0], plan.second[1]], self.runs);
+        }
+    }
+
+    /// A place within what may be chosen.
+    fn within(&mut self, [k, ratio, angle]: Place) -> Place {
+        let [low, high] = self.settings.k;
+        let k = k.max(low).min(high);
+        if !self.two {
+            return [k, 0.0, 0.0];
+        }
+        let ratio = ratio.max(0.0).min(self.settings.second_tone);
+        self.afforded([k, ratio, angle])
+    }
+
+    /// Begins a run whose part and error of amplitude are those of a number: they fill lot and errors evenly (additive
+    /// recurrence of two dimensions, M. Roberts 2018), whatever the number of runs.
+    fn begin_run(&mut self, place: Place, number: u32) {
+        self.runs += 1;
+        self.impacts += SET_UP;
+        let lot = 2.0 * part(number.wrapping_mul(0xC13F_A9A9).wrapping_add(1 << 31)) - 1.0;
+        let error = 2.0 * part(number.wrapping_mul(0x91E1_0DA5).wrapping_add(1 << 31)) - 1.0;
+        let (low, high) = (
+            self.settings.restitution.low() as f32,
+            self.settings.restitution.high() as f32,
+        );
+        let mean = low + (high - low) * (0.5 + 0.5 * lot);
+        let seed = (self.regions as u32) << 24 ^ self.runs;
+        let [k, ratio, angle] = place;
+        let k = k * (1.0 + self.settings.amplitude_error * error);
+        let [periods, before] = PERIODS[self.regions.min(PERIODS.len() - 1)];
+        let run = Run {
+            lot: (high > low).then_some(lot),
+            inside: self.region.inside([k, ratio, angle]),
+        };
+        match Surface::at(k, [ratio, angle]) {
+            Ok(surface) => {
+                let strain = if self.stage == Stage::Verdict {
+                    1.0
+                } else {
+                    self.strain
+                };
+                let draw = Draw::new(mean, self.settings.scatter * strain, seed);
+                let rider = Rider::new(draw, self.gear, Span::periods(periods, before));
+                self.rider = Some((surface, rider, run));
+            }
+            Err(_) => self.take(0.0, &run),
         }
     }
 
     /// The share of the run that has ended.
-    fn take(&mut self, share: f32) {
-        let runs = self.now().runs;
-        if let Some(candidate) = self.candidates.get_mut(self.candidate) {
-            candidate.sum += share;
-            candidate.runs += 1;
-        }
-        self.run += 1;
-        if self.run >= runs {
-            self.run = 0;
-            self.candidate += 1;
+    fn take(&mut self, share: f32, run: &Run) {
+        match &mut self.tried {
+            Tried::Candidates(candidates) => {
+                if let Some(candidate) = candidates.get_mut(self.candidate) {
+                    candidate.sum += share;
+                    candidate.runs += 1;
+                }
+                self.candidate += 1;
+            }
+            Tried::Fit(fit) => {
+                self.told[1] += 1.0;
+                fit.take(run.inside, run.lot, share);
+            }
+            Tried::Shape(_) => {
+                self.told[0] += share;
+                self.told[1] += 1.0;
+            }
         }
     }
 
-    /// The effort is spent: what is best so far is the plan.
-    fn end(&mut self) {
-        let told = self.candidates.first().filter(|best| best.runs > 0);
-        let share = told.map(Candidate::share);
-        self.plan = self.plan.map(|plan| GearPlan {
-            share: share.unwrap_or(plan.share),
-            settled: true,
-            ..plan
-        });
+    /// Chooses among what a stage has tried.
+    fn end_stage(&mut self) {
+        match self.stage {
+            Stage::Wide => {
+                let best = self.best_candidate();
+                self.settle_for(best);
+                let half = [HALF[0] * self.step, HALF[1] * self.most, HALF[2]];
+                self.look_about(best.1, half);
+            }
+            Stage::Near => {
+                if let Tried::Fit(fit) = &self.tried {
+                    self.tried = Tried::Shape(fit.solve());
+                }
+                self.best = None;
+                self.stage = Stage::Choice(0);
+            }
+            Stage::Choice(_) => {}
+            Stage::Verdict => {
+                if let Some(plan) = &mut self.plan {
+                    plan.settled = true;
+                    let [sum, runs] = self.told;
+                    if runs > 0.0 {
+                        plan.share = sum / runs;
+                    }
+                }
+            }
+        }
     }
 
-    fn end_round(&mut self) {
-        let round = self.now();
-        let last = self.rounds().len() - 1;
-        let told = self.round >= last;
-        let first = self.round == 0;
-        if first && self.two {
-            self.smooth();
+    /// Sets the region that is searched next.
+    fn look_about(&mut self, centre: Place, half: Place) {
+        let half = if self.two { half } else { [half[0], 0.0, 0.0] };
+        self.regions += 1;
+        self.region = Region { centre, half };
+        self.tried = Tried::Fit(Fit::EMPTY);
+        self.told = [0.0; 2];
+        self.stage = Stage::Near;
+    }
+
+    /// The candidate with the largest share, each taken with its two neighbours in k: of many that are never out of gear it is
+    /// the one that is farthest from where they are. That of the middle where none was ever in gear.
+    fn best_candidate(&self) -> (f32, Place) {
+        let share = |candidate: &Candidate| {
+            if candidate.runs == 0 {
+                0.0
+            } else {
+                candidate.sum / f32::from(candidate.runs)
+            }
+        };
+        let middle = 0.5 * (self.settings.k[0] + self.settings.k[1]);
+        let mut best = (0.0, [middle, 0.0, 0.0]);
+        let candidates = match &self.tried {
+            Tried::Candidates(candidates) => candidates.as_slice(),
+            _ => &[],
+        };
+        for (first, row) in candidates.chunks(self.steps()).enumerate() {
+            for (n, here) in row.iter().enumerate() {
+                let before = n.checked_sub(1).and_then(|n| row.get(n));
+                let beside = before.map_or(0.0, share) + row.get(n + 1).map_or(0.0, share);
+                let mean = 0.25 * beside + 0.5 * share(here);
+                if mean > best.0 {
+                    best = (mean, self.place(first * self.steps() + n, here.ratio));
+                }
+            }
         }
-        self.rank();
-        self.candidates.truncate(round.kept);
-        let Some(best) = self.candidates.first().copied() else {
+        best
+    }
+
+    /// Looks at a row of the region's places, one e and th and every k, and ends with the best of all.
+    fn look(&mut self, row: u8) {
+        let rows = if self.two { LOOKED * LOOKED } else { 1 };
+        if row >= rows {
+            self.end_choice();
+            return;
+        }
+        let Region { centre, half } = self.region;
+        let Tried::Shape(shape) = self.tried else {
+            self.end_choice();
             return;
         };
+        let at = |n: u8, all: u8| {
+            if all > 1 {
+                2.0 * f32::from(n) / f32::from(all - 1) - 1.0
+            } else {
+                0.0
+            }
+        };
+        let (y, z) = if self.two {
+            (at(row % LOOKED, LOOKED), at(row / LOOKED, LOOKED))
+        } else {
+            (0.0, 0.0)
+        };
+        let (ratio, angle) = (centre[1] + half[1] * y, centre[2] + half[2] * z);
+        let ratio = if ratio < LEAST { 0.0 } else { ratio };
+        let mut least = self.settings.k[0];
+        if ratio > 0.0 {
+            self.impacts += PEAKS;
+            least = least.max(self.settings.limits.least([ratio, angle]));
+        }
+        let error = self.error();
+        for n in 0..LOOKED_K {
+            let x = at(n, LOOKED_K);
+            let k = centre[0] + half[0] * x;
+            let inside = [x, y, z];
+            let away = AWAY * inside.iter().map(|x| x * x).sum::<f32>();
+            let share = shape.at(inside, error).min(1.0);
+            let weighed = share - away;
+            if inside.iter().map(|x| x * x).sum::<f32>() <= 1.0
+                && k >= least
+                && k <= self.settings.k[1]
+                && ratio <= self.settings.second_tone
+                && self.best.is_none_or(|(best, _)| weighed > best)
+            {
+                self.best = Some((weighed, [k, ratio, angle]));
+            }
+        }
+        self.stage = Stage::Choice(row + 1);
+    }
+
+    fn end_choice(&mut self) {
+        if let Some((_, place)) = self.best.take() {
+            self.settle_for((self.fitted(place), place));
+        }
+        // Else the drive affords none of these places, and what was found before stays.
+        let Some(plan) = self.plan else {
+            return;
+        };
+        let place = [plan.k, plan.second[0], plan.second[1]];
+        if self.regions + 2 < UNTIL.len() {
+            let half = self.region.half.map(|half| half * NARROWER);
+            self.look_about(place, half);
+        } else {
+            self.regions += 1;
+            self.stage = Stage::Verdict;
+            let [_, chose] = self.told;
+            let runs = if self.strain == 1.0 {
+                chose / CHOSE
+            } else {
+                0.0
+            };
+            self.told = [runs * plan.share, runs];
+        }
+    }
+
+    /// The share fitted at a place.
+    fn fitted(&self, place: Place) -> f32 {
+        match &self.tried {
+            Tried::Shape(shape) => shape.at(self.region.inside(place), self.error()),
+            _ => 0.0,
+        }
+    }
+
+    /// The amplitude's error in the region's coordinate of k.
+    fn error(&self) -> f32 {
+        let Region { centre, half } = &self.region;
+        if half[0] > 0.0 {
+            self.settings.amplitude_error * centre[0] / half[0]
+        } else {
+            0.0
+        }
+    }
+
+    fn settle_for(&mut self, (share, [k, ratio, angle]): (f32, Place)) {
+        let share = share.max(0.0).min(1.0);
+        if share >= ENOUGH {
+            self.strain *= STRAIN;
+        }
         self.plan = Some(GearPlan {
-            k: best.k,
-            second: best.second,
-            share: best.share(),
-            settled: told,
-        });
-        if first && self.two {
-            // What they were ranked by is not theirs alone.
-            for candidate in &mut self.candidates {
-                *candidate = Candidate::at(candidate.k, candidate.second);
-            }
-        }
-        self.candidate = 0;
-        self.round += 1;
-        if !first && !told && best.share() >= ENOUGH {
-            self.round = last;
-        }
-        if self.round == last {
-            self.candidates.truncate(1);
-            if let Some(best) = self.candidates.first_mut() {
-                // What it has won with does not count.
-                *best = Candidate::at(best.k, best.second);
-            }
-        } else if round.about > 0.0 {
-            self.surround(&best, round.about);
-        }
-    }
-
-    /// Takes each candidate with its two neighbours in k: of many that are never out of gear the best is the one that is
-    /// farthest from where they are.
-    fn smooth(&mut self) {
-        for row in self.candidates.chunks_mut(STEPS_OF_TWO) {
-            let mut before = 0.0;
-            for n in 0..row.len() {
-                let next = row.get(n + 1).map_or(0.0, |next| next.sum);
-                if let Some(here) = row.get_mut(n) {
-                    let sum = here.sum;
-                    here.sum = 0.25 * (before + 2.0 * sum + next);
-                    before = sum;
-                }
-            }
-        }
-    }
-
-    /// The best first; stable, without allocation.
-    fn rank(&mut self) {
-        for end in (1..self.candidates.len()).rev() {
-            for rank in 0..end {
-                if let Some([first, second]) = self.candidates.get_mut(rank..rank + 2)
-                    && second.share() > first.share()
-                {
-                    core::mem::swap(first, second);
-                }
-            }
-        }
-    }
-
-    /// Sets new candidates about the best one.
-    fn surround(&mut self, best: &Candidate, scale: f32) {
-        let steps: &[[f32; 3]] = if self.two { &ABOUT_TWO } else { &ABOUT_ONE };
-        let [low, high] = self.settings.k;
-        let most = self.settings.second_tone;
-        for &[k, ratio, angle] in steps {
-            let k = (best.k + k * scale * self.step).max(low).min(high);
-            let ratio = (best.second[0] + ratio * scale * most).max(0.0).min(most);
-            let second = if ratio < LEAST {
+            k,
+            second: if ratio < LEAST {
                 [0.0; 2]
             } else {
-                self.afforded(k, ratio, best.second[1] + angle * scale)
-            };
-            let _ = self.candidates.push(Candidate::at(k, second));
-        }
+                [ratio, angle]
+            },
+            share,
+            settled: false,
+        });
     }
+}
+
+/// A number of 0..1 from 32 bits.
+fn part(bits: u32) -> f32 {
+    (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
 #[cfg(test)]
@@ -486,50 +734,89 @@ mod tests {
     }
 
     fn plan(lot: Restitution, scatter: f32, second_tone: f32) -> GearPlanner {
+        let mut planner = plan_of(lot, scatter, second_tone);
+        while planner.advance(1000) {}
+        planner
+    }
+
+    fn plan_of(lot: Restitution, scatter: f32, second_tone: f32) -> GearPlanner {
         let born = band::birth(lot.high(), 1).unwrap();
-        let mut planner = GearPlanner::new(GearPlanSettings {
+        GearPlanner::new(GearPlanSettings {
             restitution: lot,
             scatter,
+            amplitude_error: 0.02,
             order: 1,
             k: [0.28, (1.02 * born).min(0.98) as f32],
             second_tone,
             limits: GearLimits::NONE,
         })
-        .unwrap();
-        while planner.advance(1000) {}
-        planner
+        .unwrap()
     }
 
-    /// What a grid of 60 values of k and 40 parts of 3000 periods each found at best; the share told is that of 20 parts
-    /// of 1200 periods, in which gear is lost some 20 times a part where the share is 0.4: it errs by 0.02.
+    /// What a grid of 60 values of k and 40 parts of 3000 periods each, or a random search, found at best in f64. Plan and truth
+    /// err by 0.01 each where the share is 0.4, by less else.
     #[test]
     fn the_share_at_the_chosen_k_is_that_of_a_fine_grid_and_is_told() {
         for (low, high, scatter, second_tone, best) in [
             (0.2, 0.2, 0.05, 0.0, 0.955),
-            (0.3, 0.3, 0.05, 0.0, 0.840),
-            (0.5, 0.5, 0.05, 0.0, 0.398),
+            (0.3, 0.3, 0.05, 0.0, 0.838),
+            (0.5, 0.5, 0.05, 0.0, 0.390),
             (0.3, 0.3, 0.1, 0.0, 0.455),
             (0.1, 0.3, 0.03, 0.0, 0.912),
             (0.2, 0.2, 0.05, 0.15, 1.0),
             (0.5, 0.5, 0.05, 0.15, 1.0),
             (0.3, 0.3, 0.1, 0.15, 0.952),
-            (0.3, 0.3, 0.1, 0.25, 0.947),
-            (0.5, 0.5, 0.1, 0.25, 0.942),
+            (0.3, 0.3, 0.1, 0.25, 0.961),
+            (0.5, 0.5, 0.1, 0.25, 0.944),
             (0.1, 0.3, 0.03, 0.15, 1.0),
+            (0.4, 0.4, 0.05, 0.0, 0.657),
+            (0.2, 0.2, 0.15, 0.15, 0.522),
+            (0.1, 0.4, 0.03, 0.0, 0.673),
         ] {
             let lot = Restitution::interval(low, high).unwrap();
             let planner = plan(lot, scatter, second_tone);
             let plan = planner.plan().unwrap();
             let truth = truth(plan, lot, scatter);
             assert!(
-                plan.settled && truth > best - 0.04,
+                plan.settled && truth > best - 0.03,
                 "{low} {scatter}: {truth} {plan:?}"
             );
             assert!(
-                (f64::from(plan.share) - truth).abs() < 0.05,
+                (f64::from(plan.share) - truth).abs() < 0.04,
                 "{low} {scatter}: {truth} {plan:?}"
             );
         }
+    }
+
+    #[test]
+    fn a_plan_stands_however_soon_the_effort_ends_and_where_nothing_is_ever_in_gear() {
+        let lot = Restitution::single(0.3).unwrap();
+        for second_tone in [0.0, 0.2] {
+            let mut planner = GearPlanner::new(GearPlanSettings {
+                restitution: lot,
+                scatter: 0.3,
+                amplitude_error: 0.0,
+                order: 1,
+                // No part that rests is ever thrown.
+                k: [1.4, 2.0],
+                second_tone,
+                limits: GearLimits {
+                    acceleration: 2.0,
+                    ..GearLimits::NONE
+                },
+            })
+            .unwrap();
+            while planner.advance(1000) {}
+            let plan = planner.plan().unwrap();
+            assert!(plan.share == 0.0 && plan.second == [0.0; 2], "{plan:?}");
+            assert!((1.4..=2.0).contains(&plan.k));
+        }
+        let mut spent = plan_of(lot, 0.05, 0.0);
+        // As a board that hops and chatters for all its effort before each candidate had a run.
+        spent.impacts = EFFORT[0];
+        while spent.advance(64) {}
+        let plan = spent.plan().unwrap();
+        assert!(plan.settled && (0.28..0.61).contains(&plan.k), "{plan:?}");
     }
 
     #[test]
@@ -550,6 +837,7 @@ mod tests {
         let settings = GearPlanSettings {
             restitution: Restitution::single(0.2).unwrap(),
             scatter: 0.05,
+            amplitude_error: 0.02,
             order: 1,
             k: [0.3, 0.4],
             second_tone: 0.0,
@@ -569,6 +857,13 @@ mod tests {
                     ..settings
                 },
                 "scatter",
+            ),
+            (
+                GearPlanSettings {
+                    amplitude_error: 0.3,
+                    ..settings
+                },
+                "amplitude_error",
             ),
             (
                 GearPlanSettings {
