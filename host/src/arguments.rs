@@ -75,6 +75,11 @@ enum Kind {
 }
 
 impl Output {
+    /// Whether a picture is wanted.
+    pub fn draws(&self) -> bool {
+        matches!(self.kind, Some((_, Kind::Svg(_) | Kind::Png(_))))
+    }
+
     /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
     /// nothing without `--out`. The picture is drawn only when it is wanted.
     pub fn write(

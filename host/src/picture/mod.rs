@@ -25,6 +25,7 @@ pub struct Picture {
     caption: String,
     width: f64,
     panels: Vec<Panel>,
+    beside: Option<Box<Picture>>,
 }
 
 impl Picture {
@@ -36,7 +37,22 @@ impl Picture {
             caption: String::new(),
             width: 900.0,
             panels: Vec::new(),
+            beside: None,
         }
+    }
+
+    /// Another title.
+    #[must_use]
+    pub fn titled(mut self, title: impl Into<String>) -> Self {
+        self.title = title.into();
+        self
+    }
+
+    /// Another picture to the right of this one.
+    #[must_use]
+    pub fn beside(mut self, right: Self) -> Self {
+        self.beside = Some(Box::new(right));
+        self
     }
 
     /// A line below the title: the parameters it was drawn for.
@@ -63,22 +79,42 @@ impl Picture {
     /// The picture as an SVG document.
     #[must_use]
     pub fn to_svg(&self, theme: Theme) -> String {
-        let (height, shapes) = self.shapes(theme);
-        svg::document(self.width, height, &self.title, &shapes)
+        let (size, shapes) = self.shapes(theme);
+        svg::document(size[0], size[1], &self.title, &shapes)
     }
 
     /// The picture as a PNG of twice its size in pixels; `None` only where memory is refused.
     #[must_use]
     pub fn to_png(&self, theme: Theme) -> Option<Vec<u8>> {
-        let (height, shapes) = self.shapes(theme);
-        bitmap::png(self.width, height, theme.background(), &shapes)
+        let (size, shapes) = self.shapes(theme);
+        bitmap::png(size[0], size[1], theme.background(), &shapes)
     }
 
-    fn shapes(&self, theme: Theme) -> (f64, Vec<Shape>) {
+    /// Width and height, and what is drawn.
+    fn shapes(&self, theme: Theme) -> ([f64; 2], Vec<Shape>) {
         let mut shapes = Vec::new();
+        let (mut left, mut height) = (0.0, 0.0);
+        let mut next = Some(self);
+        while let Some(picture) = next {
+            height = f64::max(height, picture.draw(theme, left, &mut shapes));
+            left += picture.width;
+            next = picture.beside.as_deref();
+        }
+        let sheet = Rect {
+            left: 0.0,
+            top: 0.0,
+            width: left,
+            height,
+        };
+        shapes.insert(0, Shape::area(sheet, theme.background()));
+        ([left, height], shapes)
+    }
+
+    /// Draws this one alone from a left edge on; its height.
+    fn draw(&self, theme: Theme, left: f64, shapes: &mut Vec<Shape>) -> f64 {
         let words = |y: f64, words: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
-                at: (18.0, y),
+                at: (left + 18.0, y),
                 words: words.into(),
                 size,
                 bold,
@@ -97,16 +133,9 @@ impl Picture {
             y += 4.0;
         }
         for panel in &self.panels {
-            y = panel.draw(theme, 0.0, y, self.width, &mut shapes) + 10.0;
+            y = panel.draw(theme, left, y, self.width, shapes) + 10.0;
         }
-        let sheet = Rect {
-            left: 0.0,
-            top: 0.0,
-            width: self.width,
-            height: y,
-        };
-        shapes.insert(0, Shape::area(sheet, theme.background()));
-        (y, shapes)
+        y
     }
 }
 
@@ -195,6 +224,25 @@ mod tests {
             let share = inked as f64 / (pixels.len() / 3) as f64;
             assert!((0.2..0.9).contains(&share), "{share}");
         }
+    }
+
+    #[test]
+    fn a_picture_beside_another_is_as_it_is_alone_but_farther_right() {
+        let (alone, lone) = everything().shapes(Theme::Light);
+        let (both, shapes) = sample_and(everything()).shapes(Theme::Light);
+        assert_eq!(both, [alone[0] + 500.0, alone[1]]);
+        let left = Picture::new("Left").width(500.0).panel(sample());
+        assert_eq!(
+            shapes.len(),
+            lone.len() + left.shapes(Theme::Light).1.len() - 1
+        );
+        let svg = sample_and(everything()).to_svg(Theme::Light);
+        assert!(svg.contains("Left") && svg.contains("every kind of item"));
+    }
+
+    fn sample_and(right: Picture) -> Picture {
+        let left = Picture::new("Left").width(500.0).panel(sample());
+        left.beside(right)
     }
 
     #[test]

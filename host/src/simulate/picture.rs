@@ -105,7 +105,9 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         }
     }
     let mut throw = Panel::new(time(), Axis::new("k", Unit::NONE, 0.0, top)).height(190.0);
-    if let Some(band) = band {
+    // Band and phase of the lock are those of one tone.
+    let alone = outcome.last().second.ratio == 0.0;
+    if let Some(band) = band.filter(|_| alone) {
         throw = throw.shelf(
             &format!(
                 "band of order {} for the whole lot{}",
@@ -142,7 +144,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     )
     .height(190.0)
     .markers("impacts of the parts", 0, struck);
-    if let Some(expected) = outcome.expected_phase() {
+    if let Some(expected) = outcome.expected_phase().filter(|_| alone) {
         phases = phases.level(expected, "lock");
     }
     let settings = &outcome.file().scene.settings;

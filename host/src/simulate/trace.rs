@@ -6,7 +6,7 @@ use kband::plant::{Moment, Sample};
 use crate::report::{Column, Value};
 
 /// Columns of the trace.
-pub const TRACE: [Column; 19] = [
+pub const TRACE: [Column; 22] = [
     Column::new("time", "s"),
     Column::new("amplitude", "mm"),
     Column::new("k", ""),
@@ -23,6 +23,9 @@ pub const TRACE: [Column; 19] = [
     Column::new("trace_heard", ""),
     Column::new("restitution_heard", ""),
     Column::new("scatter_heard", ""),
+    Column::new("e", "of the first tone"),
+    Column::new("th", "degrees"),
+    Column::new("in_gear_expected", ""),
     Column::new("impacts", ""),
     Column::new("way", "mm"),
     Column::new("events", "").words(),
@@ -55,6 +58,13 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
         heard(report.margin.map(|margin| margin.trace)),
         heard(report.margin.map(|margin| margin.restitution)),
         heard(report.margin.map(|margin| margin.scatter)),
+        single(report.second.ratio),
+        if report.second.ratio > 0.0 {
+            single(report.second.phase.to_degrees())
+        } else {
+            Value::Missing
+        },
+        single(report.expected_in_gear),
         moment.strikes.into(),
         (moment.displacement * 1e3).into(),
         events.join("; ").into(),

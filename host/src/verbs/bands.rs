@@ -1,14 +1,15 @@
 //! `kband bands`: where parts lock, order by order.
 
+mod picture;
 mod tones;
 
 use kband::feeder::{Restitution, Track, throw_number};
-use kband::impact::{Tone, Wave};
+use kband::impact::{TangentialSettings, Tone, Wave};
 use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::reach::Reach;
 
-use crate::arguments::{self, DriveArguments, Printed};
+use crate::arguments::{self, Drawn, DriveArguments, Printed};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Printout, Table, Value};
@@ -18,7 +19,7 @@ use crate::report::{Column, Printout, Table, Value};
 #[command(after_help = "Examples:
   kband bands --restitution 0.2 --orders 3 --frequency 50 --incline 3
   kband bands --restitution 0.18..0.22 --format json
-  kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1
+  kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
 
 k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part \
 pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.
@@ -47,6 +48,22 @@ pub struct Arguments {
 
     #[command(flatten)]
     printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+/// Restitution along the track (symbol Rt), and amplitude along it over that normal to it (symbol eta), of the built-in
+/// scene: with these speeds are told.
+const TANGENTIAL_RESTITUTION: f64 = 0.3;
+const AMPLITUDE_RATIO: f64 = 1.5;
+
+/// What parts meet along the track.
+fn along(track: &Track) -> TangentialSettings {
+    TangentialSettings {
+        amplitude_ratio: AMPLITUDE_RATIO,
+        ..TangentialSettings::on(track, TANGENTIAL_RESTITUTION)
+    }
 }
 
 /// Values of k that are tried from rest in each band.
@@ -74,13 +91,22 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         arguments.second_tone.unwrap_or_default(),
         arguments.third_tone.unwrap_or_default(),
     )?;
-    if !wave.is_sine() {
-        return tones::run(arguments, &wave, &track, desk);
-    }
-    let rows = desk.try_map("bands", arguments.orders, |n| {
-        row(arguments.restitution, n as u32 + 1)
-    })?;
-    report(arguments, &track, &rows)?.print(arguments.printed.format)?;
+    let output = arguments.drawn.output()?;
+    let report = if wave.is_sine() {
+        let rows = desk.try_map("bands", arguments.orders, |n| {
+            row(arguments.restitution, n as u32 + 1)
+        })?;
+        report(arguments, &track, &rows)?
+    } else {
+        tones::report_of(arguments, &wave, &track, desk)?
+    };
+    report.print(arguments.printed.format)?;
+    let drawing = if output.draws() {
+        picture::compute(&wave, &track, desk)?
+    } else {
+        picture::Drawing::default()
+    };
+    output.write(&report, || picture::draw(arguments, &wave, &drawing))?;
     Ok(Exit::Done)
 }
 

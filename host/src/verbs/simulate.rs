@@ -1,5 +1,6 @@
 //! `kband simulate`: the controller against the impact map, for one scene.
 
+mod compare;
 mod summary;
 mod told;
 
@@ -34,6 +35,7 @@ use told::{Written, told};
   kband simulate my.toml --fidelity waveform --scope scope.csv
   kband simulate my.toml --on qemu
   kband simulate --restitution 0.28..0.32 --duration 20 --runs 200
+  kband simulate --compare-second-tone 0.15 --out tones.svg
   kband simulate --sweep part.restitution=0.1..0.6:26 --runs 20
   kband simulate --schema > scene.schema.json")]
 pub struct Arguments {
@@ -74,6 +76,11 @@ pub struct Arguments {
     /// Run it at N values of a numeric key of the scene; several make every combination.
     #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
     sweep: Vec<Axes>,
+
+    /// Run it with one tone and with a second one of up to E of the first (0.01..0.5), and draw both side by side.
+    #[arg(long, value_name = "E", value_parser = arguments::within(0.01, 0.5, "of the first tone"),
+        conflicts_with_all = ["runs", "sweep", "on", "trace", "scope"])]
+    compare_second_tone: Option<f64>,
 
     /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated CPU)
     /// or a serial port; its drive stays off.
@@ -119,6 +126,7 @@ impl Default for Arguments {
             runs: None,
             seed: None,
             sweep: Vec::new(),
+            compare_second_tone: None,
             on: None,
             image: None,
             out: "kband-simulate.svg".into(),
@@ -208,6 +216,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "a file name that ends in .svg or .png",
             "change the ending",
         ));
+    }
+    if let Some(most) = arguments.compare_second_tone {
+        return compare::run(arguments, &table, most, &picture, desk).map_err(named);
     }
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
     let trace = match &arguments.trace {

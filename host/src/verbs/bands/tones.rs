@@ -3,10 +3,11 @@
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::Wave;
 use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
+use kband::transport::locked;
 
-use super::{Arguments, PARTS};
+use super::{AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::Refusal;
 use crate::report::{Column, Printout, Table, Value, number};
 
 /// Values of k that are tried from rest in each band.
@@ -23,19 +24,18 @@ struct Row {
     from_rest: Option<([f64; 2], f64)>,
 }
 
-/// Prints the bands.
-pub(super) fn run(
+/// The bands.
+pub(super) fn report_of(
     arguments: &Arguments,
     wave: &Wave,
     track: &Track,
     desk: &Desk,
-) -> Result<Exit, Refusal> {
+) -> Result<Printout, Refusal> {
     let rows = desk.try_map("bands", arguments.orders, |n| {
         rows(wave, arguments.restitution, n as u32 + 1)
     })?;
     let rows: Vec<Row> = rows.into_iter().flatten().collect();
-    report(arguments, wave, track, &rows)?.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    report(arguments, wave, track, &rows)
 }
 
 fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>, Refusal> {
@@ -112,6 +112,7 @@ fn report(
         Column::new("peak", "g").digits(4),
         Column::new("ends", ""),
         Column::new("locks from rest", ""),
+        Column::new("speed", "mm/s"),
     ]);
     let mut full = Table::new(&[
         Column::new("order", ""),
@@ -130,7 +131,15 @@ fn report(
         Column::new("b_at_k2_mm", ""),
         Column::new("throw_number", ""),
         Column::new("acceleration_g", ""),
+        Column::new("speed_mm_s_at_low_restitution", ""),
+        Column::new("speed_mm_s_at_high_restitution", ""),
+        Column::new("margin_b_mm", ""),
     ]);
+    let along = along(track);
+    let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
+    let speed =
+        |order, restitution| unit * locked::velocity_in_phase(order, 1.0, restitution, &along);
+    let lot = arguments.restitution;
     let millimetres = |k: f64| track.amplitude(k) * 1e3;
     for row in rows {
         let Some(band) = row.band else {
@@ -183,6 +192,16 @@ fn report(
             )
             .into(),
             reached.into(),
+            if lot.low() == lot.high() {
+                number(speed(row.order, lot.low()), 4).into()
+            } else {
+                format!(
+                    "{}..{}",
+                    number(speed(row.order, lot.high()), 4),
+                    number(speed(row.order, lot.low()), 4)
+                )
+                .into()
+            },
         ]);
         full.push([
             row.order.into(),
@@ -201,9 +220,11 @@ fn report(
             millimetres(band.low.k).into(),
             throw_number(setpoint).into(),
             peak.into(),
+            speed(row.order, lot.low()).into(),
+            speed(row.order, lot.high()).into(),
+            (1e-2 * margin * millimetres(setpoint)).into(),
         ]);
     }
-    let lot = arguments.restitution;
     let who = if lot.low() == lot.high() {
         format!("R = {}", lot.low())
     } else {
@@ -222,7 +243,10 @@ fn report(
              amplitude",
             second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
         ))
-        .note("The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone.")
+        .note(format!(
+            "The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone (eta \
+             {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}; of a lot from its liveliest part to its dullest)."
+        ))
         .json(&json)
         .map(|report| report.csv(move |out| full.write_csv(out)))
 }

@@ -4,7 +4,6 @@ use kband::control::{Controller, SecondTone, StartCause, Target};
 use kband::feeder::STANDARD_GRAVITY;
 use kband::impact::TangentialSettings;
 use kband::plant::Scene;
-use kband::regime::{Lock, band};
 use kband::transport::locked;
 
 use crate::desk::Desk;
@@ -154,22 +153,12 @@ fn planned(scene: &Scene) -> Result<Planned, Refusal> {
     })
 }
 
-/// Speed of the lot's locked parts in mm/s, the mean over its interval (equation 21: the same at every k).
+/// Speed of the lot's parts in gear in mm/s, the mean over its interval (equation 21: the same at every k).
 fn lock_speed(scene: &Scene) -> Option<f64> {
-    const PARTS: u32 = 21;
     let (lot, track) = (scene.settings.lot().ok()?, scene.settings.track().ok()?);
-    let tangential =
-        TangentialSettings::on(&track, f64::from(scene.settings.tangential_restitution));
-    let mut sum = 0.0;
-    for n in 0..PARTS {
-        let place = (f64::from(n) + 0.5) / f64::from(PARTS);
-        let restitution = lot.low() + (lot.high() - lot.low()) * place;
-        let k = 0.9 * band::birth(restitution, 1).ok()?;
-        let lock = Lock::at(k, restitution, 1).ok()??;
-        let unit = track.velocity_unit(track.amplitude(k));
-        sum += locked::velocity(&lock, k, &tangential) * unit * 1e3;
-    }
-    Some(sum / f64::from(PARTS))
+    let along = TangentialSettings::on(&track, f64::from(scene.settings.tangential_restitution));
+    let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
+    Some(unit * locked::mean_velocity_in_phase(1, 1.0, lot, &along))
 }
 
 #[cfg(test)]

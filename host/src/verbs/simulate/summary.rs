@@ -57,7 +57,8 @@ impl Seen {
         let rate = std::f64::consts::TAU * frequency;
         Self {
             amplitude: amplitude * 1e3,
-            peak: amplitude * rate * rate / kband::feeder::STANDARD_GRAVITY,
+            peak: amplitude * rate * rate * f64::from(last.second.peaks()[1])
+                / kband::feeder::STANDARD_GRAVITY,
             target: outcome.target(),
             state: last.state,
             fault: last.fault,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use kband::control::{Event, State, Target};
+use kband::control::{Event, Report, SecondTone, State, Target};
 use kband::regime::classify::Regime;
 use serde_json::json;
 
@@ -18,6 +18,9 @@ pub(super) struct Written<'a> {
     pub scope: Option<&'a Path>,
 }
 
+/// Expected share of time in gear below which it is said that nothing serves the lot.
+const POORLY: f64 = 0.7;
+
 /// The timeline and the result in words.
 pub(super) fn told(
     outcome: &Outcome,
@@ -25,17 +28,45 @@ pub(super) fn told(
     unmet: Option<&[String]>,
     written: &Written<'_>,
 ) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
+    let two = outcome.file().scene.settings.second_tone > 0.0;
+    let mut columns = vec![
         Column::new("time", "s").digits(4),
         Column::new("event", ""),
         Column::new("state", ""),
         Column::new("b", "mm").digits(3),
         Column::new("k", "").digits(4),
-        Column::new("in gear", "heard").digits(2),
-    ]);
+    ];
+    if two {
+        columns.push(Column::new("e", "").digits(3));
+        columns.push(Column::new("th", "degrees").digits(4));
+    }
+    columns.push(Column::new("in gear", "heard").digits(2));
+    columns.push(Column::new("margin", "to the flip").digits(2));
+    let mut table = Table::new(&columns);
+    let mut row = |time: f64, event: String, report: &Report| {
+        let k = f64::from(report.k);
+        let mut row: Vec<Value> = vec![
+            time.into(),
+            event.into(),
+            report.state.name().into(),
+            (f64::from(report.amplitude) * 1e3).into(),
+            if k < 1e3 { k.into() } else { Value::Missing },
+        ];
+        if two {
+            let SecondTone { ratio, phase } = report.second;
+            row.push(f64::from(ratio).into());
+            row.push(if ratio > 0.0 {
+                f64::from(phase.to_degrees()).into()
+            } else {
+                Value::Missing
+            });
+        }
+        row.push(f64::from(report.in_gear).into());
+        row.push(report.margin.map(|margin| f64::from(margin.flip)).into());
+        table.push_row(row);
+    };
     for happened in outcome.events() {
         let report = happened.report;
-        let k = f64::from(report.k);
         let mut event = happened.event.name().to_string();
         if happened.event == Event::KickBegun {
             event = format!(
@@ -47,15 +78,9 @@ pub(super) fn told(
         if let (Event::Faulted, Some(fault)) = (happened.event, report.fault) {
             event = format!("{event}: {} (fault {})", fault.name(), fault.number());
         }
-        table.push([
-            happened.time.into(),
-            event.into(),
-            report.state.name().into(),
-            (f64::from(report.amplitude) * 1e3).into(),
-            if k < 1e3 { k.into() } else { Value::Missing },
-            f64::from(report.in_gear).into(),
-        ]);
+        row(happened.time, event, &report);
     }
+    row(outcome.file().duration, "end".into(), &outcome.last());
     let scene = &outcome.file().scene;
     let settings = &scene.settings;
     let last = outcome.last();
@@ -154,6 +179,35 @@ pub(super) fn told(
             number(expected, 3),
             settings.restitution_low,
             settings.restitution_high,
+            settings.scatter
+        ));
+    }
+    if let Some(expected) = expected
+        && expected < POORLY
+        && last.reference > 0.0
+    {
+        let lot = format!(
+            "{}..{}",
+            settings.restitution_low, settings.restitution_high
+        );
+        let what = if settings.restitution_low < settings.restitution_high {
+            format!("a lot of R {lot} is wider than any amplitude of this drive serves")
+        } else {
+            format!(
+                "a scatter of {} is more than any amplitude of this drive bears",
+                settings.scatter
+            )
+        };
+        let more = if settings.second_tone < 0.15 {
+            "a second tone in the drive (drive.second_tone = 0.15), "
+        } else {
+            ""
+        };
+        say(format!(
+            "lot              {what}: {} of the time in gear is the best there is, and held; {more}parts sorted \
+             into narrower lots, or less scatter would keep them in gear for longer: kband gear --restitution {lot} \
+             --scatter {}",
+            number(expected, 2),
             settings.scatter
         ));
     }

@@ -111,8 +111,8 @@ const AWAY: f32 = 0.03;
 const LEAST: f32 = 0.01;
 
 /// Impacts after which the search of one tone, and of two, ends with what it has: within what 84 million instructions buy on
-/// a Cortex-M4F, where one takes 449 to 470 of one tone with all that belongs to it, and 804 of two (88.5 million were
-/// counted for 110 000 impacts).
+/// a Cortex-M4F, where one takes 416 to 452 of one tone with all that belongs to it, and 708 of two (73.9 and 69.4 million
+/// were counted of the liveliest parts).
 const EFFORT: [u32; 2] = [170_000, 101_000];
 
 /// Impacts that take as long as the peaks of a second tone do, and the set-up of a track.

@@ -1,0 +1,134 @@
+//! One scene with one tone and with a second one, side by side.
+
+use kband::control::Target;
+use kband::feeder::STANDARD_GRAVITY;
+use serde_json::{Value as Json, json};
+use toml::{Table as Toml, Value as Entry};
+
+use super::{Arguments, write_picture};
+use crate::desk::Desk;
+use crate::file::Destination;
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Column, Printout, Table, Value};
+use crate::simulate::{Outcome, SceneFile, Watch, draw};
+
+/// Smallest second tone that is one.
+const LEAST: f64 = 0.01;
+
+/// Runs a scene without a second tone and with one of up to `most` of the first, and draws both side by side.
+pub(super) fn run(
+    arguments: &Arguments,
+    table: &Toml,
+    most: f64,
+    picture: &Destination,
+    desk: &Desk,
+) -> Result<Exit, Refusal> {
+    let named = |most: f64| -> Result<Outcome, Refusal> {
+        let mut table = table.clone();
+        let drive = table
+            .entry("drive")
+            .or_insert_with(|| Entry::Table(Toml::new()));
+        if let Entry::Table(drive) = drive {
+            drive.insert("second_tone".into(), Entry::Float(most));
+        }
+        let mut file = SceneFile::from_table(table)?;
+        arguments.adapt(&mut file);
+        file.check()?;
+        if !matches!(file.scene.target, Target::Gear { .. }) {
+            return Err(Refusal::value(
+                "--compare-second-tone",
+                "(with another target)",
+                "a scene whose [target] is gear, which chooses the second tone by itself",
+                "say gear = 1 under [target] in the scene",
+            ));
+        }
+        let fidelity = arguments.fidelity(&file)?;
+        let watch = Watch {
+            drawn: true,
+            ..Watch::default()
+        };
+        Outcome::watched(&file, fidelity, watch, desk)
+    };
+    let (one, two) = (named(0.0)?, named(most)?);
+    let drawn = |outcome: &Outcome, title: &str| {
+        let share = outcome
+            .in_gear()
+            .map_or(String::new(), |share| format!(": in gear {share:.3}"));
+        draw(outcome).map(|picture| picture.titled(format!("{title}{share}")).width(720.0))
+    };
+    let second = two.last().second;
+    let title = if f64::from(second.ratio) < LEAST {
+        "The drive affords no second tone".into()
+    } else {
+        format!(
+            "Two tones, e {:.3} at {:.0}\u{b0}",
+            second.ratio,
+            second.phase.to_degrees()
+        )
+    };
+    if let (Some(left), Some(right)) = (drawn(&one, "One tone"), drawn(&two, &title)) {
+        write_picture(picture, &left.beside(right), arguments.theme)?;
+    }
+    let mut rows = Table::new(&[
+        Column::new("second_tone", "afforded").digits(3),
+        Column::new("in_gear", "").digits(3),
+        Column::new("in_gear_heard", "").digits(3),
+        Column::new("expected", "").digits(3),
+        Column::new("b", "mm").digits(4),
+        Column::new("k", "").digits(4),
+        Column::new("e", "").digits(3),
+        Column::new("th", "degrees").digits(4),
+        Column::new("peak", "g").digits(3),
+        Column::new("speed", "mm/s").digits(4),
+    ]);
+    for (most, outcome) in [(0.0, &one), (most, &two)] {
+        let second = outcome.last().second;
+        let sounds = f64::from(second.ratio) >= LEAST;
+        rows.push([
+            most.into(),
+            outcome.in_gear().into(),
+            outcome.record().in_gear_heard().into(),
+            f64::from(outcome.last().expected_in_gear).into(),
+            (outcome.amplitude() * 1e3).into(),
+            outcome.k().into(),
+            f64::from(second.ratio).into(),
+            if sounds {
+                f64::from(second.phase.to_degrees()).into()
+            } else {
+                Value::Missing
+            },
+            peak(outcome).into(),
+            (outcome.speed() * 1e3).into(),
+        ]);
+    }
+    let json = json!({ "one_tone": json_of(&one), "two_tones": json_of(&two) });
+    Printout::new(rows)
+        .heading("With one tone and with two, from 5 s on where it is in gear".to_string())
+        .note(format!("picture          {}", picture.path().display()))
+        .json(&json)?
+        .print(arguments.format)?;
+    Ok(Exit::Done)
+}
+
+/// Largest acceleration of the track in g.
+fn peak(outcome: &Outcome) -> f64 {
+    let settings = &outcome.file().scene.settings;
+    let rate = std::f64::consts::TAU * f64::from(settings.frequency);
+    let [_, peak] = outcome.last().second.peaks();
+    outcome.amplitude() * rate * rate * f64::from(peak) / STANDARD_GRAVITY
+}
+
+fn json_of(outcome: &Outcome) -> Json {
+    let last = outcome.last();
+    json!({
+        "in_gear": outcome.in_gear(),
+        "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_expected": last.expected_in_gear,
+        "b_mm": outcome.amplitude() * 1e3,
+        "k": outcome.k(),
+        "e": last.second.ratio,
+        "th": last.second.phase,
+        "peak_acceleration_g": peak(outcome),
+        "speed_mm_s": outcome.speed() * 1e3,
+    })
+}
