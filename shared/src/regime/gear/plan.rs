@@ -166,25 +166,6 @@ impl Region {
 /// another place about the best, with a smooth share [fitted](Fit) to them: one run errs by far more than places differ
 /// by, their fit does not, and what it tells at its highest place is hardly the luck of a draw. Everything is integers and
 /// f32 without fused operations: the same bits at the desk, in the emulator and on the board.
-///
-/// ```
-/// use kband::feeder::Restitution;
-/// use kband::regime::gear::{GearLimits, GearPlanSettings, GearPlanner};
-/// let mut planner = GearPlanner::new(GearPlanSettings {
-///     restitution: Restitution::single(0.3)?,
-///     scatter: 0.05,
-///     amplitude_error: 0.0,
-///     order: 1,
-///     k: [0.28, 0.6],
-///     second_tone: 0.0,
-///     limits: GearLimits::NONE,
-/// })?;
-/// while planner.advance(1000) {}
-/// let plan = planner.plan().unwrap();
-/// assert!((0.41..0.48).contains(&plan.k));
-/// assert!(plan.share > 0.7 && plan.settled);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Debug)]
 pub struct GearPlanner {
     settings: GearPlanSettings,
