@@ -12,7 +12,7 @@ use super::memory::{MEMORY, Memory};
 /// Distance in rad and units of `b w` at which an attracting period-1 orbit holds what comes near it.
 const AT_THE_LOCK: f64 = 1e-5;
 
-/// Impacts after which what did not close is weighed by its last ones, again and again.
+/// Impacts after which an orbit that did not close is judged by its last ones, again and again.
 const WEIGHED: usize = 6000;
 
 /// An orbit on its way to its ending.

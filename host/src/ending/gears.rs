@@ -1,4 +1,4 @@
-//! In which gear an orbit is for how much of its time, where its restitution scatters and it ends nowhere.
+//! The gear of an orbit whose restitution scatters, and for how much of its time it is in it.
 
 use std::fmt;
 

@@ -77,7 +77,7 @@ pub(super) enum Engine<'a> {
 pub(super) enum Whole<'a> {
     Waveform(Box<ClosedLoop>),
     Board(Box<BoardLoop>),
-    /// What somebody else makes of the scene, and the impacts of the last cycle.
+    /// What another simulator, or a board, makes of the scene, and the impacts of the last cycle.
     Given(&'a mut dyn FnMut() -> (Moment, Vec<Strike>), Vec<Strike>),
 }
 
@@ -152,7 +152,7 @@ impl Engine<'_> {
         }
     }
 
-    /// Whether that is watched from now on which only the moments tell.
+    /// Whether what only whole moments tell is watched from now on.
     pub fn watch(&mut self, watched: bool) {
         if let Self::Envelope(closed) = self {
             closed.watch(watched);

@@ -316,7 +316,7 @@ impl Outcome {
         if words.is_empty() {
             return "no parts".into();
         }
-        // What scatters repeats nothing that could be named.
+        // Parts that scatter repeat nothing that a regime could name.
         if self.file.scatters()
             && let Some(share) = self.in_gear()
         {

@@ -95,7 +95,7 @@ impl Record {
         order: u32,
         watch: &Watch<'_>,
     ) -> Self {
-        // An order that is none has no gear.
+        // An order out of range has no gear.
         let gear = GearWatch::build(order).into_iter();
         Self {
             gear: gear

@@ -92,7 +92,7 @@ pub fn scope_row(sample: &Sample) -> [Value; SCOPE.len()] {
     ]
 }
 
-/// What may not be heard.
+/// A quantity that is told only where it is heard.
 fn heard(value: Option<f32>) -> Value {
     value.map_or(Value::Missing, single)
 }

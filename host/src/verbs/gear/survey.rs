@@ -29,7 +29,7 @@ enum Stage {
 }
 
 impl Stage {
-    /// Runs for each of the map.
+    /// Runs for each point of the map.
     fn effort(self) -> usize {
         match self {
             Self::Map => 1,

@@ -1,7 +1,7 @@
 //! Eight f64 side by side: AVX-512.
 //!
-//! Its methods are sound only where the CPU has AVX-512 F and DQ, which nothing here checks: the type is named in one
-//! place, `batch`, in a function that is called where [`Simd`](super::simd::Simd) has asked the CPU.
+//! Its methods are sound only where the CPU has AVX-512 F and DQ, which nothing here checks: the type is named in
+//! `batch` and `tones/batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the CPU.
 
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
