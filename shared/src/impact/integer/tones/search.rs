@@ -258,7 +258,7 @@ impl Search<'_> {
         let height = self.at(place).0.height;
         // Steps that the height's products round by, and what sine and cosine at launch move it by.
         let rounded = if place < SHORT {
-            i64::from(self.flight.velocity.0 >> 22) * place >> 32
+            (i64::from(self.flight.velocity.0 >> 22) * place) >> 32
         } else {
             24 + (place >> 25)
         };
