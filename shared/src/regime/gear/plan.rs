@@ -670,7 +670,7 @@ impl GearPlanner {
     }
 
     fn settle_for(&mut self, (share, [k, ratio, angle]): (f32, Place)) {
-        let share = share.max(0.0).min(1.0);
+        let share = share.clamp(0.0, 1.0);
         if share >= ENOUGH {
             self.strain *= STRAIN;
         }

@@ -155,7 +155,7 @@ pub(super) fn report(
     report.json(&json!({
         "rows": shown,
         "regimes": regimes,
-        "critical_slope": in_phase.or_else(|| match critical.as_slice() {
+        "critical_slope": in_phase.or(match critical.as_slice() {
             [slope] => Some(*slope),
             _ => None,
         }),
