@@ -633,6 +633,33 @@ mod tests {
         assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
     }
 
+    /// Speeds by small time steps and a contact that takes time, each with its own error: tests/reference/friction.py.
+    const STEPPED: &str = include_str!("../../../../tests/reference/friction.csv");
+
+    #[test]
+    fn speeds_are_those_of_small_steps() {
+        let mut cases = 0;
+        for line in STEPPED.lines().skip(1) {
+            let columns: Vec<f64> = line.split(',').map(|word| word.parse().unwrap()).collect();
+            let [throw, eta, mu, incline, lead, restitution, velocity, error] = columns[..] else {
+                panic!("{line}");
+            };
+            let rows = found(&format!(
+                "--throw {throw} --amplitude-ratio {eta} --friction {mu} --incline={incline} --phase-lead={lead} \
+                 --restitution {restitution}"
+            ));
+            let mean = rows[0].measured.conveyed.time_mean().unwrap();
+            // What is of first order in the contact's time is as far from its limit as from its double; 20 cycles leave 2e-5
+            // of the way to a steady slide.
+            assert!(
+                (mean - velocity).abs() < 2.0 * error + 2e-5,
+                "{line}: {mean}"
+            );
+            cases += 1;
+        }
+        assert_eq!(cases, 6);
+    }
+
     /// Friction holds an incline of mu at most; above it a part has no steady speed in any regime.
     #[test]
     fn what_friction_cannot_hold_has_no_speed() {
