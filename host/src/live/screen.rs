@@ -142,8 +142,8 @@ fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
     let last = match band {
         // Gear holds beyond the band of a lock too, where the plan put it.
         Some(band) if matches!(assignment.target, Target::Gear { .. }) => format!(
-            "in gear {:.0} %; band of the lock {:.4} to {:.4}",
-            now.map_or(0.0, |telemetry| 100.0 * telemetry.in_gear),
+            "in gear {}; band of the lock {:.4} to {:.4}",
+            now.map_or("not heard".into(), |telemetry| in_gear(&telemetry)),
             band.low(),
             band.high()
         ),
@@ -263,6 +263,16 @@ fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
     frame.render_widget(canvas, area);
 }
 
+/// The share of time in gear with its error, or what it is at least.
+fn in_gear(telemetry: &kband::wire::Telemetry) -> String {
+    let share = 100.0 * telemetry.in_gear;
+    if telemetry.in_gear_error.is_finite() {
+        format!("{share:.0} +- {:.0} %", 100.0 * telemetry.in_gear_error)
+    } else {
+        format!("{share:.0} % or more")
+    }
+}
+
 fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
     let mut lines = Vec::new();
     if let Some(seen) = history.now() {
@@ -274,8 +284,8 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
         lines.push(Line::from(format!("impacts {:.2} a cycle", telemetry.rate)));
         lines.push(Line::from(format!("phase   {:+.3} rad", telemetry.phase)));
         lines.push(Line::from(format!(
-            "in gear {:.0} %, lock {:.0} %",
-            100.0 * telemetry.in_gear,
+            "in gear {}, lock {:.0} %",
+            in_gear(telemetry),
             100.0 * telemetry.confidence
         )));
         lines.push(

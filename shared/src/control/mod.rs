@@ -42,10 +42,15 @@ pub use controller::{Controller, PLAN_SLICES};
 #[cfg(feature = "unstable")]
 pub use drive::Margins;
 pub use drive::{SecondTone, affordable_second_tone};
-pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};
+#[cfg(all(test, feature = "plant"))]
+pub(crate) use hear::Energy;
+pub use hear::{
+    AdcCode, Command, Cycle, GEAR_WINDOW, GearShare, Margin, Overtone, Sampled, Signal,
+};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
-    Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, Standard,
+    Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, SECTORS,
+    SECTORS_HANDED, Sectors, Standard,
 };
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{Inputs, StartCause};

@@ -36,13 +36,15 @@ pub struct Report {
     pub frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
-    /// Share of the parts' time in gear as heard, 0..=1, over the last
-    /// [`GEAR_WINDOW`](crate::control::GEAR_WINDOW) cycles. Of one part, or of several that strike as one; where several
-    /// are told apart it is a least, down to 0, for whose flight is whose is not heard.
+    /// Share of the parts' time in gear as heard, 0..=1, over some 256 cycles, however many parts strike the track.
     pub in_gear: f32,
+    /// Standard error of that share; infinite where it is only a least: before enough was heard, or where what is heard is
+    /// of no parts of the lot.
+    pub in_gear_error: f32,
     /// Order (symbol r) of that gear: of the lock or gear that is wanted, else 1.
     pub gear: u8,
-    /// Mean drive cycles in gear until it was lost, as heard since the setpoint was reached; infinite where it was not lost.
+    /// Mean drive cycles in gear until it is lost: as heard of one part since the setpoint was reached, else as the map has it
+    /// of the lot; infinite where neither is known.
     pub to_loss: f32,
     /// How far the parts are from losing gear; `None` where that is not heard.
     pub margin: Option<Margin>,

@@ -18,7 +18,8 @@ use super::second::SecondEnvelope;
 use super::sense::Sense;
 use crate::arithmetic::Phase;
 use crate::control::{
-    Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, Standard, phase_step,
+    Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, SECTORS_HANDED, Standard,
+    phase_step,
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::{Contact, Wave, WaveMap};
@@ -168,6 +169,8 @@ impl EnvelopePlant {
         let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
         let readings = read.filter(|_| clipped);
         let struck = self.listen(loudest);
+        let swing = self.drive.steady_swing() * self.sense.factor;
+        cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
         let mut found = self.drive.end();
         if let Some(second) = &mut self.second {
             let [[cosine, sine], double] = second.end(samples);
@@ -364,7 +367,9 @@ impl EnvelopePlant {
             median: self.median,
             rms,
         };
-        self.onset.begin(self.sample, self.drive.samples());
+        let (samples, step) = (self.drive.samples(), self.drive.step());
+        self.onset
+            .begin(self.sample, samples, self.drive.phase_at(0), step);
         let mut sum = Complex::new(0.0, 0.0);
         for index in 0..self.strikes.len() {
             let strike = self.strikes[index];
@@ -392,6 +397,7 @@ impl EnvelopePlant {
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
         cycle.noise = (self.median / QUARTILE) as f32;
         if self.lost {
+            cycle.sectors.energy = [0.0; SECTORS_HANDED];
             let code = (self.sense.zero + 0.5) as u16;
             (cycle.low, cycle.high) = (code, code);
             return;

@@ -14,6 +14,7 @@ mod bench;
 mod blanking;
 mod closed_loop;
 mod drive;
+mod energy;
 mod envelope;
 mod envelope_loop;
 mod feeder;

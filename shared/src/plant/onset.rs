@@ -6,11 +6,13 @@ use core::marker::PhantomData;
 use num_complex::Complex64 as Complex;
 
 use super::blanking::Blanking;
+use super::energy::{Ground, RingingEnergy};
 use super::noise::Noise;
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use super::scene::SensorModel;
-use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Standard};
+use crate::arithmetic::Phase;
+use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Sectors, Standard};
 
 /// Samples after an impact in which its ringing is looked at: the first quarter turn of the slowest that
 /// a scene may have (500 Hz), and the first full turn of the default one.
@@ -47,6 +49,8 @@ pub struct OnsetModel<O = Standard> {
     oblivion: Powers,
     /// What the demodulator blanks.
     blanking: Blanking,
+    /// What all of it rings with.
+    energy: RingingEnergy,
     /// Logarithm of what a sample leaves of the detector's memory of a loud ringing.
     forgetting: f64,
     /// Samples after which it counts as gone.
@@ -66,8 +70,9 @@ struct Tuning {
     sums: [Complex; 2],
     /// `e^(i theta) r` for both to whole exponents.
     turns: [Powers; 2],
-    /// What both high-passes leave of the drive's own swing.
+    /// What both high-passes leave of the drive's own swing, and as a turn and a share of it.
     leak: f64,
+    passed: Complex,
 }
 
 /// A ringing that was loud, as far as the detector's memory of it is known.
@@ -215,13 +220,15 @@ impl<O: Onset> OnsetModel<O> {
             sample = 0.0.into();
         }
         let forgetting = libm::log(O::MEMORY);
+        let steady = core::array::from_fn(|n| {
+            let since = n as f64 - (LOOKED - 1) as f64;
+            response[LOOKED - 1] * exp(ringing * since)
+        });
         Self {
             ringing,
             response,
-            steady: core::array::from_fn(|n| {
-                let since = n as f64 - (LOOKED - 1) as f64;
-                response[LOOKED - 1] * exp(ringing * since)
-            }),
+            steady,
+            energy: RingingEnergy::new(ringing, &response, &steady),
             noise_gain: libm::sqrt(power),
             filling: -WEIGHT / ringing.re,
             tuning: Tuning::new(ringing, 0.0, O::CORNER),
@@ -264,9 +271,18 @@ impl<O: Onset> OnsetModel<O> {
         rms * (QUARTILE + 0.787 * self.hidden.min(0.4))
     }
 
-    /// Begins the cycle of so many samples from a sample on.
-    pub fn begin(&mut self, sample: u64, samples: u32) {
+    /// Begins the cycle of so many samples from a sample on, and from a phase of the output, which a sample takes on by a
+    /// step.
+    pub fn begin(&mut self, sample: u64, samples: u32, phase: Phase, step: u32) {
         self.blanking.begin(sample, samples);
+        self.energy.begin(sample, phase, step);
+    }
+
+    /// Energy of the residual in some sectors of the turn, at the end of a cycle of so many samples, under a RMS of its
+    /// noise and a swing of the drive (complex amplitude of its cosine), both in m/s^2.
+    pub fn sectors(&mut self, samples: u32, rms: f64, swing: Complex) -> Sectors {
+        let leak = swing * self.tuning.passed;
+        self.energy.finish(samples, &Ground { rms, leak })
     }
 
     /// Whether nothing is blanked in the next cycle.
@@ -278,6 +294,12 @@ impl<O: Onset> OnsetModel<O> {
     #[must_use]
     pub fn blanked(&self, samples: u32) -> f64 {
         self.blanking.share(samples)
+    }
+
+    /// Lets an impact ring, `share` of a sample before one.
+    #[cfg(test)]
+    pub fn ring(&mut self, sample: u64, share: f64, height: f64) {
+        self.energy.strike(sample, self.began(share) * height);
     }
 
     /// Takes an impact: whether it is heard, and the sum of its ringing against the drive's turn from its
@@ -295,6 +317,7 @@ impl<O: Onset> OnsetModel<O> {
         } = struck;
         let Background { median, rms } = background;
         let began = self.began(share) * height;
+        self.energy.strike(sample, began);
         let (under, memory) = self.last.left(self, sample);
         let loud = Self::THRESHOLD * median;
         let mut ring = Ring {
@@ -420,6 +443,7 @@ impl Tuning {
             sums: logs.map(|log| (one - exp(log)).inv() * Complex::new(0.0, 0.5)),
             turns: logs.map(Powers::new),
             leak: once.norm_sqr(),
+            passed: once * once,
         }
     }
 }
@@ -537,7 +561,7 @@ mod tests {
         });
         let rings = rings.count() as f64;
         let mut fast = OnsetModel::<O>::with(&SensorModel::default());
-        fast.begin(400, 4000);
+        fast.begin(400, 4000, Phase::ZERO, 1 << 20);
         let struck = Struck {
             sample: 400,
             share: 0.25,

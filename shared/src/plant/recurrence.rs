@@ -331,6 +331,12 @@ impl Recurrence {
         norm(self.reading[0]) + norm(self.reading[1])
     }
 
+    /// What is steady of the acceleration in m/s^2: the real part of it times `e^(i phase)`.
+    #[must_use]
+    pub fn steady_swing(&self) -> Complex {
+        self.reading[0]
+    }
+
     /// Acceleration in m/s^2 at sample `sample` of this cycle.
     #[must_use]
     pub fn acceleration(&self, sample: u32) -> f64 {

@@ -11,6 +11,8 @@ mod limits;
 mod plan;
 #[cfg(feature = "control")]
 mod rider;
+#[cfg(feature = "control")]
+mod strikes;
 
 use core::f64::consts::TAU;
 use core::ops::AddAssign;
@@ -24,6 +26,8 @@ use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
 pub(crate) use limits::{GearLimits, peaks};
 #[cfg(feature = "control")]
 pub(crate) use plan::{GearPlan, GearPlanSettings, GearPlanner};
+#[cfg(feature = "control")]
+pub(crate) use strikes::{PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.
 const FLIGHTS: [f64; 2] = [0.6, 1.4];

@@ -367,6 +367,8 @@ pub struct Telemetry {
     pub confidence: f32,
     /// Share of the parts' time in gear as heard, 0..=1.
     pub in_gear: f32,
+    /// Standard error of that share; infinite where it is only a least.
+    pub in_gear_error: f32,
     /// How far the parts are from losing gear; `None` where that is not heard.
     pub margin: Option<Margin>,
     /// Number of the state ([`control::State`]).
@@ -393,6 +395,7 @@ impl From<&control::Report> for Telemetry {
             phase: report.phase,
             confidence: report.confidence,
             in_gear: report.in_gear,
+            in_gear_error: report.in_gear_error,
             margin: report.margin.map(Into::into),
             state: report.state.number(),
             fault: report.fault.map_or(0, control::Fault::number),

@@ -131,6 +131,7 @@ fn responses() -> Vec<Response<'static>> {
             phase: 0.7,
             confidence: 0.95,
             in_gear: 0.75,
+            in_gear_error: 0.03125,
             margin: Some(Margin {
                 trace: -0.5,
                 restitution: 0.25,

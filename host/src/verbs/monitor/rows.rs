@@ -38,6 +38,7 @@ impl Rows {
             (Column::new("phase", "rad").digits(3), 11),
             (Column::new("confidence", "").digits(2), 10),
             (Column::new("in_gear", "").digits(2), 7),
+            (Column::new("in_gear_error", "").digits(1), 13),
             (Column::new("margin", "").digits(2), 6),
             (Column::new("event", ""), 0),
         ];
@@ -129,6 +130,10 @@ impl Rows {
             shortest(telemetry.phase).into(),
             shortest(telemetry.confidence).into(),
             shortest(telemetry.in_gear).into(),
+            Some(telemetry.in_gear_error)
+                .filter(|error| error.is_finite())
+                .map(shortest)
+                .into(),
             telemetry.margin.map(|margin| shortest(margin.flip)).into(),
             if held.is_empty() {
                 Value::Missing

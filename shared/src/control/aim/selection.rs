@@ -10,7 +10,7 @@ use crate::control::drive::{Scale, SecondTone};
 use crate::control::hear::{LockWindow, Margin};
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
-use crate::feeder::OutOfRange;
+use crate::feeder::{OutOfRange, Restitution};
 use crate::regime::gear::GearPlan;
 
 /// The target, with what was chosen for it and what is still searched for.
@@ -127,6 +127,15 @@ impl Selection {
     /// What the plan for gear has found so far.
     pub fn gear_plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
+    }
+
+    /// Restitutions and scatter of the lot: as told, or as a plan for gear has it since it was heard to be another.
+    pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
+        if let Some(gear) = &self.gear {
+            let asked = gear.settings();
+            return Some((asked.restitution, asked.scatter));
+        }
+        Some((settings.lot().ok()?, settings.scatter))
     }
 
     /// Takes a cycle at the setpoint: plans anew where the parts are heard to be others than those planned for, or the

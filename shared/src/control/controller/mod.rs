@@ -15,7 +15,7 @@ use num_complex::Complex32 as Complex;
 use crate::control::drive::{
     AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone, size,
 };
-use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound};
+use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound, Tuned};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::inputs::{Inputs, StartCause};
 use crate::control::report::Report;
@@ -251,8 +251,20 @@ impl Controller {
                     k: self.scale.k(measured),
                     second: self.seen.second,
                 };
+                let stands = self.machine.kick().is_none()
+                    && self.reference.now == goal
+                    && (measured - goal).abs() < 2.0 * NEAR * goal;
+                let tuned = Tuned {
+                    lot: self.selection.lot(&self.settings),
+                    lead,
+                    order: heard_with.order,
+                    k: heard_with.k,
+                    second: heard_with.second,
+                    step: self.scale.step,
+                    stands,
+                };
                 self.listener
-                    .cycle(cycle, &heard_with, self.selection.lock(), wanted);
+                    .cycle(cycle, &heard_with, self.selection.lock(), &tuned, wanted);
                 self.follow_resonance(measured);
                 self.make_second_tone(&motion, &mut events);
             }
@@ -606,6 +618,7 @@ impl Controller {
         self.selection
             .step(&self.settings, &self.scale, &mut self.news)
             || self.identifier.step()
+            || self.listener.share.step()
     }
 }
 

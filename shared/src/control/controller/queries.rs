@@ -4,7 +4,7 @@ use super::Controller;
 use crate::control::aim::{NoSetpoint, Target};
 use crate::control::angle::radians_of;
 use crate::control::drive::size;
-use crate::control::hear::{Command, Overtone};
+use crate::control::hear::{Command, GearShare, Overtone};
 use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
@@ -27,9 +27,10 @@ impl Controller {
             phase: hearing.phase(),
             concentration: hearing.concentration(),
             confidence: self.listener.confidence(self.selection.lock()),
-            in_gear: self.listener.gear.share(),
+            in_gear: self.in_gear(),
+            in_gear_error: self.gear_share().map_or(f32::INFINITY, |heard| heard.error),
             gear: self.order().unwrap_or(1),
-            to_loss: self.listener.gear.time_to_loss(),
+            to_loss: self.listener.time_to_loss(),
             margin: self.listener.margin(),
             expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
             attempts: self.machine.attempts(),
@@ -58,14 +59,13 @@ impl Controller {
         }
     }
 
-    /// Whether what is wanted is so: the lock or the chaos is heard, or the amplitude that was asked for is held.
+    /// Whether what is wanted is so: the lock, the chaos or the gear is heard, or the amplitude that was asked for is held.
+    /// Gear is where the parts are heard to be in it for more than half of their time.
     #[must_use]
     pub fn ready(&self) -> bool {
         match (self.machine.state(), self.selection.target()) {
-            (
-                State::Holding,
-                Target::K(_) | Target::Tones { .. } | Target::Amplitude(_) | Target::Gear { .. },
-            ) => true,
+            (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
+            (State::Holding, Target::Gear { .. }) => self.listener.geared,
             (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
             (State::Locked, target) => target != Target::Chaotic,
             _ => false,
@@ -93,7 +93,13 @@ impl Controller {
     /// Share of the parts' time in gear as heard ([`Report::in_gear`]), 0..=1.
     #[must_use]
     pub fn in_gear(&self) -> f32 {
-        self.listener.gear.share()
+        self.listener.in_gear_at_least()
+    }
+
+    /// That share with its error; `None` where what is told is only a least.
+    #[must_use]
+    pub fn gear_share(&self) -> Option<GearShare> {
+        self.listener.in_gear()
     }
 
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.

@@ -222,7 +222,8 @@ pub struct GearHearing {
     /// Cycles in gear and watched, in [`GEAR_WINDOW`].
     in_gear: f32,
     watched: f32,
-    /// Cycles in gear and losses, in [`MEMORY`].
+    /// Cycles listened to, those of them in gear and losses, in [`MEMORY`].
+    listened: f32,
     cycles: f32,
     losses: f32,
     /// Sums over impacts in gear of 1, R, R^2, the product of two R in a row, and A; and the last R.
@@ -262,6 +263,7 @@ impl GearHearing {
         let keep = 1.0 - 1.0 / GEAR_WINDOW;
         self.in_gear *= keep;
         self.watched = self.watched * keep + 1.0;
+        self.listened = self.listened * (1.0 - 1.0 / MEMORY) + 1.0;
         self.cycles *= 1.0 - 1.0 / MEMORY;
         self.losses *= 1.0 - 1.0 / MEMORY;
         self.k = with.k;
@@ -440,6 +442,12 @@ impl GearHearing {
         } else {
             0.0
         }
+    }
+
+    /// The same over all that is remembered, [`MEMORY`] cycles.
+    #[must_use]
+    pub fn long_share(&self) -> f32 {
+        self.cycles / self.listened.max(1.0)
     }
 
     /// Mean drive cycles in gear until it was lost; infinite where it was not.

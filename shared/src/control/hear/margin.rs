@@ -13,6 +13,7 @@ pub struct Margin {
     pub scatter: f32,
     /// Distance of the trace from the doubling of the period, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
     pub flip: f32,
-    /// Expected drive cycles until gear is lost: those in gear over its losses and one, so that it is a least where none was heard.
+    /// Expected drive cycles until gear is lost: those in gear over its losses and one, and where none was heard not less than
+    /// the map has of the lot.
     pub to_loss: f32,
 }

@@ -1,5 +1,6 @@
 //! What the impacts heard say together: circular statistics of their phases.
 
+use super::lock::LockWindow;
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::angle::radians_of;
@@ -18,16 +19,24 @@ pub struct PhaseStatistics {
     cycles: f32,
     /// Impacts in memory that struck where a lock would.
     at_lock: f32,
+    /// Cycles in memory in which one did, by their number modulo the lock's order, and the last of them.
+    struck: [f32; ORDERS],
+    last: u32,
 }
+
+/// Share of a memory of sixteen cycles that one of them has, or lacks.
+const GAP: f32 = 0.1;
+/// Highest order of a lock.
+const ORDERS: usize = 8;
 
 /// Share of the memory that a cycle leaves: 16 cycles. Tuned: with 8 or 32 cycles
 /// `the_table_is_what_the_controller_does` fails.
 const KEEP: f32 = 1.0 - 1.0 / 16.0;
 
 impl PhaseStatistics {
-    /// Adds the impacts of one cycle with the track's lead; `lock` is the phase at which a locked part
-    /// would strike and the half width around it that counts, in rad.
-    pub fn cycle(&mut self, cycle: &Cycle, lead: Phase, lock: Option<(Phase, f32)>) {
+    /// Adds the impacts of the cycle of a number with the track's lead; `lock` says at which phase and how far around it a
+    /// locked part would strike, and in which order.
+    pub fn cycle(&mut self, cycle: &Cycle, count: u32, lead: Phase, lock: Option<&LockWindow>) {
         for sum in [
             &mut self.sine,
             &mut self.cosine,
@@ -37,6 +46,9 @@ impl PhaseStatistics {
         ] {
             *sum *= KEEP;
         }
+        for sum in &mut self.struck {
+            *sum *= KEEP;
+        }
         self.cycles += 1.0;
         for heard in &cycle.heard {
             let phase = heard.phase + lead;
@@ -44,12 +56,29 @@ impl PhaseStatistics {
             self.sine += sine;
             self.cosine += cosine;
             self.weight += 1.0;
-            if let Some((centre, width)) = lock {
-                let apart = radians_of(phase - centre);
-                if apart > -width && apart < width {
+            if let Some(lock) = lock {
+                let apart = radians_of(phase - lock.phase);
+                if apart > -lock.width && apart < lock.width {
                     self.at_lock += 1.0;
+                    self.strike(count, heard.phase, lead, lock);
                 }
             }
+        }
+    }
+
+    /// A strike where a lock has it: parts of order r strike in every r-th cycle, not in as many of them.
+    fn strike(&mut self, count: u32, phase: Phase, lead: Phase, lock: &LockWindow) {
+        let time = (u64::from(count) << 32 | u64::from(phase.bits()))
+            .wrapping_add_signed(i64::from(lead.bits() as i32));
+        // Cycles that begin half a turn before the lock's phase.
+        let begun = time.wrapping_sub(u64::from(lock.phase.bits())) + (1 << 31);
+        let number = (begun >> 32) as u32;
+        let order = u32::from(lock.order.max(1));
+        if number != self.last
+            && let Some(sum) = self.struck.get_mut((number % order) as usize)
+        {
+            *sum += 1.0;
+            self.last = number;
         }
     }
 
@@ -96,15 +125,23 @@ impl PhaseStatistics {
     }
 
     /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts at the
-    /// lock's phase, of the impacts heard to the impacts due, and of the memory that is filled.
+    /// lock's phase, of the impacts heard to the impacts due (in every r-th cycle; less what strikes in some of the others), and of the memory that is filled.
     #[must_use]
     pub fn lock_confidence(&self, order: u8) -> f32 {
         let due = self.cycles / f32::from(order);
         if due <= 0.0 {
             return 0.0;
         }
+        let often = if order > 1 {
+            // What strikes in some of the other cycles, but not in all or none of them, is not locked.
+            let shares = self.struck.iter().map(|sum| (sum / due).min(1.0));
+            let most = shares.clone().fold(0.0_f32, f32::max);
+            most - shares.fold(0.0, |most, share| (share.min(1.0 - share) - GAP).max(most))
+        } else {
+            self.at_lock / due
+        };
         self.share_at_lock()
-            .min(self.at_lock / due)
+            .min(often)
             .min(self.cycles / 8.0)
             .min(1.0)
     }
@@ -133,9 +170,10 @@ mod tests {
         let mut two = PhaseStatistics::default();
         for n in 0..100 {
             let jitter = 0.02 * (n % 3 - 1) as f32;
-            one.cycle(&heard(&[3.1 + 2.0 * jitter]), phase_of(0.04), None);
+            one.cycle(&heard(&[3.1 + 2.0 * jitter]), 0, phase_of(0.04), None);
             two.cycle(
                 &heard(&[0.3 + jitter, 0.3 + core::f32::consts::PI]),
+                0,
                 Phase::ZERO,
                 None,
             );
@@ -148,17 +186,26 @@ mod tests {
 
     #[test]
     fn a_lock_is_believed_where_it_belongs_at_its_rate_and_not_elsewhere() {
-        let lock = Some((phase_of(0.45), 0.3));
         let run = |phases: &[&[f32]], order| {
+            let lock = LockWindow {
+                order,
+                k: 0.43,
+                phase: phase_of(0.45),
+                width: 0.3,
+            };
             let mut hearing = PhaseStatistics::default();
             for n in 0..60 {
-                hearing.cycle(&heard(phases[n % phases.len()]), Phase::ZERO, lock);
+                let cycle = heard(phases[n % phases.len()]);
+                hearing.cycle(&cycle, n as u32, Phase::ZERO, Some(&lock));
             }
             hearing.lock_confidence(order)
         };
         assert!(run(&[&[0.5]], 1) > 0.99);
         assert!(run(&[&[0.5], &[]], 2) > 0.95);
         assert!(run(&[&[0.5], &[]], 1) < 0.6);
+        // Two of three cycles are no lock of order 2, though as many are struck as one would; two groups of it are.
+        assert!(run(&[&[0.5], &[0.5], &[]], 2) < 0.8);
+        assert!(run(&[&[0.5], &[0.52]], 2) > 0.95);
         assert!(run(&[&[5.6]], 1) == 0.0);
         assert!(run(&[&[0.5, 5.6]], 1) < 0.6);
         assert!(run(&[&[]], 1) == 0.0);

@@ -2,6 +2,7 @@
 
 use heapless::Vec;
 
+use super::energy::{Energy, SECTORS_HANDED, Sectors};
 use super::fold::{Fold, Folded, HANDED};
 use super::onset::{HEARD_PER_CYCLE, Heard, OnsetDetector};
 use crate::arithmetic::{Phase, sine_cosine_single};
@@ -78,6 +79,8 @@ pub struct Cycle {
     pub(crate) heard: Vec<Heard, HEARD_PER_CYCLE>,
     /// A part of what was folded ([`Command::fold`]) until a cycle before.
     pub(crate) folded: Folded,
+    /// Energy of the residual in some sectors of the turn.
+    pub(crate) sectors: Sectors,
 }
 
 /// What a signal path that fails brings, to show what depends on it.
@@ -171,6 +174,7 @@ pub struct Signal {
     finished: Cycle,
     detector: OnsetDetector,
     fold: Fold,
+    energy: Energy,
 }
 
 impl Signal {
@@ -211,6 +215,7 @@ impl Signal {
             finished: Self::EMPTY,
             detector: OnsetDetector::new(scale),
             fold: Fold::EMPTY,
+            energy: Energy::EMPTY,
         })
     }
 
@@ -228,6 +233,10 @@ impl Signal {
         folded: Folded {
             first: 0,
             residual: [0.0; HANDED],
+        },
+        sectors: Sectors {
+            first: 0,
+            energy: [0.0; SECTORS_HANDED],
         },
     };
 
@@ -250,6 +259,7 @@ impl Signal {
         }
         let residual = self.detector.residual(surprising);
         self.fold.add(self.phase, residual);
+        self.energy.add(self.phase, residual);
         let heard = self.detector.detect(residual);
         let mut swing = acceleration - self.mean;
         let blanked = self.detector.rings() && self.blanked < self.most_blanked;
@@ -339,6 +349,7 @@ impl Signal {
         finished.mean = self.mean + self.accelerations * inverse;
         finished.noise = self.detector.noise();
         finished.folded = self.fold.finish(self.pending.fold, self.pending.step);
+        finished.sectors = self.energy.finish();
         finished.samples = running.samples;
         (finished.low, finished.high) = (running.low, running.high);
         finished.saturated = running.saturated;

@@ -93,6 +93,35 @@ impl Span {
     }
 }
 
+/// An impact of a part that is followed.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard {
+    launch: SingleState,
+    /// Phase of the track.
+    pub phase: Phase,
+    restitution: f32,
+    velocity: f32,
+    /// The flight that it ended, in steps of 2^-32 turns.
+    pub steps: i64,
+    /// Whether the part lay on the track before that flight.
+    pub rested: bool,
+    /// Whether the part is in gear.
+    pub in_gear: bool,
+}
+
+impl Heard {
+    /// Speed of arrival in `b w`.
+    pub fn speed(&self, surface: &Surface) -> f32 {
+        if self.restitution > TELLS {
+            return self.velocity / self.restitution;
+        }
+        surface.map.land_at(self.launch, 1.0).next.velocity
+    }
+}
+
+/// Restitution from which on the speed of arrival follows from that of the launch: below, rounding would tell.
+const TELLS: f32 = 0.01;
+
 /// A part that begins at rest at phase 0 and whose restitution scatters.
 #[derive(Clone, Copy, Debug)]
 pub struct Rider {
@@ -121,6 +150,21 @@ impl Rider {
         }
     }
 
+    /// Just thrown from a phase with a velocity over the track's, in `b w`.
+    pub fn thrown(self, phase: Phase, velocity: f32) -> Self {
+        Self {
+            phase,
+            velocity,
+            rests: false,
+            ..self
+        }
+    }
+
+    /// Time followed so far, in steps of 2^-32 turns.
+    pub fn time(&self) -> i64 {
+        self.time
+    }
+
     /// The share of the time that counts in which it was in gear, 0..=1.
     pub fn share(&self) -> f32 {
         let watched = self.span.end - self.span.begin;
@@ -128,8 +172,16 @@ impl Rider {
     }
 
     /// One flight, and the rest before it; whether the end is reached.
+    #[inline]
     pub fn step(&mut self, surface: &Surface) -> bool {
-        if self.rests {
+        self.step_heard(surface, |_| {})
+    }
+
+    /// As [`Rider::step`]; `heard` is told the impact that ended the flight.
+    #[inline]
+    pub fn step_heard(&mut self, surface: &Surface, heard: impl FnOnce(Heard)) -> bool {
+        let rested = self.rests;
+        if rested {
             let Some(wait) = surface.wait(self.phase) else {
                 return true;
             };
@@ -141,7 +193,8 @@ impl Rider {
             phase: self.phase,
             velocity: self.velocity,
         };
-        let Landing { steps, next, .. } = surface.map.land_at(launch, self.draw.draw());
+        let restitution = self.draw.draw();
+        let Landing { steps, next, .. } = surface.map.land_at(launch, restitution);
         if steps <= 0 {
             // A hop shorter than a step of time: it stays where it is, and time goes on.
             self.rest();
@@ -153,6 +206,15 @@ impl Rider {
         let from = (self.time - added).max(self.span.begin);
         self.in_gear += (self.time.min(self.span.end) - from).max(0);
         self.velocity = next.velocity;
+        heard(Heard {
+            launch,
+            phase: self.phase,
+            restitution,
+            velocity: next.velocity,
+            steps,
+            rested,
+            in_gear: self.gear.is_in(),
+        });
         if self.velocity < CHATTER {
             self.close(surface);
         }

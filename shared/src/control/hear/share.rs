@@ -1,0 +1,720 @@
+//! The share of the parts' time in gear, however many strike the same track: from where in the turn the residual's energy lies.
+//!
+//! Which of many impacts is whose cannot be heard. But parts in gear strike at other phases than parts that hop, chatter
+//! and rest, and the energies of impacts that know nothing of each other add: what is heard over a turn is a mixture of
+//! two profiles, and the map tells both (docs/theory-real-parts.md#t10.7).
+
+use super::energy::{SECTORS, Sectors};
+use super::onset::{Onset, Standard};
+use super::signal::Cycle;
+use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::control::angle::{SAMPLE_RATE, phase_of};
+use crate::control::drive::SecondTone;
+use crate::feeder::Restitution;
+use crate::regime::gear::{PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
+
+/// Drive cycles that the energy heard is remembered for: five seconds at 50 Hz.
+const MEMORY: f32 = 256.0;
+/// What a cycle leaves of it.
+const KEEP: f32 = 1.0 - 1.0 / MEMORY;
+/// Cycles before the first share, and from one to the next.
+const BEFORE: f32 = 64.0;
+const AGAIN: u32 = 16;
+/// Impacts that a slice of the profile follows.
+const SLICE: u32 = 64;
+/// Change of k and of the second tone, as shares of the first, after which the profiles are other ones.
+const MOVED: f32 = 0.01;
+/// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track.
+const RINGS: f32 = 0.5e-3;
+/// Shortest and longest that is looked for, and the step, as a factor.
+const RINGING: [f32; 2] = [0.05e-3, 5e-3];
+const STEP: f32 = 1.15;
+/// Energy of the parts over that of the noise, below which they are not heard.
+const HEARD: f32 = 0.3;
+/// Drive periods in gear below which the map knows no gear.
+const KNOWN: f32 = 16.0;
+/// Most parts that rest and land as one.
+const TOGETHER: f32 = 24.0;
+/// Error of a share that the map's own profiles bring: each is that of some ten thousand impacts.
+const COUNTED: f32 = 0.01;
+/// Misfit that a right lot has, over the energy heard, and error of a share over what is more. Measured: the right lot is off by
+/// 0.004 to 0.015; one whose landings drown the rest by 0.02, and its share by 0.06; four parts at an end of a wide lot by
+/// 0.044, and their share by 0.44; one part there by up to 0.4.
+const FITS: f32 = 0.012;
+const MISFIT: f32 = 14.0;
+/// Error of a share over the part of the energy that landings from rest have: they add up, parts in gear do not. Measured:
+/// 0.05 where that is a quarter.
+const DROWNED: f32 = 0.15;
+/// Largest error of a share that is told.
+const TELLS: f32 = 0.25;
+/// Samples by which an impact's energy is late: half of one until it is read, one for the output that its phase is told by,
+/// and the begin of its ringing.
+const LATE: f32 = 2.5;
+/// Parts of the mixture: in gear, out of it, landing from rest, noise.
+const PARTS: usize = 4;
+/// Rounds of a fit: each weighs by what the one before found.
+const ROUNDS: usize = 6;
+
+/// The share of time in gear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GearShare {
+    /// The share, 0..=1.
+    pub share: f32,
+    /// Its standard error.
+    pub error: f32,
+}
+
+/// What a cycle is heard with.
+#[derive(Clone, Copy, Debug)]
+pub struct Tuned {
+    /// Phase lead of the track.
+    pub lead: Phase,
+    /// Order of the gear.
+    pub order: u8,
+    /// Measured k.
+    pub k: f32,
+    /// Measured second tone of the track.
+    pub second: SecondTone,
+    /// Advance of the phase per sample.
+    pub step: u32,
+    /// Restitutions of the lot, as told or as it was found to be, and their scatter from impact to impact.
+    pub lot: Option<(Restitution, f32)>,
+    /// Whether the amplitude stands where it is wanted.
+    pub stands: bool,
+}
+
+type Row = [f32; SECTORS];
+
+/// What is heard of all parts together.
+#[derive(Clone, Debug)]
+pub struct ShareHearing {
+    /// Mean k and second tone (`e cos th`, `e sin th`) since the amplitude stands.
+    k: f32,
+    tone: [f32; 2],
+    cycles: f32,
+    profiler: Option<StrikeProfiler>,
+    /// Energy by the phase of the output, and the cycles that it is the sum of.
+    energy: Row,
+    weight: f32,
+    due: u32,
+    lead: Phase,
+    step: u32,
+    /// What the drive itself leaves in the residual.
+    swing: [f32; 2],
+    /// Decay time of the ringing's energy in s.
+    rings: f32,
+    fitting: Option<Fitting>,
+    share: Option<GearShare>,
+    /// Whether what is heard was held against the profiles.
+    judged: bool,
+}
+
+/// A fit under way: the decay times tried so far.
+#[derive(Clone, Copy, Debug, Default)]
+struct Fitting {
+    tried: u8,
+    best: Option<Mixture>,
+}
+
+/// A mixture that was fitted.
+#[derive(Clone, Copy, Debug)]
+struct Mixture {
+    rings: f32,
+    /// How far the energies are off it.
+    off: f32,
+    weights: [f32; PARTS],
+    /// Variances and covariance of the first two weights, for a dispersion of 1.
+    variance: [f32; 3],
+    noise: f32,
+}
+
+impl GearShare {
+    /// What is known where a share is at least so much: half of the rest, give or take as much.
+    #[must_use]
+    pub fn at_least(least: f32) -> Self {
+        let rest = 0.5 * (1.0 - least);
+        Self {
+            share: least + rest,
+            error: rest,
+        }
+    }
+}
+
+impl ShareHearing {
+    /// Nothing heard.
+    pub fn new() -> Self {
+        Self {
+            k: 0.0,
+            tone: [0.0; 2],
+            cycles: 0.0,
+            profiler: None,
+            energy: [0.0; SECTORS],
+            weight: 0.0,
+            due: 0,
+            lead: Phase::ZERO,
+            step: 0,
+            swing: [0.0; 2],
+            rings: RINGS,
+            fitting: None,
+            share: None,
+            judged: false,
+        }
+    }
+
+    /// Forgets what was heard, but not how the parts ring nor what the map says of them.
+    pub fn reset(&mut self) {
+        self.energy = [0.0; SECTORS];
+        (self.weight, self.due, self.cycles) = (0.0, 0, 0.0);
+        self.fitting = None;
+        self.share = None;
+        self.judged = false;
+    }
+
+    /// The share; `None` where it is not known.
+    #[must_use]
+    pub fn share(&self) -> Option<GearShare> {
+        self.share
+    }
+
+    /// Whether what is heard was held against what the map has of the lot: where no share is known then, it is no mixture of
+    /// that, and nothing else tells it.
+    #[must_use]
+    pub fn is_judged(&self) -> bool {
+        self.judged
+    }
+
+    /// What the map says of parts of the lot, once it is known.
+    #[must_use]
+    pub fn profile(&self) -> Option<&StrikeProfile> {
+        self.profiler.as_ref()?.profile()
+    }
+
+    /// Takes a cycle.
+    pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
+        if !tuned.stands {
+            return;
+        }
+        self.follow(tuned);
+        let Sectors { first, energy } = cycle.sectors;
+        // A quarter of the sectors comes with each cycle, and stands for four.
+        let keep = KEEP * KEEP * KEEP * KEEP;
+        let sectors = self.energy.iter_mut().skip(usize::from(first));
+        for (sum, energy) in sectors.zip(energy) {
+            *sum = *sum * keep + energy;
+        }
+        self.weight = self.weight * KEEP + 1.0;
+        self.lead = tuned.lead;
+        self.step = tuned.step;
+        self.swing = [cycle.in_phase, cycle.quadrature];
+        self.due += 1;
+        if self.due >= AGAIN && self.weight > BEFORE {
+            self.due = 0;
+            if self.profile().is_some() && self.fitting.is_none() {
+                self.fitting = Some(Fitting::default());
+            }
+        }
+    }
+
+    /// Follows the track's motion, and has its profiles counted anew where it has moved.
+    fn follow(&mut self, tuned: &Tuned) {
+        let tone = if tuned.second.ratio == 0.0 {
+            [0.0; 2]
+        } else {
+            let (sine, cosine) = sine_cosine_single(phase_of(tuned.second.phase));
+            [tuned.second.ratio * cosine, tuned.second.ratio * sine]
+        };
+        self.cycles = (self.cycles + 1.0).min(16.0);
+        let share = 1.0 / self.cycles;
+        self.k += (tuned.k - self.k) * share;
+        for (mean, tone) in self.tone.iter_mut().zip(tone) {
+            *mean += (tone - *mean) * share;
+        }
+        if self.cycles < 8.0 {
+            return;
+        }
+        let order = u32::from(tuned.order.max(1));
+        let apart = |a: f32, b: f32, most: f32| a - b > most || b - a > most;
+        let [straight, across] = self.tone;
+        let Some((restitution, scatter)) = tuned.lot else {
+            return;
+        };
+        if let Some(profiler) = &self.profiler {
+            let StrikeSettings {
+                order: was,
+                k,
+                second,
+                ..
+            } = *profiler.settings();
+            let (sine, cosine) = sine_cosine_single(phase_of(second[1]));
+            let same = was == order
+                && !apart(k, self.k, MOVED * k)
+                && !apart(second[0] * cosine, straight, MOVED)
+                && !apart(second[0] * sine, across, MOVED);
+            let settings = profiler.settings();
+            if same && settings.restitution == restitution && settings.scatter == scatter {
+                return;
+            }
+            if !same {
+                // What was heard so far was of another track.
+                self.energy = [0.0; SECTORS];
+                (self.weight, self.due) = (0.0, 0);
+                self.share = None;
+                self.judged = false;
+            }
+        }
+        self.fitting = None;
+        let ratio = libm::sqrtf(straight * straight + across * across);
+        let second = if ratio < 1e-3 {
+            [0.0; 2]
+        } else {
+            [ratio, libm::atan2f(across, straight)]
+        };
+        // Beyond what the map takes, nothing is told.
+        self.profiler = StrikeProfiler::new(StrikeSettings {
+            restitution,
+            scatter,
+            order,
+            k: self.k,
+            second,
+        })
+        .ok();
+    }
+
+    /// One bounded slice of what the share takes; whether more is to be done.
+    pub fn step(&mut self) -> bool {
+        if let Some(profiler) = &mut self.profiler
+            && profiler.advance(SLICE)
+        {
+            return true;
+        }
+        let Some(mut fitting) = self.fitting.take() else {
+            return false;
+        };
+        let Some(profile) = self.profile() else {
+            return false;
+        };
+        let tried = [1.0, STEP, 1.0 / STEP];
+        let Some(factor) = tried.get(usize::from(fitting.tried)) else {
+            self.settle(fitting.best);
+            return false;
+        };
+        let rings = (self.rings * factor).clamp(RINGING[0], RINGING[1]);
+        let found = self.fit(profile, rings);
+        if fitting.best.is_none_or(|best| found.off < 0.999 * best.off) {
+            fitting.best = Some(found);
+        }
+        fitting.tried += 1;
+        self.fitting = Some(fitting);
+        true
+    }
+
+    /// Takes over what fits best.
+    fn settle(&mut self, best: Option<Mixture>) {
+        let (Some(best), Some(profile)) = (best, self.profile()) else {
+            return;
+        };
+        let [within, without, landing, _] = best.weights;
+        let [of_within, of_without, of_both] = best.variance;
+        let sum = |row: &[f32; PLACES]| row.iter().sum::<f32>();
+        let energy =
+            within * sum(&profile.in_gear) + without * sum(&profile.out) + landing * profile.landed;
+        let heard = energy > HEARD * best.noise;
+        // Parts that land as one cannot be more than all.
+        let without = without.max(landing / (1.0 + TOGETHER * profile.landings));
+        let all = within + without;
+        let landed = profile.landed;
+        self.rings = best.rings;
+        self.judged = true;
+        if !heard || all <= 0.0 {
+            self.share = None;
+            return;
+        }
+        let share = within / all;
+        let rest = 1.0 - share;
+        let dispersion = best.off / (SECTORS - PARTS - 1) as f32;
+        let variance =
+            rest * rest * of_within + share * share * of_without - 2.0 * share * rest * of_both;
+        let scattered = variance.max(0.0) * dispersion / (all * all);
+        let misfit = MISFIT * (best.off / (energy + best.noise) - FITS).max(0.0);
+        let drowned = DROWNED * landing * landed / energy;
+        let square = scattered + COUNTED * COUNTED + misfit * misfit + drowned * drowned;
+        let error = libm::sqrtf(square);
+        self.share = (error < TELLS).then_some(GearShare { share, error });
+    }
+
+    /// Fits the mixture for a decay time of the ringing's energy.
+    fn fit(&self, profile: &StrikeProfile, rings: f32) -> Mixture {
+        // Turns of the drive in which the energy falls by e.
+        let turns = rings * SAMPLE_RATE as f32 * self.step as f32 * (1.0 / Phase::TURN as f32);
+        let late = LATE * self.step as f32 * (1.0 / Phase::TURN as f32);
+        let lead = self.lead.bits() as f32 * (1.0 / Phase::TURN as f32) - late;
+        let lead = lead - libm::floorf(lead);
+        let no_gear = profile.periods[0] < KNOWN;
+        let landing = profile.landing.unwrap_or(Phase::ZERO);
+        let landing = landing.bits() as f32 * (1.0 / Phase::TURN as f32) - lead;
+        let mut rows = [
+            rung(&profile.in_gear, lead, turns),
+            rung(&profile.out, lead, turns),
+            landed(landing, turns),
+            [1.0 / SECTORS as f32; SECTORS],
+        ];
+        if no_gear {
+            rows[0] = [0.0; SECTORS];
+        }
+        for energy in &mut rows[2] {
+            *energy *= profile.landed;
+        }
+        let inverse = 1.0 / self.weight;
+        let leak = self.leak();
+        let mut heard = [0.0; SECTORS];
+        for ((heard, energy), leak) in heard.iter_mut().zip(&self.energy).zip(leak) {
+            *heard = (energy * inverse - leak).max(0.0);
+        }
+        unmix(&heard, &rows, rings)
+    }
+
+    /// What the drive's own swing leaves in each sector of the residual, in a cycle.
+    fn leak(&self) -> Row {
+        let theta = Phase::from_bits(self.step);
+        let (sine, cosine) = sine_cosine_single(theta);
+        // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice, at z = e^(i theta).
+        let left = 1.0 - Standard::CORNER as f32;
+        let above = 2.0 - 2.0 * cosine;
+        let below = 1.0 - 2.0 * left * cosine + left * left;
+        let gain = left * left * above / below;
+        // Angle of (1 - z^-1): numerator over denominator.
+        let angle =
+            libm::atan2f(sine, 1.0 - cosine) - libm::atan2f(left * sine, 1.0 - left * cosine);
+        let (turn, straight) = sine_cosine_single(phase_of(2.0 * angle));
+        let [cosines, sines] = self.swing;
+        // Re((a - i b) e^(i x)) is a cos x + b sin x.
+        let re = gain * (cosines * straight + sines * turn);
+        let im = gain * (cosines * turn - sines * straight);
+        let samples = Phase::TURN as f32 / self.step.max(1) as f32 / SECTORS as f32;
+        let level = 0.5 * (re * re + im * im);
+        let double = [re * re - im * im, 2.0 * re * im];
+        core::array::from_fn(|n| {
+            let middle = Phase::from_bits((2 * n as u32 + 1) << 26);
+            let (sine, cosine) = sine_cosine_single(middle + middle);
+            samples * (level + 0.5 * SQUEEZED * (double[0] * cosine - double[1] * sine))
+        })
+    }
+}
+
+/// `sin x / x` of the angle of a sector: what its width leaves of a swing at the doubled phase.
+const SQUEEZED: f32 = 0.993_6;
+
+/// A profile as it is heard: by the phase of the output, which the track leads by so many turns, where the energy of each
+/// impact falls by e in so many turns.
+fn rung(profile: &[f32; PLACES], lead: f32, turns: f32) -> Row {
+    let width = 1.0 / PLACES as f32;
+    let left = libm::expf(-width / turns);
+    // Impacts lie evenly over their place: what of their energy falls into it.
+    let stays = 1.0 - (1.0 - left) * turns / width;
+    let places = lead * PLACES as f32;
+    let whole = libm::floorf(places);
+    let share = places - whole;
+    let first = whole as i32 as usize;
+    let at = |n: usize| {
+        let [low, high] = [n + first, n + first + 1].map(|n| profile[n % PLACES]);
+        low + (high - low) * share
+    };
+    let (mut rings, mut row) = (0.0, [0.0; SECTORS]);
+    // Twice around: the first time tells what rings at its end.
+    for n in 0..2 * PLACES {
+        let struck = at(n);
+        if n >= PLACES {
+            row[(n - PLACES) * SECTORS / PLACES] += stays * struck + rings * (1.0 - left);
+        }
+        rings = rings * left + (1.0 - stays) * struck;
+    }
+    row
+}
+
+/// The energy of an impact of unit energy, at so many turns of the output.
+fn landed(at: f32, turns: f32) -> Row {
+    let at = (at - libm::floorf(at)) * SECTORS as f32;
+    let first = at as usize % SECTORS;
+    let left = libm::expf(-1.0 / (SECTORS as f32 * turns));
+    let mut row = [0.0; SECTORS];
+    let mut rings = libm::expf(-(first as f32 + 1.0 - at) / (SECTORS as f32 * turns));
+    row[first] = 1.0 - rings;
+    for n in 1..2 * SECTORS {
+        row[(first + n) % SECTORS] += rings * (1.0 - left);
+        rings *= left;
+    }
+    row
+}
+
+/// Weights of the rows, none negative, whose sum is nearest to what is heard, each sector weighed by its own energy: that
+/// of impacts scatters as their number does.
+fn unmix(heard: &Row, rows: &[Row; PARTS], rings: f32) -> Mixture {
+    let mean = heard.iter().sum::<f32>() / SECTORS as f32;
+    let least = 0.01 * mean + f32::MIN_POSITIVE;
+    let mut found = *heard;
+    // The first round has no better guess than what is heard, evened out.
+    for n in 0..SECTORS {
+        found[n] = (heard[(n + SECTORS - 1) % SECTORS] + heard[n] + heard[(n + 1) % SECTORS]) / 3.0;
+    }
+    let mut weights = [0.0; PARTS];
+    let mut variance = [0.0; 3];
+    for _ in 0..ROUNDS {
+        let mut matrix = [[0.0; PARTS]; PARTS];
+        let mut sums = [0.0; PARTS];
+        for n in 0..SECTORS {
+            let weight = 1.0 / (found[n] + least);
+            for a in 0..PARTS {
+                let weighed = rows[a][n] * weight;
+                sums[a] += weighed * heard[n];
+                for b in 0..=a {
+                    matrix[a][b] += weighed * rows[b][n];
+                }
+            }
+        }
+        for a in 0..PARTS {
+            for b in a + 1..PARTS {
+                matrix[a][b] = matrix[b][a];
+            }
+        }
+        (weights, variance) = solve(&matrix, &sums);
+        for n in 0..SECTORS {
+            found[n] = (0..PARTS).map(|a| weights[a] * rows[a][n]).sum();
+        }
+    }
+    let off = (0..SECTORS)
+        .map(|n| {
+            let apart = heard[n] - found[n];
+            apart * apart / (found[n] + least)
+        })
+        .sum();
+    Mixture {
+        rings,
+        off,
+        weights,
+        variance,
+        noise: weights[PARTS - 1],
+    }
+}
+
+/// The weights of least squares, none negative, and the variances and covariance of the first two.
+fn solve(matrix: &[[f32; PARTS]; PARTS], sums: &[f32; PARTS]) -> ([f32; PARTS], [f32; 3]) {
+    let mut within: [bool; PARTS] = core::array::from_fn(|n| matrix[n][n] > 0.0);
+    loop {
+        let inverse = inverted(matrix, &within);
+        let mut weights = [0.0; PARTS];
+        let (mut lowest, mut which) = (0.0, None);
+        for a in 0..PARTS {
+            weights[a] = (0..PARTS).map(|b| inverse[a][b] * sums[b]).sum();
+            if within[a] && weights[a] < lowest {
+                (lowest, which) = (weights[a], Some(a));
+            }
+        }
+        let Some(which) = which else {
+            return (weights, [inverse[0][0], inverse[1][1], inverse[0][1]]);
+        };
+        within[which] = false;
+    }
+}
+
+/// The inverse of what of a symmetric matrix is within; 0 elsewhere.
+fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PARTS]; PARTS] {
+    // Scaled to a diagonal of 1, and kept from being singular.
+    let scale: [f32; PARTS] = core::array::from_fn(|n| {
+        if within[n] {
+            1.0 / libm::sqrtf(matrix[n][n])
+        } else {
+            0.0
+        }
+    });
+    let mut left = [[0.0; PARTS]; PARTS];
+    let mut right = [[0.0; PARTS]; PARTS];
+    for a in 0..PARTS {
+        for b in 0..PARTS {
+            left[a][b] = matrix[a][b] * scale[a] * scale[b];
+        }
+        left[a][a] = if within[a] { 1.0 + 1e-5 } else { 1.0 };
+        right[a][a] = if within[a] { 1.0 } else { 0.0 };
+    }
+    for a in 0..PARTS {
+        let pivot = 1.0 / left[a][a];
+        for b in 0..PARTS {
+            left[a][b] *= pivot;
+            right[a][b] *= pivot;
+        }
+        for other in 0..PARTS {
+            if other != a {
+                let factor = left[other][a];
+                for b in 0..PARTS {
+                    left[other][b] -= factor * left[a][b];
+                    right[other][b] -= factor * right[a][b];
+                }
+            }
+        }
+    }
+    for a in 0..PARTS {
+        for b in 0..PARTS {
+            right[a][b] *= scale[a] * scale[b];
+        }
+    }
+    right
+}
+
+#[cfg(all(test, feature = "plant"))]
+mod tests {
+    use core::f64::consts::TAU;
+
+    use crate::control::Target;
+    use crate::plant::{ClosedLoop, EnvelopeLoop, Scene};
+    use crate::regime::gear::GearWatch;
+
+    /// Parts of a lot, evenly over it, at a fixed k.
+    fn scene(lot: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
+        let [low, high] = lot;
+        let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / parts as f32;
+        let mut scene = Scene {
+            target: Target::K(k),
+            seed,
+            parts: (0..parts).map(part).collect(),
+            scatter: core::iter::repeat_n(scatter, parts).collect(),
+            ..Scene::default()
+        };
+        scene.settings.scatter = scatter;
+        (
+            scene.settings.restitution_low,
+            scene.settings.restitution_high,
+        ) = (low, high);
+        scene
+    }
+
+    /// Mean share in gear from 5 s to 60 s, true and heard, with the mean error told; and how often nothing was told.
+    struct Told {
+        truth: f64,
+        heard: f64,
+        error: f64,
+        deaf: usize,
+    }
+
+    fn listen(scene: &Scene, waveform: bool) -> Told {
+        const CYCLES: usize = 3000;
+        const SETTLED: usize = 250;
+        let mut envelope = EnvelopeLoop::build(scene).unwrap();
+        let mut whole = ClosedLoop::build(scene).unwrap();
+        let parts = scene.parts.len();
+        let mut watches = std::vec![GearWatch::build(1).unwrap(); parts];
+        let mut told = Told {
+            truth: 0.0,
+            heard: 0.0,
+            error: 0.0,
+            deaf: 0,
+        };
+        for cycle in 0..CYCLES {
+            if cycle == SETTLED {
+                watches
+                    .iter_mut()
+                    .for_each(|watch| watch.begin(cycle as f64 * TAU));
+            }
+            let (report, strikes) = if waveform {
+                (whole.cycle().report, whole.plant().strikes())
+            } else {
+                (envelope.cycle().report, envelope.strikes())
+            };
+            for strike in strikes {
+                let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
+                let flight = f64::from(strike.flight) * TAU;
+                let watch = &mut watches[usize::from(strike.part)];
+                if strike.rested {
+                    watch.rested(landed - flight);
+                }
+                watch.landed(landed, flight);
+            }
+            if cycle >= SETTLED {
+                if report.in_gear_error.is_finite() {
+                    told.heard += f64::from(report.in_gear);
+                    told.error += f64::from(report.in_gear_error);
+                } else {
+                    told.deaf += 1;
+                }
+            }
+        }
+        let count = (CYCLES - SETTLED - told.deaf).max(1) as f64;
+        told.heard /= count;
+        told.error /= count;
+        for watch in &watches {
+            told.truth += watch.share(CYCLES as f64 * TAU).share() / parts as f64;
+        }
+        told
+    }
+
+    /// Crowds of all sizes: of one restitution, and of a sort.
+    #[test]
+    fn the_share_of_a_crowd_is_heard() {
+        for (lot, scatter, k) in [
+            ([0.1, 0.3], 0.03, 0.383),
+            ([0.2, 0.2], 0.05, 0.403),
+            ([0.3, 0.3], 0.05, 0.4438),
+            ([0.4, 0.4], 0.05, 0.5015),
+            ([0.5, 0.5], 0.05, 0.5516),
+            ([0.3, 0.3], 0.10, 0.4438),
+            ([0.5, 0.5], 0.10, 0.5516),
+            ([0.3, 0.3], 0.05, 0.48),
+        ] {
+            for parts in [6, 12, 24] {
+                let told = listen(&scene(lot, scatter, k, parts, 5), false);
+                let apart = told.heard - told.truth;
+                assert!(told.deaf < 150, "{lot:?} {scatter} {parts}: {}", told.deaf);
+                assert!(
+                    apart.abs() < 0.06 && apart.abs() < 3.0 * told.error,
+                    "{lot:?} {scatter} {parts}: {} {apart} +- {}",
+                    told.truth,
+                    told.error
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_crowd_that_hops_and_rests_is_not_in_gear() {
+        for (restitution, scatter, k) in [(0.3, 0.05, 0.523), (0.4, 0.05, 0.635), (0.4, 0.0, 0.635)]
+        {
+            for parts in [3, 24] {
+                let lot = [restitution, restitution];
+                let told = listen(&scene(lot, scatter, k, parts, 7), false);
+                assert!(told.truth < 0.01, "{restitution} {parts}: {}", told.truth);
+                assert!(told.heard < 0.02, "{restitution} {parts}: {}", told.heard);
+            }
+        }
+    }
+
+    #[test]
+    fn both_fidelities_hear_the_same() {
+        for (lot, scatter, k) in [([0.1, 0.3], 0.03, 0.383), ([0.4, 0.4], 0.05, 0.5015)] {
+            let scene = scene(lot, scatter, k, 12, 9);
+            let [slow, fast] = [true, false].map(|waveform| {
+                let told = listen(&scene, waveform);
+                told.heard - told.truth
+            });
+            assert!((slow - fast).abs() < 0.03, "{slow} {fast}");
+        }
+    }
+
+    /// A lot told too wide is not taken for one that is not in gear.
+    #[test]
+    fn what_is_of_no_mixture_is_told_with_its_error() {
+        for restitution in [0.12, 0.2, 0.28] {
+            let mut scene = scene([restitution; 2], 0.03, 0.383, 4, 11);
+            (
+                scene.settings.restitution_low,
+                scene.settings.restitution_high,
+            ) = (0.1, 0.3);
+            let told = listen(&scene, false);
+            let apart = told.heard - told.truth;
+            assert!(
+                apart.abs() < 2.5 * told.error || told.deaf > 2000,
+                "{restitution}: {} {apart} +- {} {}",
+                told.truth,
+                told.error,
+                told.deaf
+            );
+        }
+    }
+}

@@ -1,0 +1,298 @@
+//! Where in the turn the parts of a lot strike and how loudly, in gear and out of it.
+
+use core::f32::consts::TAU;
+
+use super::draw::Draw;
+use super::rider::{Rider, Second, Span, Surface};
+use super::{Gear, ROW};
+use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::feeder::{OutOfRange, Restitution};
+
+/// Places of a turn at which strikes are counted: 0.05 rad each.
+pub const PLACES: usize = 128;
+/// Parts that are followed, half from rest and half from the lock.
+const PARTS: u32 = 32;
+/// Drive periods that each is followed for, over the order of the gear.
+const PERIODS: u16 = 768;
+/// Impacts of all parts together, at most: parts that chatter have twice that many in all.
+const MOST: u32 = 600_000;
+/// How near in steps of 2^-32 turns to where the first part from rest lands others do: 3e-3 rad.
+const NEAR: i32 = 1 << 21;
+
+/// What strikes are counted of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StrikeSettings {
+    /// Restitutions of the lot, and their scatter from impact to impact.
+    pub restitution: Restitution,
+    /// See above.
+    pub scatter: f32,
+    /// Order of the gear.
+    pub order: u32,
+    /// k of the track.
+    pub k: f32,
+    /// Second tone of the track: its amplitude over the first's, and its angle in rad.
+    pub second: Second,
+}
+
+/// Squares of the speeds of arrival, in `(b w)^2`, summed by the phase of the track and divided by the drive periods.
+#[derive(Clone, Copy, Debug)]
+pub struct StrikeProfile {
+    /// By parts in gear, in one period of one of them.
+    pub in_gear: [f32; PLACES],
+    /// By parts out of gear, in one period of one of them, without [`StrikeProfile::landed`].
+    pub out: [f32; PLACES],
+    /// By those of them that land after having been thrown from rest: all at one phase.
+    pub landed: f32,
+    /// How often they do in a period.
+    pub landings: f32,
+    /// That phase; `None` where none was thrown from rest.
+    pub landing: Option<Phase>,
+    /// Drive periods followed in gear and out of it.
+    pub periods: [f32; 2],
+    /// Losses of gear in them.
+    pub losses: f32,
+}
+
+impl StrikeProfile {
+    const NONE: Self = Self {
+        in_gear: [0.0; PLACES],
+        out: [0.0; PLACES],
+        landed: 0.0,
+        landings: 0.0,
+        landing: None,
+        periods: [0.0; 2],
+        losses: 0.0,
+    };
+
+    /// Mean drive periods in gear until it is lost; where it was not lost, a least.
+    #[must_use]
+    pub fn time_to_loss(&self) -> f32 {
+        self.periods[0] / self.losses.max(1.0)
+    }
+}
+
+/// A strike that is not known yet to be in gear.
+#[derive(Clone, Copy, Debug, Default)]
+struct Waiting {
+    place: u8,
+    landed: bool,
+    energy: f32,
+    turns: f32,
+}
+
+/// Follows parts of a lot, impact by impact, and counts their strikes.
+#[derive(Clone, Copy, Debug)]
+pub struct StrikeProfiler {
+    settings: StrikeSettings,
+    surface: Surface,
+    gear: Gear<i64>,
+    rider: Option<Rider>,
+    part: u32,
+    impacts: u32,
+    row: [Waiting; ROW as usize],
+    waiting: usize,
+    was_in: bool,
+    /// Drive periods in gear of the part under way.
+    turns: f32,
+    profile: StrikeProfile,
+}
+
+impl StrikeProfiler {
+    /// The count for these settings; the refusal names what is out of range.
+    pub fn new(settings: StrikeSettings) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            settings,
+            surface: Surface::at(settings.k, settings.second)?,
+            gear: Gear::in_steps(settings.order)?,
+            rider: None,
+            part: 0,
+            impacts: 0,
+            row: [Waiting::default(); ROW as usize],
+            waiting: 0,
+            was_in: false,
+            turns: 0.0,
+            profile: StrikeProfile::NONE,
+        })
+    }
+
+    /// What is counted.
+    #[must_use]
+    pub fn settings(&self) -> &StrikeSettings {
+        &self.settings
+    }
+
+    /// What was counted; `None` before its end.
+    #[must_use]
+    pub fn profile(&self) -> Option<&StrikeProfile> {
+        (self.part > PARTS).then_some(&self.profile)
+    }
+
+    /// Follows the parts for so many impacts; whether more are to be done.
+    pub fn advance(&mut self, impacts: u32) -> bool {
+        for _ in 0..impacts {
+            if self.part > PARTS {
+                return false;
+            }
+            self.step();
+        }
+        true
+    }
+
+    fn step(&mut self) {
+        let Some(mut rider) = self.rider.take() else {
+            self.begin();
+            return;
+        };
+        self.impacts += 1;
+        let surface = self.surface;
+        let mut struck = None;
+        let over = rider.step_heard(&surface, |heard| struck = Some(heard));
+        if let Some(heard) = struck {
+            let speed = heard.speed(&surface);
+            let place = (heard.phase.bits() >> 25) as u8;
+            let landed = heard.rested && {
+                let landing = *self.profile.landing.get_or_insert(heard.phase);
+                (-NEAR..NEAR).contains(&((heard.phase - landing).bits() as i32))
+            };
+            let strike = Waiting {
+                place,
+                landed,
+                energy: speed * speed,
+                turns: heard.steps as f32 * (1.0 / Phase::TURN as f32),
+            };
+            if heard.rested || !self.is_row(strike.turns) {
+                self.lose();
+            }
+            if heard.in_gear {
+                self.was_in = true;
+                for n in 0..self.waiting {
+                    self.count_in(self.row[n]);
+                }
+                self.waiting = 0;
+                self.count_in(strike);
+            } else if self.is_row(strike.turns) && self.waiting < self.row.len() {
+                self.row[self.waiting] = strike;
+                self.waiting += 1;
+            } else {
+                self.count_out(strike);
+            }
+        }
+        if over || self.impacts >= MOST {
+            self.lose();
+            let all = rider.time() as f32 * (1.0 / Phase::TURN as f32);
+            self.profile.periods[0] += self.turns;
+            self.profile.periods[1] += (all - self.turns).max(0.0);
+            self.turns = 0.0;
+            return;
+        }
+        self.rider = Some(rider);
+    }
+
+    fn is_row(&self, turns: f32) -> bool {
+        super::is_in_gear(f64::from(turns), f64::from(self.settings.order))
+    }
+
+    /// The row is over; what waits was none.
+    fn lose(&mut self) {
+        for n in 0..self.waiting {
+            self.count_out(self.row[n]);
+        }
+        self.waiting = 0;
+        if self.was_in {
+            self.profile.losses += 1.0;
+        }
+        self.was_in = false;
+    }
+
+    fn count_in(&mut self, strike: Waiting) {
+        self.turns += strike.turns;
+        if let Some(sum) = self.profile.in_gear.get_mut(usize::from(strike.place)) {
+            *sum += strike.energy;
+        }
+    }
+
+    fn count_out(&mut self, strike: Waiting) {
+        if strike.landed {
+            self.profile.landed += strike.energy;
+            self.profile.landings += 1.0;
+        } else if let Some(sum) = self.profile.out.get_mut(usize::from(strike.place)) {
+            *sum += strike.energy;
+        }
+    }
+
+    /// The next part, or the end.
+    fn begin(&mut self) {
+        self.part += 1;
+        if self.part > PARTS || self.impacts >= MOST {
+            self.end();
+            return;
+        }
+        // They fill the lot evenly, each restitution from rest and from the lock.
+        let pair = (self.part - 1) / 2;
+        let place = (pair as f32 + 0.5) * (2.0 / PARTS as f32);
+        let lot = self.settings.restitution;
+        let (low, high) = (lot.low() as f32, lot.high() as f32);
+        let mean = low + (high - low) * place;
+        let draw = Draw::new(mean, self.settings.scatter, self.part);
+        let span = Span::periods(PERIODS, 0);
+        let rider = Rider::new(draw, self.gear, span);
+        self.rider = Some(match self.lock(mean) {
+            Some((phase, velocity)) if self.part.is_multiple_of(2) => rider.thrown(phase, velocity),
+            _ => rider,
+        });
+    }
+
+    fn end(&mut self) {
+        self.part = PARTS + 1;
+        let profile = &mut self.profile;
+        let [within, without] = profile.periods.map(|periods| 1.0 / periods.max(1.0));
+        profile.in_gear.iter_mut().for_each(|sum| *sum *= within);
+        profile.out.iter_mut().for_each(|sum| *sum *= without);
+        profile.landed *= without;
+        profile.landings *= without;
+    }
+
+    /// Phase and launch velocity of the lock of a restitution (docs/theory-real-parts.md#t10.3); `None` where there is none.
+    fn lock(&self, restitution: f32) -> Option<(Phase, f32)> {
+        let StrikeSettings {
+            order, k, second, ..
+        } = self.settings;
+        let turns = TAU * order as f32 * k / (1.0 + restitution);
+        let wanted = 0.5 * turns * (1.0 - restitution);
+        let [ratio, angle] = second;
+        let angle = Phase::from_radians(f64::from(angle));
+        let rises = |phase: Phase| {
+            let (_, cosine) = sine_cosine_single(phase);
+            if ratio == 0.0 {
+                return cosine;
+            }
+            let twice = Phase::from_bits(phase.bits().wrapping_mul(2)) + angle;
+            cosine + 2.0 * ratio * sine_cosine_single(twice).1
+        };
+        let step = Phase::from_bits(1 << 26);
+        let (mut fastest, mut most, mut phase) = (Phase::ZERO, -1.0, Phase::ZERO);
+        for _ in 0..64 {
+            let velocity = rises(phase);
+            if velocity > most {
+                (fastest, most) = (phase, velocity);
+            }
+            phase += step;
+        }
+        if most <= wanted {
+            return None;
+        }
+        // It is stable where the velocity falls.
+        let mut phase = fastest;
+        while rises(phase + step) > wanted {
+            phase += step;
+        }
+        let mut half = Phase::from_bits(1 << 25);
+        for _ in 0..16 {
+            if rises(phase + half) > wanted {
+                phase += half;
+            }
+            half = Phase::from_bits(half.bits() >> 1);
+        }
+        Some((phase, restitution * turns))
+    }
+}
