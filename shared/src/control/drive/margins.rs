@@ -123,7 +123,8 @@ impl Margins {
     /// Of an open loop over the angle per cycle, which changes quickly where a pole turns.
     fn around(open: impl Fn(f64) -> Complex, pole: Complex) -> Self {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
-        let width = -libm::log(length(pole));
+        // What decays within a few cycles is smooth enough for the even angles.
+        let width = (-libm::log(length(pole))).min(0.2);
         let mut found = Self {
             gain: f64::INFINITY,
             phase: 180.0,
@@ -215,6 +216,28 @@ mod tests {
                 assert!(gain > 4.5 && phase > 65.0 && distance > 0.7, "{least:?}");
             }
         }
+    }
+
+    /// Any frequency on any resonance, and the least quality, that the settings accept.
+    #[test]
+    fn far_from_the_resonance_the_margins_stay() {
+        let mut least = [f64::INFINITY; 2];
+        for quality in [1.0, 1.5, 2.0, 10.0, 200.0] {
+            for n in -60..=60 {
+                let ratio = 10.0_f32.powf(n as f32 / 30.0);
+                let settings = Settings {
+                    quality,
+                    frequency: (50.0 * ratio.sqrt()).clamp(5.0, 500.0),
+                    resonance: (50.0 / ratio.sqrt()).clamp(5.0, 500.0),
+                    safe_amplitude: 0.0,
+                    ..Settings::default()
+                };
+                let found = Margins::of(&settings, &settings).unwrap();
+                least = [least[0].min(found.gain), least[1].min(found.phase)];
+            }
+        }
+        std::println!("{least:?}");
+        assert!(least[0] > 3.9 && least[1] > 65.0, "{least:?}");
     }
 
     /// Off the resonance any other resonance may be the true one.
