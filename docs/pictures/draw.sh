@@ -13,3 +13,5 @@ kband basins --k 0.43 --restitution 0.2 --grid 60 --out basins.svg
 kband transport --restitution 0.2 --incline 3 --out transport.svg
 kband margins --out margins.svg
 kband transport --restitution 0.2 --friction 0.3 --incline 3 --throw 0.4..3 --out friction.svg
+kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
+kband simulate --restitution 0.3 --compare-second-tone 0.15 --out tones.svg
