@@ -2,7 +2,7 @@
 # Runs every check of the project, each with a time limit; exit status 0 if all passed.
 #
 #   tests/run.sh          everything that a change must pass
-#   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map; a day of simulated operation, and a week of it by its envelope)
+#   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map, 3e7 of those on several tones; a day of simulated operation, and a week of it by its envelope)
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
@@ -97,6 +97,8 @@ export CARGO_NET_OFFLINE=true
 
 if [ "${1:-}" = --soak ]; then
     step "soak" 36000 cargo run --release --locked --package kband-tests --bin soak
+    step "soak on several tones" 36000 env KBAND_LAUNCHES=2000000 KBAND_SEED=1 \
+        cargo test --release --locked --package kband-tests --test tones is_missed_in -- --nocapture
     step "day" 7200 cargo run --release --locked --package kband-tests --bin day
     step "week" 7200 cargo run --release --locked --package kband-tests --bin day -- --days 7 --fidelity envelope
     finish

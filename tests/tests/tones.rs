@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Event, Hybrid, Integer, Kernel, Map, Single, State, Tone, Wave, WaveExact, WaveHybrid,
+    Event, Hybrid, Integer, Kernel, Map, Single, State, Tangent, Tone, Wave, WaveExact, WaveHybrid,
     WaveInteger, WaveKernel, WaveMap, WaveOrbit, WaveSingle,
 };
 use kband_tests::states::Random;
@@ -318,10 +318,18 @@ fn golden_in<K: WaveKernel>(held: &Held) {
     assert!(counted > 600.0 && flagged < 220, "{counted} {flagged}");
 }
 
+/// Launches of each kind and their seed: 8000 and 81, or what `KBAND_LAUNCHES` and `KBAND_SEED` say.
+fn soaked() -> (usize, u64) {
+    let told = |name| std::env::var(name).ok().map(|text| text.parse().unwrap());
+    let each = told("KBAND_LAUNCHES").map_or(8_000, |each: u64| each as usize);
+    (each, told("KBAND_SEED").unwrap_or(81))
+}
+
 /// Launches of the hardest kinds: what is not told to graze is the first impact, to what rounding moves it.
 fn none_missed_in<K: WaveKernel>(held: &Held) {
-    const EACH: usize = 8_000;
-    let mut random = Random::new(81);
+    let (each, seed) = soaked();
+    let begun = std::time::Instant::now();
+    let mut random = Random::new(seed);
     for kind in [
         Kind::Low,
         Kind::High,
@@ -331,7 +339,7 @@ fn none_missed_in<K: WaveKernel>(held: &Held) {
     ] {
         let (mut tried, mut drawn, mut flagged, mut doubtful) = (0, 0, 0, 0);
         let mut current = None;
-        while tried < EACH {
+        while tried < each {
             drawn += 1;
             if drawn % 20 == 0 {
                 current = None;
@@ -391,12 +399,18 @@ fn none_missed_in<K: WaveKernel>(held: &Held) {
             K::NAME
         );
         let most = match kind {
-            Kind::Grazing => EACH,
-            Kind::Edge => EACH / 12,
-            _ => EACH / 1000,
+            Kind::Grazing => each,
+            Kind::Edge => each / 12,
+            _ => each / 1000,
         };
         assert!(flagged + doubtful < most, "{kind:?} {flagged} {doubtful}");
     }
+    println!(
+        "{}: {} launches of seed {seed}, none missed, {:.0} s",
+        K::NAME,
+        5 * each,
+        begun.elapsed().as_secs_f64()
+    );
 }
 
 const SINGLE: Held = Held {
@@ -564,6 +578,57 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
         counted += 1;
     }
     assert!(counted > 8_000, "{counted}");
+}
+
+/// `det J = R^2 psi/psi'` of the tangent map itself, at the impacts of the map and of the exact one, and so the sum of the
+/// exponents of an orbit: `2 ln R` and what its ends differ by.
+#[test]
+fn the_tangent_on_tones_has_its_determinant() {
+    let mut random = Random::new(44);
+    let (mut counted, mut largest) = (0, 0.0_f64);
+    for _ in 0..400 {
+        let (track, wave) = track(&mut random);
+        let restitution = random.between(0.3, 1.0);
+        let map = WaveMap::on(wave, track.k, restitution).unwrap();
+        let tones = [wave.second(), wave.third()];
+        let exact = WaveExact::on_tones(tones, track.k, restitution).unwrap();
+        let start = State {
+            phase: random.between(0.0, TAU),
+            velocity: random.between(0.5, 4.0),
+        };
+        let (mut state, mut sum) = (start, 0.0);
+        for n in 0..40 {
+            let impact = if n % 2 == 0 {
+                map.impact(state)
+            } else {
+                exact.impact(state)
+            };
+            let Some(tangent) = Tangent::on_tones(&map, state, &impact) else {
+                break;
+            };
+            if impact.next.velocity < 1e-3 || impact.grazes {
+                break;
+            }
+            let [[a, b], [c, d]] = tangent.jacobian;
+            let expected = restitution * restitution * state.velocity / impact.next.velocity;
+            let scale = (a * d).abs() + (b * c).abs();
+            let error = (a * d - b * c - expected).abs() / scale;
+            largest = largest.max(error);
+            assert!(error < 1e-11, "{track:?} {state:?} {error:e}");
+            if scale < 1e4 * expected {
+                sum += (a * d - b * c).ln();
+                counted += 1;
+            } else {
+                sum += expected.ln();
+            }
+            state = impact.next;
+            let ends = (start.velocity / state.velocity).ln();
+            let flights = f64::from(n + 1);
+            assert!((sum - 2.0 * flights * restitution.ln() - ends).abs() < 1e-6 * flights);
+        }
+    }
+    println!("{counted} impacts, within {largest:.1e} of their terms");
+    assert!(counted > 4_000, "{counted}");
 }
 
 /// Parts at rest are thrown where the push rises through k, each time from the window that comes next.
