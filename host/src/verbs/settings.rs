@@ -1,6 +1,7 @@
 //! `kband settings`: the settings of a board.
 
 mod commission;
+mod drive;
 mod offer;
 mod second_tone;
 

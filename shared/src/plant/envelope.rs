@@ -8,9 +8,10 @@ use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
 use super::feeder::{STRIKES, mean_displacement, parts_at_rest, set_restitution, set_scatter};
+use super::law::Law;
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
-use super::part::{Law, Part, Strike, Track, WaveCache, turned};
+use super::part::{Part, Strike, Track, WaveCache, turned};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};

@@ -5,8 +5,9 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 
 use super::drive::{Resonator, Ringing, SecondMode, Swing, TonesApart, sum};
+use super::law::Law;
 use super::noise::Noise;
-use super::part::{Law, Part, Strike, Track, WaveCache};
+use super::part::{Part, Strike, Track, WaveCache};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::{AdcCode, SAMPLE_RATE, SecondTone, phase_step};

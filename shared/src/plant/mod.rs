@@ -20,6 +20,7 @@ mod envelope_loop;
 mod feeder;
 #[cfg(test)]
 mod held;
+mod law;
 mod noise;
 mod onset;
 mod part;

@@ -3,12 +3,13 @@
 use core::f64::consts::TAU;
 
 use super::drive::Swing;
+use super::law::Law;
 use crate::arithmetic::Phase;
 use crate::control::SecondTone;
 use crate::feeder::OutOfRange;
 use crate::impact::{
-    Along, Contact, Event, Friction, FrictionSettings, Impact, Kernel, Map, Next, Release, Scatter,
-    State, Tangential, TangentialSettings, Tone, Wave, WaveMap, WavePart,
+    Along, Contact, Event, Friction, Impact, Kernel, Map, Next, Release, Scatter, State,
+    Tangential, Tone, Wave, WaveMap, WavePart,
 };
 
 /// A part's motion between two events.
@@ -62,15 +63,6 @@ pub struct Part {
     /// Time from which on it lies on the track and rubs, in steps of 2^-32 turns of the drive; what came before is in its
     /// displacement. `None` in flight.
     lying: Option<u64>,
-}
-
-/// What carries parts along the track.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Law {
-    /// The paper's: an impact leaves a share of the velocity along the track, and a part at rest lies still.
-    Restitution(TangentialSettings),
-    /// Coulomb's friction, sliding included.
-    Friction(FrictionSettings),
 }
 
 /// What a part needs to know of the track.
@@ -502,6 +494,7 @@ pub(super) fn turned(angle: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::impact::Friction;
+    use crate::impact::FrictionSettings;
     use crate::transport::{Effort, Origin, measure};
 
     /// Samples of a drive cycle in these runs.

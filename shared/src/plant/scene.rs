@@ -3,7 +3,7 @@
 
 use heapless::Vec;
 
-use super::part::Law;
+use super::law::Law;
 use crate::control::{Settings, StartCause, Target};
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::{FrictionSettings, TangentialSettings};

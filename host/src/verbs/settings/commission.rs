@@ -4,19 +4,15 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use kband::control::State;
-use kband::wire::{Identification, Identified, Request, Response, Target, Telemetry, Unidentified};
+use kband::wire::{Identification, Identified, Request, Response, Target, Unidentified};
 
+use super::drive::why_off;
 use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::board::{Address, BoardSettings, Emulated, Link};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Table, shortest};
 
-/// Time between two questions how far it has come; the board takes them for a sign of life too.
-const LOOK: Duration = Duration::from_millis(300);
-/// Time in which a drive that was told so has come to rest.
-const REST: Duration = Duration::from_secs(120);
 /// Half of the narrowest interval offered: what the identification is good for.
 const NARROWEST: f32 = 0.02;
 /// Hops on which a result stands, for the progress bar.
@@ -122,52 +118,6 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
             within.as_secs()
         ),
         "give it longer with --within S; it needs up to 80 s of its own time",
-    ))
-}
-
-/// Refused where the drive does not run, for then nothing will be heard.
-pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
-    let Some(last) = cycle(link)? else {
-        return Ok(None);
-    };
-    let off = last.state == State::Off.number();
-    let fault = last.state == State::Fault.number();
-    Ok((off || fault).then(|| {
-        Refusal::new(
-            format!("{} does not run its drive{}", link.name(), if fault { ": it stopped in a fault" } else { "" }),
-            "give the enable input (after a fault withdraw it first); kband monitor says which fault",
-        )
-    }))
-}
-
-/// The last of the drive cycles that come in a while.
-fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
-    link.tell(&Request::Telemetry(1))?;
-    let said = link.listen(LOOK)?;
-    link.tell(&Request::Telemetry(0))?;
-    Ok(said.into_iter().rev().find_map(|said| match said {
-        Unasked::Telemetry(telemetry) => Some(telemetry),
-        Unasked::Started(_) => None,
-    }))
-}
-
-/// Brings the drive to rest, as settings need it.
-pub(super) fn rest(link: &mut Link) -> Result<(), Refusal> {
-    link.tell(&Request::Enable(false))?;
-    let begun = Instant::now();
-    while begun.elapsed() < REST {
-        if cycle(link)?.is_some_and(|cycle| cycle.state == State::Off.number()) {
-            return Ok(());
-        }
-    }
-    // A drive that does not stop is not told to go on.
-    Err(Refusal::new(
-        format!(
-            "{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed",
-            link.name(),
-            REST.as_secs()
-        ),
-        "withdraw the enable input, see why the drive runs on, and reset the board",
     ))
 }
 

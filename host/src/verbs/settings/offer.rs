@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use kband::wire::Request;
 
-use super::commission::rest;
+use super::drive::rest;
 use super::kept;
 use crate::board::{Address, BoardSettings, Link};
 use crate::refusal::Refusal;

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use kband::wire::{Request, SecondTone, Target, Telemetry};
 
-use super::commission::why_off;
+use super::drive::why_off;
 use super::offer::{Offer, print};
 use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};

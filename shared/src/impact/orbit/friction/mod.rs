@@ -356,7 +356,9 @@ impl Along for Friction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Event, Kernel, Map, Orbit};
+    use crate::impact::double::Map;
+    use crate::impact::kernel::Kernel;
+    use crate::impact::orbit::{Event, Orbit};
     use core::f64::consts::TAU;
 
     fn settings(eta: f64, mu: f64, degrees: f64) -> FrictionSettings {
