@@ -65,7 +65,7 @@ pub const LAUNCHES: usize = 16 * LANES;
 const BATCHES: usize = 4;
 
 /// The part of `all` whose turn `n` is.
-fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
+pub(super) fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
     all.chunks(length)
         .nth(n % all.len().div_ceil(length).max(1))
         .unwrap_or(all)
@@ -73,7 +73,7 @@ fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
 
 /// Collects errors against the exact mode.
 #[derive(Default)]
-struct Judge {
+pub(super) struct Judge {
     errors: Vec<f64>,
     wrong_roots: u64,
 }
@@ -88,17 +88,22 @@ impl Judge {
             // Which root is the first is a matter of rounding.
             return;
         }
-        let off = (flight - truth.flight[0]).abs();
+        self.compare(truth.flight, truth.phase, flight, phase);
+    }
+
+    /// Compares flight and phase with the exact ones, each a number and what it lacks.
+    pub(super) fn compare(&mut self, exact: [f64; 2], end: [f64; 2], flight: f64, phase: f64) {
+        let off = (flight - exact[0]).abs();
         // NaN is another root, too.
-        if off <= ANOTHER_ROOT * (1.0 + truth.flight[0]) {
-            let turned = (phase - truth.phase[0] - truth.phase[1]).abs();
+        if off <= ANOTHER_ROOT * (1.0 + exact[0]) {
+            let turned = (phase - end[0] - end[1]).abs();
             self.errors.push(turned.min((TAU - turned).abs()));
         } else {
             self.wrong_roots += 1;
         }
     }
 
-    fn verdict(self) -> Errors {
+    pub(super) fn verdict(self) -> Errors {
         Errors::of(self.errors, self.wrong_roots)
     }
 }
@@ -392,6 +397,6 @@ impl Contestant for Orbits {
     }
 }
 
-fn per_impact(spent: Duration, impacts: usize) -> f64 {
+pub(super) fn per_impact(spent: Duration, impacts: usize) -> f64 {
     spent.as_nanos() as f64 / impacts.max(1) as f64
 }

@@ -10,6 +10,7 @@ pub mod instructions;
 pub mod scene;
 pub mod skips;
 pub mod textbook;
+pub mod waves;
 pub mod workload;
 
 /// A flight as the baselines see it.

@@ -4,7 +4,7 @@ use crate::arguments::{self, Drawn, Printed};
 use crate::bench::contest::{Contestant, LAUNCHES, contestants};
 use crate::bench::instructions::{self, Count};
 use crate::bench::workload::Workload;
-use crate::bench::{Measurement, median, scene, skips};
+use crate::bench::{Measurement, median, scene, skips, waves};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
@@ -20,7 +20,8 @@ use crate::report::{Column, Printout, Table, number};
 All kernels take turns in one run on one core, of 4096 launches (batch of 16384); the median of \
 the turns counts. The errors are those of the phase of the next impact. Workloads: high \
 (velocities up to 20), low (up to 3), chatter (1e-6 to 1), sweep (orbits over k and restitution); \
-then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
+high and low also on two tones, e 0.15, th 2.356 \
+(NAME-tones); then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
 drive cycle with one impact). Instructions are those of the emulated microcontrollers, where \
 tests/run.sh has built their images here.")]
 pub struct Arguments {
@@ -115,6 +116,9 @@ fn measure(
 ) -> Result<Vec<Measurement>, Refusal> {
     let launches = workload.launches(arguments.launches);
     let mut contestants = contestants(workload, &launches);
+    if matches!(workload, Workload::High | Workload::Low) {
+        contestants.extend(waves::contestants(&launches));
+    }
     // Of each turn the median of the rounds, of a workload the mean of its turns.
     let mut times: Vec<Vec<Vec<f64>>> = contestants
         .iter()

@@ -1,0 +1,195 @@
+//! The kernels on a track of two tones, side by side.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use kband::impact::{
+    Impact, Kernel, State, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
+    WaveSingle,
+};
+
+use super::Errors;
+use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice};
+use super::workload::Launch;
+
+/// The second tone: one that a drive affords and that holds parts of restitution 0.1 to 0.5 in gear.
+const TONES: [Tone; 2] = [
+    Tone {
+        amplitude: 0.15,
+        angle: 2.356,
+    },
+    Tone {
+        amplitude: 0.0,
+        angle: 0.0,
+    },
+];
+
+/// Launches on one track: the map of a wave is set up in microseconds.
+const TOGETHER: usize = 64;
+
+/// Everyone who flies over two tones, on the launches of one.
+#[must_use]
+pub fn contestants(launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
+    let mut together = launches.to_vec();
+    for launches in together.chunks_mut(TOGETHER) {
+        let Launch { k, restitution, .. } = launches[0];
+        for launch in launches {
+            (launch.k, launch.restitution) = (k, restitution);
+        }
+    }
+    vec![
+        Box::new(Waves::<WaveExact>::new(&together)),
+        Box::new(Waves::<WaveMap>::new(&together)),
+        Box::new(Batch(Waves::new(&together))),
+        Box::new(Waves::<WaveHybrid>::new(&together)),
+        Box::new(Waves::<WaveSingle>::new(&together)),
+        Box::new(Waves::<WaveInteger>::new(&together)),
+    ]
+}
+
+/// The launches of one track.
+struct Track<K: Kernel> {
+    kernel: K,
+    states: Vec<K::State>,
+    launches: Vec<Launch>,
+}
+
+/// One kernel, one impact at a time.
+struct Waves<K: Kernel> {
+    tracks: Vec<Track<K>>,
+}
+
+impl<K: WaveKernel> Waves<K> {
+    fn new(launches: &[Launch]) -> Self {
+        let track = |launches: &[Launch]| {
+            let Launch { k, restitution, .. } = *launches.first()?;
+            let kernel = K::on_tones(TONES, k, restitution).ok()?;
+            // What the arithmetic cannot hold, it is not asked.
+            let ready = launches.iter().filter_map(|launch| {
+                let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
+                Some((state, *launch))
+            });
+            let (states, launches) = ready.unzip();
+            Some(Track {
+                kernel,
+                states,
+                launches,
+            })
+        };
+        Self {
+            tracks: launches.chunks(TOGETHER).filter_map(track).collect(),
+        }
+    }
+
+    fn turns(&self) -> usize {
+        self.tracks.len().div_ceil(LAUNCHES / TOGETHER)
+    }
+
+    fn judged(&self, impacts: impl Fn(&Track<K>) -> Vec<(f64, State)>) -> Errors {
+        let mut judge = Judge::default();
+        for track in &self.tracks {
+            let Some(Launch { k, restitution, .. }) = track.launches.first() else {
+                continue;
+            };
+            let Ok(exact) = WaveExact::on_tones(TONES, *k, *restitution) else {
+                continue;
+            };
+            for (state, (flight, next)) in track.states.iter().zip(impacts(track)) {
+                let truth = exact.impact(K::observe(*state));
+                if !truth.grazes {
+                    judge.compare(
+                        [truth.flight, 0.0],
+                        [truth.next.phase, 0.0],
+                        flight,
+                        next.phase,
+                    );
+                }
+            }
+        }
+        judge.verdict()
+    }
+}
+
+impl<K: WaveKernel> Contestant for Waves<K> {
+    fn name(&self) -> &'static str {
+        K::NAME
+    }
+
+    fn turns(&self) -> usize {
+        Self::turns(self)
+    }
+
+    fn turn(&mut self, n: usize) -> f64 {
+        let tracks = slice(&self.tracks, n, LAUNCHES / TOGETHER);
+        let begun = Instant::now();
+        let mut count = 0;
+        for track in tracks {
+            for state in &track.states {
+                black_box(&track.kernel.impact(*state));
+            }
+            count += track.states.len();
+        }
+        per_impact(begun.elapsed(), count)
+    }
+
+    fn errors(&mut self) -> Errors {
+        self.judged(|track| {
+            let impact = |state: &K::State| {
+                let impact = track.kernel.impact(*state);
+                (impact.flight, K::observe(impact.next))
+            };
+            track.states.iter().map(impact).collect()
+        })
+    }
+}
+
+/// The map in the widest registers, the launches of one track at a time.
+struct Batch(Waves<WaveMap>);
+
+impl Batch {
+    fn fly(track: &Track<WaveMap>, impacts: &mut [Impact<State>; TOGETHER]) {
+        track.kernel.elastic_impacts(&track.states, impacts);
+    }
+}
+
+/// Room for impacts.
+const STILL: Impact<State> = Impact {
+    flight: 0.0,
+    next: State {
+        phase: 0.0,
+        velocity: 0.0,
+    },
+    grazes: false,
+};
+
+impl Contestant for Batch {
+    fn name(&self) -> &'static str {
+        "batch-tones"
+    }
+
+    fn turns(&self) -> usize {
+        self.0.turns()
+    }
+
+    fn turn(&mut self, n: usize) -> f64 {
+        let tracks = slice(&self.0.tracks, n, LAUNCHES / TOGETHER);
+        let mut impacts = [STILL; TOGETHER];
+        let begun = Instant::now();
+        let mut count = 0;
+        for track in tracks {
+            Self::fly(track, &mut impacts);
+            black_box(&impacts);
+            count += track.states.len();
+        }
+        per_impact(begun.elapsed(), count)
+    }
+
+    fn errors(&mut self) -> Errors {
+        self.0.judged(|track| {
+            let mut impacts = [STILL; TOGETHER];
+            Self::fly(track, &mut impacts);
+            let states = impacts.iter().take(track.states.len());
+            states.map(|impact| (impact.flight, impact.next)).collect()
+        })
+    }
+}
