@@ -470,9 +470,10 @@ fn unmix(heard: &Row, rows: &[Row; PARTS], rings: f32) -> Mixture {
                 }
             }
         }
-        for a in 0..PARTS {
-            for b in a + 1..PARTS {
-                matrix[a][b] = matrix[b][a];
+        for a in 1..PARTS {
+            let (above, below) = matrix.split_at_mut(a);
+            for (row, product) in above.iter_mut().zip(below[0]) {
+                row[a] = product;
             }
         }
         (weights, variance) = solve(&matrix, &sums);
