@@ -11,7 +11,7 @@ const LAYOUT: &str = "\
 SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 52K; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
-ASSERT(__sheap - ORIGIN(RAM) <= 80K, \"kband: stack and static data exceed 80 KiB of RAM\");
+ASSERT(__sheap - ORIGIN(RAM) <= 88K, \"kband: stack and static data exceed 88 KiB of RAM\");
 ";
 
 /// The flash that the board's image may use, below the settings of any board. The emulated one carries the plant as well.

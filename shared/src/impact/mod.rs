@@ -20,7 +20,7 @@
 //! | `WaveHybrid` | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
 //! | `WaveSingle` | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
-//! | [`WaveInteger`] | that of [`Integer`], tracks of two or three tones | `integer/tones/map.rs` | `integer/tones/search.rs` |
+//! | `WaveInteger` | that of [`Integer`], tracks of two or three tones | `integer/tones/map.rs` | `integer/tones/search.rs` |
 //!
 //! `kernel.rs` says what they have in common, `wave.rs` how a track of several tones moves, `set_up.rs` what those for
 //! microcontrollers are set up from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is

@@ -22,7 +22,7 @@ use crate::impact::wave::Tone;
 /// bit.
 ///
 /// It is set up in f32 and integers, for the planner on a board: about 6 000 instructions of a Cortex-M4F, where an impact
-/// takes some 400, and 200 bytes. Each impact may have a restitution of its own ([`WaveSingle::land_at`]).
+/// takes some 400, and 200 bytes.
 ///
 /// ```
 /// use kband::impact::{Kernel, Single, Tone, WaveKernel, WaveMap, WaveSingle};
@@ -32,9 +32,6 @@ use crate::impact::wave::Tone;
 /// let start = Single::state(0.7, 0.36)?;
 /// let expected = map.impact(Single::observe(start)).flight;
 /// assert!((track.land(start).flight() - expected).abs() < 1e-5);
-/// // The next impact of a part that scatters.
-/// let softer = track.land_at(start, 0.15);
-/// assert_eq!(softer.steps, track.land(start).steps);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
