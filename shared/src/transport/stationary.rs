@@ -55,9 +55,13 @@ pub struct PhaseMeans {
 
 impl PhaseMeans {
     /// Impact mean of the velocity along the track in units of `b w`, for parts that hop without rest:
-    /// `<W> = (k D/2) { eta cos(gamma) (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }
-    /// - eta sin(gamma) { <sin tau> + <(cos tau' - cos tau)/d> }`,
-    /// equation 29 with the stationary means of phi and psi. `None` before any impact.
+    ///
+    /// ```text
+    /// <W> = (k D/2) { eta cos(gamma) (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }
+    ///       - eta sin(gamma) { <sin tau> + <(cos tau' - cos tau)/d> }
+    /// ```
+    ///
+    /// That is equation 29 with the stationary means of phi and psi. `None` before any impact.
     #[must_use]
     pub fn impact_mean(
         &self,

@@ -112,10 +112,7 @@ mod tests {
 
     #[test]
     fn zeros_stand_where_the_marks_say() {
-        assert_eq!(
-            unstuffed(&[7, 9, 0b0101_1111 & 0x7f]),
-            [7, 0, 9, 0, 0, 0, 0]
-        );
+        assert_eq!(unstuffed(&[7, 9, 0b0111_1010]), [7, 0, 9, 0, 0, 0, 0]);
         let run: Vec<u8> = (1..=9).collect();
         assert_eq!(
             unstuffed(&[&run[..], &[0x82]].concat()),
