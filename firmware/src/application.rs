@@ -146,6 +146,7 @@ pub async fn control(
         exchange.command(report.command);
         station.took(panel.now().wrapping_sub(began));
         monitor.report(&report, station.ready());
+        exchange.controlled();
         for _ in 0..PLAN_SLICES {
             if exchange.waits() || !station.plan_step() {
                 break;

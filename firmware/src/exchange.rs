@@ -14,6 +14,9 @@ pub struct Exchange {
     command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     news: AtomicU8,
+    /// The last cycle has no command yet.
+    due: AtomicBool,
+    /// The last cycle has not been followed to the end of its planning yet.
     owed: AtomicBool,
     late: AtomicBool,
     missed: AtomicU32,
@@ -41,13 +44,14 @@ impl Exchange {
             })),
             signal: Mutex::new(Cell::new(None)),
             news: AtomicU8::new(0),
+            due: AtomicBool::new(false),
             owed: AtomicBool::new(false),
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
         }
     }
 
-    /// Whether the control task has not yet done with the last cycle.
+    /// Whether the control task has not yet done with the last cycle, the planning in the rest of it included.
     #[must_use]
     pub fn owed(&self) -> bool {
         self.owed.load(Ordering::Acquire)
@@ -71,13 +75,22 @@ impl Exchange {
 
     #[inline(always)]
     pub(crate) fn post(&self, cycle: &Cycle) {
-        if self.owed.swap(true, Ordering::AcqRel) {
+        self.owed.store(true, Ordering::Release);
+        if self.due.swap(true, Ordering::AcqRel) {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
         self.cycle.signal(cycle.clone());
     }
 
+    /// The control of the last cycle is done; what is planned after it makes nothing late.
+    pub(crate) fn controlled(&self) {
+        if !self.cycle.signaled() {
+            self.due.store(false, Ordering::Release);
+        }
+    }
+
     pub(crate) async fn next(&self) -> Cycle {
+        self.controlled();
         if !self.cycle.signaled() {
             self.owed.store(false, Ordering::Release);
         }

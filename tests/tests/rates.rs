@@ -92,8 +92,8 @@ fn holds(frequency: f32, k: f32) {
     }
     assert!((held / desk - 1.0).abs() < 0.02, "{held} {desk}");
     assert!(sampling.longest < DEADLINE, "{sampling:?}");
-    // Samples came at their rate.
-    assert!(sampling.count > 19_990 * 7 / 2, "{sampling:?}");
+    // Samples came at their rate; the board's answer, with which counting begins, may take 5 ms.
+    assert!(sampling.count > 19_990 * 7 / 2 - 100, "{sampling:?}");
     assert_eq!(rig.resets().len(), 1);
     rig.act(&Act::Enable(false));
     rig.run(8.0);

@@ -558,6 +558,10 @@ fn a_board_whose_memories_hold_garbage_hears_the_link_again_after_one_erasure() 
         rig.time() - 0.1
     );
     assert!(rig.time() > 2.0, "nothing was erased");
+    // What was cut off by the erasure spoils the frame behind it: the desk asks once more.
+    let frame = rig.frame(&Request::Alive);
+    rig.act(&Act::Link(frame));
+    rig.run(rig.time() + 0.1);
     assert_eq!(kept(&mut rig), Kept::Damaged);
     // What is saved goes to a bank that is erased first, and the other one is erased after it.
     rig.chip.board.flash.erases_in = Some(ticks(0.2));

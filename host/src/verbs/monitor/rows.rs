@@ -92,7 +92,7 @@ impl Rows {
     /// Prints what is new in a log; whether there is still somebody who reads.
     pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
         for words in watch.lines()? {
-            let mut row = vec![Value::Missing; 13];
+            let mut row = vec![Value::Missing; 14];
             row.push(words.into());
             if !self.stream.row(&row)? {
                 return Ok(false);
@@ -103,7 +103,7 @@ impl Rows {
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
         let mut row = self.when(self.clock.then(cycle));
-        row.resize(13, Value::Missing);
+        row.resize(14, Value::Missing);
         row.push(words.into());
         self.stream.row(&row)
     }
