@@ -476,8 +476,10 @@ impl Drop for Standing {
 #[test]
 fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     let board = Standing::start();
+    // Its first cycle is to be over.
+    let given = (0..50).any(|_| board.ask("status")["enable_input"] == true);
+    assert!(given, "{}", board.ask("status"));
     let now = board.ask("status");
-    assert_eq!(now["enable_input"], true, "{now}");
     assert_eq!(now["enable_desk"], true, "{now}");
     assert_eq!(now["alarms"]["supply_low"], false, "{now}");
     assert!(now["next"].as_str().unwrap().len() > 10, "{now}");
