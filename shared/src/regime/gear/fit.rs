@@ -5,9 +5,46 @@
 const TERMS: usize = 13;
 const TRIANGLE: usize = TERMS * (TERMS + 1) / 2;
 
-/// Where an entry of a lower triangle stands.
-fn at(row: usize, column: usize) -> usize {
-    row * (row + 1) / 2 + column
+/// The rows of a lower triangle that stand whole in a list; each ends on the diagonal.
+fn rows(triangle: &[f32]) -> impl Iterator<Item = &[f32]> {
+    let mut rest = triangle;
+    (1..=TERMS).map_while(move |length| {
+        let (row, after) = rest.split_at_checked(length)?;
+        rest = after;
+        Some(row)
+    })
+}
+
+/// Solves the equations of a lower triangle, in place of their right side.
+fn solve_down(triangle: &[f32], right: &mut [f32]) {
+    for (n, row) in rows(triangle).enumerate() {
+        let (Some((before, [value, ..])), Some((diagonal, row))) =
+            (right.split_at_mut_checked(n), row.split_last())
+        else {
+            return;
+        };
+        for (factor, known) in row.iter().zip(&*before) {
+            *value -= factor * known;
+        }
+        *value /= diagonal;
+    }
+}
+
+/// Solves the equations of the same triangle turned over.
+fn solve_up(triangle: &[f32], right: &mut [f32; TERMS]) {
+    for n in (0..TERMS).rev() {
+        // Rows above have no such column: it begins on the diagonal.
+        let mut column = rows(triangle).filter_map(|row| row.get(n));
+        let (Some((_, [value, after @ ..])), Some(diagonal)) =
+            (right.split_at_mut_checked(n), column.next())
+        else {
+            return;
+        };
+        for (factor, known) in column.zip(&*after) {
+            *value -= factor * known;
+        }
+        *value /= diagonal;
+    }
 }
 
 /// Weighted least squares of the share of time in gear over k, e and th about a centre (W. S. Cleveland, J. Am. Stat.
@@ -32,11 +69,13 @@ impl Fit {
     /// Takes the share of a run at a place, whose part lies at -1..1 of the lot; `None` of a lot of one restitution.
     pub fn take(&mut self, place: [f32; 3], lot: Option<f32>, share: f32) {
         let terms = terms(place, lot);
-        for n in 0..TERMS {
-            for m in 0..=n {
-                self.normal[at(n, m)] += terms[n] * terms[m];
+        let mut sums = self.normal.iter_mut();
+        for (n, (term, right)) in terms.iter().zip(&mut self.right).enumerate() {
+            // The terms first, whose end takes no sum of the next row.
+            for (other, sum) in terms.iter().take(n + 1).zip(&mut sums) {
+                *sum += term * other;
             }
-            self.right[n] += terms[n] * share;
+            *right += term * share;
         }
     }
 
@@ -46,36 +85,26 @@ impl Fit {
         // to three times of it the plans are as good.
         const RIDGE: f32 = 0.3;
         let mut factor = self.normal;
+        // Cholesky's factor, each row by those above it, then both triangles.
+        let mut begin = 0;
         for n in 0..TERMS {
-            factor[at(n, n)] += if n == 0 { 1e-3 } else { RIDGE };
-        }
-        // Cholesky's factor, then both triangles.
-        for n in 0..TERMS {
-            for m in 0..=n {
-                let mut sum = factor[at(n, m)];
-                for l in 0..m {
-                    sum -= factor[at(n, l)] * factor[at(m, l)];
-                }
-                factor[at(n, m)] = if n == m {
-                    libm::sqrtf(sum.max(1e-6))
-                } else {
-                    sum / factor[at(m, m)]
-                };
+            let Some((above, [row @ .., diagonal])) = factor
+                .get_mut(..=begin + n)
+                .and_then(|rows| rows.split_at_mut_checked(begin))
+            else {
+                break;
+            };
+            solve_down(above, row);
+            *diagonal += if n == 0 { 1e-3 } else { RIDGE };
+            for factor in &*row {
+                *diagonal -= factor * factor;
             }
+            *diagonal = libm::sqrtf(diagonal.max(1e-6));
+            begin += n + 1;
         }
         let mut shape = self.right;
-        for n in 0..TERMS {
-            for m in 0..n {
-                shape[n] -= factor[at(n, m)] * shape[m];
-            }
-            shape[n] /= factor[at(n, n)];
-        }
-        for n in (0..TERMS).rev() {
-            for m in n + 1..TERMS {
-                shape[n] -= factor[at(m, n)] * shape[m];
-            }
-            shape[n] /= factor[at(n, n)];
-        }
+        solve_down(&factor, &mut shape);
+        solve_up(&factor, &mut shape);
         Shape(shape)
     }
 }

@@ -374,9 +374,15 @@ impl GearPlanner {
         }
     }
 
+    /// The row of a candidate; past the last there is no second tone.
+    fn row(&self, number: usize) -> [f32; 2] {
+        let row = self.rows().get(number / self.steps());
+        row.copied().unwrap_or_default()
+    }
+
     /// The place of a candidate with so much of a second tone.
     fn place(&self, number: usize, ratio: f32) -> Place {
-        let [_, angle] = self.rows()[number / self.steps()];
+        let [_, angle] = self.row(number);
         let k = self.low + self.step * (number % self.steps()) as f32;
         [k.min(self.settings.k[1]), ratio, angle]
     }
@@ -397,7 +403,7 @@ impl GearPlanner {
             _ => None,
         };
         if tried(&self.tried).is_none() {
-            let [ratio, _] = self.rows()[number / self.steps()];
+            let [ratio, _] = self.row(number);
             let place = self.afforded(self.place(number, ratio * self.most));
             let candidate = Candidate {
                 ratio: place[1],

@@ -165,8 +165,8 @@ impl StrikeProfiler {
             }
             if heard.in_gear {
                 self.was_in = true;
-                for n in 0..self.waiting {
-                    self.count_in(self.row[n]);
+                for strike in self.row.into_iter().take(self.waiting) {
+                    self.count_in(strike);
                 }
                 self.waiting = 0;
                 self.count_in(strike);
@@ -194,8 +194,8 @@ impl StrikeProfiler {
 
     /// The row is over; what waits was none.
     fn lose(&mut self) {
-        for n in 0..self.waiting {
-            self.count_out(self.row[n]);
+        for strike in self.row.into_iter().take(self.waiting) {
+            self.count_out(strike);
         }
         self.waiting = 0;
         if self.was_in {
