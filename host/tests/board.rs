@@ -516,7 +516,11 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     );
     refused("target gear 9", &["1..8", "next:"]);
     refused("target k -3", &["k", "accepted"]);
-    refused("target mm 0.2 --save", &["while", "runs"]);
+    refused(
+        "target mm 0.2 --save",
+        &["is running its drive", "kband disable"],
+    );
+    assert_eq!(board.ask("status")["target"], "amplitude 0.15 mm");
 }
 
 /// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.

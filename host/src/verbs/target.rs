@@ -1,7 +1,7 @@
 //! `kband target`: what a board is to do with its parts.
 
 use clap::ValueEnum;
-use kband::control::{NoSetpoint, Settings, StartCause, Target};
+use kband::control::{NoSetpoint, Settings, StartCause, State, Target};
 use kband::wire::Request;
 
 use super::status::BoardStatus;
@@ -142,6 +142,18 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         Emulated::Running
     };
     let mut link = address.open(state)?;
+    if arguments.save {
+        let state = BoardStatus::ask(&mut link)?.state();
+        if !matches!(state, Some(State::Off | State::Fault)) {
+            return Err(Refusal::new(
+                format!(
+                    "{} is running its drive, and keeps nothing meanwhile",
+                    link.name()
+                ),
+                "kband disable first, or leave --save out",
+            ));
+        }
+    }
     if let Some(target) = target {
         let settings = BoardSettings::read(&mut link)?.known();
         let nothing = check(target, &settings)?;
