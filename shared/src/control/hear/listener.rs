@@ -116,10 +116,7 @@ impl Listener {
     /// How far one part is from losing gear; `None` before enough was heard, and where many are.
     pub fn margin(&self) -> Option<Margin> {
         let mut margin = self.gear.margin()?;
-        if let Some(together) = self.share.share()
-            && self.gear.long_share() < ONE * (together.share - 2.0 * together.error)
-        {
-            // Of more than one, most flights are not heard as such.
+        if self.share.share().is_some() && !self.is_one() {
             return None;
         }
         if self.gear.time_to_loss().is_infinite()
@@ -145,10 +142,27 @@ impl Listener {
     /// The share of the parts' time in gear; `None` where no more than a least is known ([`GearHearing::share`]).
     pub fn in_gear(&self) -> Option<GearShare> {
         if self.share.is_judged() {
-            return self.share.share();
+            let together = self.share.share();
+            // One part's flights, heard each as such, tell its share sooner and nearer than the energy does.
+            return match together {
+                Some(told) if self.is_one() => Some(GearShare {
+                    share: self.gear.share(),
+                    ..told
+                }),
+                _ => together,
+            };
         }
         let least = GearShare::at_least(self.gear.share());
         (least.error < NEARLY).then_some(least)
+    }
+
+    /// Whether what is heard is one part in gear: of more than one, most flights are not heard as such.
+    fn is_one(&self) -> bool {
+        let flights = self.gear.long_share();
+        match self.share.share() {
+            Some(together) => flights >= ONE * (together.share - 2.0 * together.error),
+            None => flights >= ONE,
+        }
     }
 
     /// That share, or what it is at least.
@@ -156,7 +170,7 @@ impl Listener {
         match self.in_gear() {
             Some(heard) => heard.share,
             // What is of no lot may be anything.
-            None if self.share.is_judged() => 0.0,
+            None if self.share.is_judged() && !self.is_one() => 0.0,
             None => self.gear.share(),
         }
     }
