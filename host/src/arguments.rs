@@ -273,7 +273,7 @@ pub fn restitution(text: &str) -> Result<Restitution, String> {
 /// Friction as one coefficient, or as that of sliding and that of sticking, `MU,MU_S`.
 pub fn friction(text: &str) -> Result<(f64, f64), String> {
     const ACCEPTED: &str =
-        "accepted is 0..10, or sliding and sticking as 0.3,0.35, the second at least the first";
+        "accepted: 0..10, or sliding and sticking as 0.3,0.35, the second at least the first";
     let (sliding, sticking) = text.split_once(',').unwrap_or((text, text));
     let (sliding, sticking) = (number(sliding.trim())?, number(sticking.trim())?);
     if sliding >= 0.0 && (sliding..=10.0).contains(&sticking) {

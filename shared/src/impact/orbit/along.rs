@@ -1,7 +1,38 @@
 //! What carries parts along the track: the law of contact that an orbit is watched with.
 
 use super::contact::Contact;
+use crate::feeder::{OutOfRange, accept};
 use crate::impact::kernel::{Impact, State};
+
+/// What every law asks of the track's motion: `k`, `eta`, gamma in rad, and the tangent of the incline.
+pub(super) fn accept_motion(
+    k: f64,
+    amplitude_ratio: f64,
+    phase_lead: f64,
+    incline_tangent: f64,
+) -> Result<(), OutOfRange> {
+    const TURN: f64 = core::f64::consts::TAU;
+    accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
+    accept(
+        "amplitude_ratio",
+        amplitude_ratio,
+        (0.0..=100.0).contains(&amplitude_ratio),
+        "0..100",
+    )?;
+    accept(
+        "phase_lead",
+        phase_lead,
+        (-TURN..=TURN).contains(&phase_lead),
+        "-2 pi..2 pi rad",
+    )?;
+    accept(
+        "incline_tangent",
+        incline_tangent,
+        (-2.0..=2.0).contains(&incline_tangent),
+        "-2..2",
+    )?;
+    Ok(())
+}
 
 /// What a part did while it lay on the track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! Motion along the track: what a flight and an impact do to it (equations 10 and 11; docs/theory-transport.md#t8.1).
 
-use super::along::{Along, Lain};
+use super::along::{Along, Lain, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
@@ -71,30 +71,12 @@ impl Tangential {
             phase_lead,
             incline_tangent,
         } = settings;
-        accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
+        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
         accept(
             "tangential restitution",
             restitution,
             (0.0..1.0).contains(&restitution),
             "0..1, 1 itself excluded: without loss the speed never settles",
-        )?;
-        accept(
-            "amplitude_ratio",
-            amplitude_ratio,
-            (0.0..=100.0).contains(&amplitude_ratio),
-            "0..100",
-        )?;
-        accept(
-            "phase_lead",
-            phase_lead,
-            (-core::f64::consts::TAU..=core::f64::consts::TAU).contains(&phase_lead),
-            "-2 pi..2 pi rad",
-        )?;
-        accept(
-            "incline_tangent",
-            incline_tangent,
-            (-2.0..=2.0).contains(&incline_tangent),
-            "-2..2",
         )?;
         Ok(Self {
             settings,

@@ -5,7 +5,7 @@ mod push;
 
 use push::{Push, first_zero};
 
-use super::along::{Along, Lain};
+use super::along::{Along, Lain, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
@@ -125,7 +125,7 @@ impl Friction {
             phase_lead,
             incline_tangent,
         } = settings;
-        accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
+        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
         accept(
             "friction",
             sliding,
@@ -137,24 +137,6 @@ impl Friction {
             sticking,
             (sliding..=10.0).contains(&sticking),
             "the friction of sliding..10: a part at rest holds at least as well as one that slides",
-        )?;
-        accept(
-            "amplitude_ratio",
-            amplitude_ratio,
-            (0.0..=100.0).contains(&amplitude_ratio),
-            "0..100",
-        )?;
-        accept(
-            "phase_lead",
-            phase_lead,
-            (-core::f64::consts::TAU..=core::f64::consts::TAU).contains(&phase_lead),
-            "-2 pi..2 pi rad",
-        )?;
-        accept(
-            "incline_tangent",
-            incline_tangent,
-            (-2.0..=2.0).contains(&incline_tangent),
-            "-2..2",
         )?;
         Ok(Self {
             settings,
