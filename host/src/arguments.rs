@@ -3,6 +3,10 @@
 //! The parsers return a message of one line that says what is accepted; clap adds the option and the
 //! value, so that a refusal names key, value and range.
 
+mod amplitude;
+
+pub use amplitude::{AmplitudeArguments, k_of};
+
 use std::path::PathBuf;
 
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};

@@ -106,7 +106,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     } else {
         picture::Drawing::default()
     };
-    output.write(&report, || picture::draw(arguments, &wave, &drawing))?;
+    output.write(&report, || {
+        picture::draw(arguments, &wave, &track, &drawing)
+    })?;
     Ok(Exit::Done)
 }
 

@@ -8,7 +8,7 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde_json::json;
 
-use crate::arguments::{self, Drawn, NoScatter, Printed};
+use crate::arguments::{self, AmplitudeArguments, Drawn, NoScatter, Printed};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
@@ -20,13 +20,17 @@ use crate::report::{Column, Printout, Table, number};
 #[command(after_help = "Examples:
   kband basins --k 0.43 --restitution 0.2
   kband basins --k 0.43 --restitution 0.2 --grid 400 --out basins.png
+  kband basins --b 0.235 --frequency 50 --restitution 0.2
   kband basins --k 0.7 --restitution 0.5 --velocity 4 --out basins.csv
 
 The table says how many starts end in each regime; CSV has a row for each start.")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
-    #[arg(long, value_parser = arguments::within(0.001, 1000.0, ""))]
-    k: f64,
+    #[arg(long, required_unless_present = "b", value_parser = arguments::within(0.001, 1000.0, ""))]
+    k: Option<f64>,
+
+    #[command(flatten)]
+    amplitude: AmplitudeArguments,
 
     /// Restitution of the part.
     #[arg(long, value_name = "R", value_parser = arguments::within(0.0, 0.999, ""))]
@@ -61,7 +65,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         "a part whose restitution scatters forgets how it started, and ends nowhere",
         "ask kband gear --scatter for how much of the time it is in gear",
     )?;
-    let endings = Endings::new(arguments.k, arguments.restitution, arguments.impacts)?;
+    let k = wanted(arguments)?;
+    let told = arguments.amplitude.told(k)?;
+    let endings = Endings::new(k, arguments.restitution, arguments.impacts)?;
     let side = arguments.grid;
     // The starts are the middles of the cells.
     let phase = move |column: usize| TAU * (column as f64 + 0.5) / side as f64;
@@ -110,14 +116,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let followed = arguments.impacts;
     let report = Printout::new(table)
         .heading(format!(
-            "Where parts end at k = {}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
-            number(arguments.k, 6),
+            "Where parts end at {told}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
             number(arguments.restitution, 6),
             number(top, 6)
         ))
         .note(format!("A part that starts from rest: {}", ending::told(endings.from_rest(), arguments.impacts)))
         .json(&json!({
-            "k": arguments.k,
+            "k": k,
             "restitution": arguments.restitution,
             "shares": shares,
             "from_rest": ending::told(endings.from_rest(), arguments.impacts),
@@ -137,12 +142,21 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Ok(())
         });
     report.print(arguments.printed.format)?;
-    output.write(&report, || picture(arguments, &endings, &ends, &counts))?;
+    output.write(&report, || {
+        picture(arguments, &told, &endings, &ends, &counts)
+    })?;
     Ok(Exit::Done)
+}
+
+/// k, which clap has seen to be given in one way or the other.
+fn wanted(arguments: &Arguments) -> Result<f64, Refusal> {
+    let k = arguments.amplitude.or_k(arguments.k)?;
+    Ok(k.unwrap_or(f64::NAN))
 }
 
 fn picture(
     arguments: &Arguments,
+    told: &str,
     endings: &Endings,
     ends: &[Regime],
     counts: &[(Regime, usize)],
@@ -194,8 +208,7 @@ fn picture(
         .width(780.0)
         .panel(panel)
         .caption(format!(
-            "k = {}, R = {}; {} × {} starts, up to {} impacts each",
-            number(arguments.k, 6),
+            "{told}, R = {}; {} × {} starts, up to {} impacts each",
             number(arguments.restitution, 6),
             arguments.grid,
             arguments.grid,

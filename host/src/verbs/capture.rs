@@ -17,7 +17,7 @@ use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
-use crate::arguments::{self, Drawn, Printed, Range};
+use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
@@ -28,6 +28,7 @@ use crate::report::number;
   kband capture --restitution 0.28..0.32 --out capture.svg
   kband capture --restitution 0.48..0.52 --runs 1000 --seed 1
   kband capture --restitution 0.2 --k 0.43 --time-constant 8 --format json
+  kband capture --restitution 0.2 --b 0.235 --frequency 50
 
 The plan is the one the board makes, with the board's arithmetic and effort. The map tries kicks \
 of every factor and length on parts of the lot; the runs draw other parts at random, in f64.")]
@@ -43,6 +44,9 @@ pub struct Arguments {
     /// Target k [default: the setpoint of the band].
     #[arg(long, value_parser = arguments::within(0.001, 1000.0, ""))]
     k: Option<f64>,
+
+    #[command(flatten)]
+    amplitude: AmplitudeArguments,
 
     /// How far off the true amplitude may be, in per cent.
     #[arg(long, value_name = "PERCENT", default_value = "2", value_parser = arguments::within(0.0, 20.0, "per cent"))]
@@ -130,17 +134,20 @@ impl<'a> Task<'a> {
                 "narrow --restitution, or choose another --order",
             ),
         })?;
-        let k = arguments.k.unwrap_or(band.setpoint());
+        let k = arguments
+            .amplitude
+            .or_k(arguments.k)?
+            .unwrap_or(band.setpoint());
         if !band.contains(k) {
             return Err(Refusal::value(
-                "k",
-                k,
+                "the target",
+                arguments.amplitude.told(k)?,
                 format!(
-                    "{:.4}..{:.4}, the band of order {order} for this restitution",
+                    "k = {:.4}..{:.4}, the band of order {order} for this restitution",
                     band.low(),
                     band.high()
                 ),
-                "leave out --k for the setpoint with the largest margin",
+                "leave out --k and --b for the setpoint with the largest margin",
             ));
         }
         let drive = |start| {

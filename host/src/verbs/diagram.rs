@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use kband::impact::{Kernel, Map};
 use serde::Serialize;
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed, Range, ScatterArguments};
+use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
@@ -34,15 +34,11 @@ pub struct Arguments {
     restitution: Range,
 
     /// k = g cos(alpha) / (b w^2), one value or a range [default: around the first band].
-    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 1000), conflicts_with = "b")]
+    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 1000))]
     k: Option<Range>,
 
-    /// Amplitude of the track normal to itself in mm, one value or a range.
-    #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 1000))]
-    b: Option<Range>,
-
     #[command(flatten)]
-    drive: DriveArguments,
+    amplitude: AmplitudeArguments<1000>,
 
     /// What is drawn upwards.
     #[arg(long, value_enum, default_value_t = Show::Phase)]

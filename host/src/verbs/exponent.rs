@@ -9,7 +9,7 @@ use kband::regime::exponent::{
 };
 use kband::transport::Spread;
 
-use crate::arguments::{self, Drawn, Printed, Range, ScatterArguments};
+use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED};
 use crate::picture::{Axis, Panel, Picture, Unit};
@@ -22,6 +22,7 @@ use crate::report::{Column, Printout, Table, number};
   kband exponent --restitution 0.2 --k 0.34
   kband exponent --restitution 0.2 --k 0.32..0.48:400 --impacts 20000 --out exponent.svg
   kband exponent --restitution 0.2 --k 0.358 --band
+  kband exponent --restitution 0.2 --b 0.2..0.3:200 --frequency 50 --out exponent.svg
 
 Eight orbits share the impacts, which start next to the locked one; --phase and --velocity choose \
 one start. The error is the larger of what their scatter and their own autocorrelation tell. An orbit \
@@ -31,9 +32,12 @@ pub struct Arguments {
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
     restitution: f64,
 
-    /// k = g cos(alpha) / (b w^2), one value or a range LO..HI[:N].
-    #[arg(long, default_value = "0.34", value_parser = arguments::range_or_value((0.001, 1000.0), 200))]
-    k: Range,
+    /// k = g cos(alpha) / (b w^2), one value or a range LO..HI[:N] [default: 0.34].
+    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 200))]
+    k: Option<Range>,
+
+    #[command(flatten)]
+    amplitude: AmplitudeArguments,
 
     /// Impacts that are measured at each k.
     #[arg(long, value_name = "N", default_value = "200000", value_parser = arguments::count(320, 1_000_000_000))]
@@ -79,7 +83,8 @@ impl Arguments {
 /// Prints the exponents.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
-    let values: Vec<f64> = arguments.k.values().collect();
+    let given = arguments.amplitude.or_range(arguments.k)?;
+    let values = given.unwrap_or_else(|| vec![0.34]);
     let settings = ExponentSettings {
         settle: arguments.settle as u32,
         impacts: arguments.impacts as u32,
@@ -200,8 +205,13 @@ fn report(
     found: &[Found],
     band: Option<ChaoticBand>,
 ) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        Column::new("k", ""),
+    let track = match arguments.amplitude.b {
+        Some(_) => Some(arguments.amplitude.track()?),
+        None => None,
+    };
+    let mut columns = vec![Column::new("k", "")];
+    columns.extend(track.map(|_| Column::new("b", "mm")));
+    columns.extend([
         Column::new("exponent", "1/impact"),
         Column::new("exponent_error", "1/impact").digits(2),
         Column::new("exponent_per_cycle", "1/cycle"),
@@ -211,6 +221,7 @@ fn report(
         Column::new("rest_after", "impacts"),
         Column::new("regime", ""),
     ]);
+    let mut table = Table::new(&columns);
     let finite = |value: f64| value.is_finite().then_some(value);
     for (k, found) in values.iter().zip(found) {
         let exponent = &found.exponent;
@@ -218,8 +229,9 @@ fn report(
             Dynamics::Rest { after } => Some(after),
             _ => None,
         };
-        table.push([
-            (*k).into(),
+        let mut row = vec![(*k).into()];
+        row.extend(track.map(|track| (1e3 * track.amplitude(*k)).into()));
+        row.extend([
             finite(exponent.per_impact.value).into(),
             finite(exponent.per_impact.error).into(),
             finite(exponent.per_cycle.value).into(),
@@ -232,6 +244,7 @@ fn report(
                 .map(|ending| ending::told(ending, arguments.followed()))
                 .into(),
         ]);
+        table.push_row(row);
     }
     let mut report = Printout::new(table).heading(format!(
         "R = {}{}, {} impacts after {} to settle",
@@ -285,8 +298,8 @@ fn picture(
         Axis::new(
             "k = g cos α / (b ω²)",
             Unit::NONE,
-            arguments.k.low,
-            arguments.k.high,
+            values.iter().copied().fold(f64::INFINITY, f64::min),
+            values.iter().copied().fold(0.0, f64::max),
         ),
         Axis::new(
             "Lyapunov exponent per impact",

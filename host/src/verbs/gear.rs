@@ -6,7 +6,7 @@ mod table;
 
 use std::f64::consts::TAU;
 
-use kband::feeder::Restitution;
+use kband::feeder::{Restitution, Track};
 use kband::impact::{Tone, Wave};
 use kband::regime::band;
 
@@ -24,6 +24,7 @@ use survey::{Lot, Survey};
   kband gear --restitution 0.5 --scatter 0.1 --largest-second-tone 0.25 --format json
   kband gear --table 20
   kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
+  kband gear --restitution 0.3 --scatter 0.05 --b 0.18..0.3 --frequency 50
 
 A part is in gear of order r while it flies once in every r periods of the drive: flights of 0.6 to 1.4 r \
 periods, at least 8 in a row and no rest between, locked, doubled or chaotic. Each run starts from rest, without a \
@@ -48,6 +49,10 @@ pub struct Arguments {
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
     k: Option<Range>,
 
+    /// In place of k: amplitude normal to the track in mm, one value or a range.
+    #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 41), conflicts_with = "k")]
+    b: Option<Range>,
+
     /// This second tone alone, beside the one tone, in place of a search.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
     second_tone: Option<Tone>,
@@ -63,7 +68,7 @@ pub struct Arguments {
     /// Instead, runs the built-in feeder's controller N times on each of seven lots for 60 s, with one tone and with two, and
     /// says how much of the time the parts were in gear.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "200", value_parser = arguments::count(1, 10_000),
-        conflicts_with_all = ["restitution", "scatter", "order", "k", "second_tone", "third_tone", "largest_second_tone",
+        conflicts_with_all = ["restitution", "scatter", "order", "k", "b", "second_tone", "third_tone", "largest_second_tone",
             "quality", "parts", "runs", "periods", "seed"])]
     table: Option<usize>,
 
@@ -125,9 +130,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
     let order = arguments.order as u32;
     let lot = Lot::new(arguments)?;
-    let k = match arguments.k {
-        Some(range) => range,
-        None => {
+    let k = match (arguments.k, arguments.b) {
+        (Some(range), _) => range,
+        (None, Some(b)) => over_amplitude(b, &arguments.drive.track()?)?,
+        (None, None) => {
             let born = band::birth(arguments.restitution.high().min(0.99), order)?;
             Range {
                 low: 0.15 / f64::from(order),
@@ -146,6 +152,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     report.print(arguments.printed.format)?;
     output.write(&report, || page::picture(arguments, &survey))?;
     Ok(Exit::Done)
+}
+
+/// The k of a range of amplitudes in mm, evenly spaced in k as the map is drawn.
+fn over_amplitude(b: Range, track: &Track) -> Result<Range, Refusal> {
+    Ok(Range {
+        low: arguments::k_of(track, b.high)?,
+        high: arguments::k_of(track, b.low)?,
+        count: b.count,
+    })
 }
 
 /// The waves that are tried, that of one tone first.

@@ -12,7 +12,7 @@ use kband::impact::{
     WaveInteger, WaveKernel, WaveMap, WaveSingle,
 };
 
-use crate::arguments::{self, Drawn, ScatterArguments};
+use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
 use crate::desk::Desk;
 use crate::file;
 use crate::refusal::{Exit, Refusal};
@@ -26,6 +26,7 @@ use rows::{Row, Rows, not_held, read_rows};
   kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
   kband impacts --k 0.35 --restitution 0.2 --phase 0.4 --velocity 0.4 --count 20000 --out portrait.svg
   kband impacts --k 0.35 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20 --second-tone 0.15,2.356
+  kband impacts --b 0.235 --frequency 50 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
   kband impacts --from states.csv --arithmetic f64 --format csv
 
 A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
@@ -35,8 +36,11 @@ arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
-    #[arg(long, value_parser = arguments::number, required_unless_present = "from")]
+    #[arg(long, value_parser = arguments::number, required_unless_present_any = ["from", "b"])]
     k: Option<f64>,
+
+    #[command(flatten)]
+    amplitude: AmplitudeArguments,
 
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
@@ -58,7 +62,7 @@ pub struct Arguments {
     count: usize,
 
     /// CSV file with the columns k,restitution,phase,velocity.
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "restitution", "phase", "velocity"])]
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "b", "restitution", "phase", "velocity"])]
     from: Option<PathBuf>,
 
     /// Second tone of the track: amplitude over that of the first, 0..0.5, and phase angle in rad.
@@ -109,8 +113,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         on_tones(arguments, desk, tones)?
     };
     let report = Printout::new(table.plain_header());
+    let told = match arguments.amplitude.or_k(arguments.k)? {
+        Some(k) => arguments.amplitude.told(k)?,
+        None => String::new(),
+    };
     report.print(arguments.format)?;
-    output.write(&report, || portrait(arguments, states))?;
+    output.write(&report, || portrait(arguments, &told, states))?;
     Ok(Exit::Done)
 }
 
@@ -234,8 +242,9 @@ fn table<K: Kernel>(
     }
     // clap has seen to it that all four are there.
     let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    let k = given(arguments.amplitude.or_k(arguments.k)?);
     let mut row = [Row {
-        kernel: build(given(arguments.k), given(arguments.restitution))?,
+        kernel: build(k, given(arguments.restitution))?,
         state: K::state(given(arguments.phase), given(arguments.velocity))?,
     }];
     let mut scatter = arguments.scatter.stream(given(arguments.restitution), 0)?;
@@ -250,7 +259,7 @@ fn table<K: Kernel>(
             desk.go_on()?;
         }
         if let Some(scatter) = &mut scatter {
-            row[0].kernel = K::build(given(arguments.k), scatter.draw())?;
+            row[0].kernel = K::build(k, scatter.draw())?;
         }
         for impact in impacts(&row) {
             let next = K::observe(impact.next);

@@ -90,8 +90,7 @@ verbs! {
     name = "kband",
     version = version(),
     subcommand_required = false,
-    disable_help_subcommand = true,
-    after_help = "Every verb shows an example: kband VERB --help"
+    after_help = "Every verb shows an example: kband help VERB"
 )]
 struct CommandLine {
     /// Number of threads; the result does not depend on it [default: one for each core].
@@ -153,26 +152,83 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// A value that clap or a parser refused, in the form of every other refusal.
+/// What clap refused, in the form of every other refusal; `None` for help and version.
 fn refused(message: &clap::Error) -> Option<Refusal> {
-    let word = |kind| match message.get(kind) {
-        Some(ContextValue::String(word)) if !word.is_empty() => Some(word.as_str()),
-        _ => None,
+    let words = |kind| match message.get(kind) {
+        Some(ContextValue::String(word)) if !word.is_empty() => vec![word.as_str()],
+        Some(ContextValue::Strings(words)) => words.iter().map(String::as_str).collect(),
+        _ => Vec::new(),
     };
-    let option = word(ContextKind::InvalidArg)?;
-    let value = word(ContextKind::InvalidValue)?;
-    let accepted = match (message.kind(), message.get(ContextKind::ValidValue)) {
-        (ErrorKind::ValueValidation, _) => message.source()?.to_string(),
-        (ErrorKind::InvalidValue, Some(ContextValue::Strings(names))) => names.join(", "),
-        _ => return None,
+    let near = |kind, otherwise: &str| match words(kind).last() {
+        // clap puts the nearest last.
+        Some(near) => format!("did you mean {near}? {otherwise}"),
+        None => otherwise.into(),
     };
+    if message.kind() == ErrorKind::InvalidSubcommand {
+        let given = words(ContextKind::InvalidSubcommand).concat();
+        let next = near(ContextKind::SuggestedSubcommand, "kband --help lists all");
+        return Some(Refusal::new(format!("there is no verb '{given}'"), next));
+    }
+    let all = words(ContextKind::InvalidArg);
+    let option = *all.first()?;
     let key = option.split(' ').next().unwrap_or(option);
-    Some(Refusal::value(
-        key,
-        value,
-        accepted.trim_start_matches("accepted: "),
-        format!("change {key} and run again; --help says what it is"),
-    ))
+    let value = words(ContextKind::InvalidValue).concat();
+    match message.kind() {
+        ErrorKind::MissingRequiredArgument => {
+            let missing = if all.len() == 1 {
+                "is missing"
+            } else {
+                "are missing"
+            };
+            let amplitude = if all.contains(&"--k <K>") {
+                "; in place of --k, --b takes the amplitude in mm"
+            } else {
+                ""
+            };
+            Some(Refusal::new(
+                format!("{} {missing}", all.join(" and ")),
+                format!("--help says what that is, with an example{amplitude}"),
+            ))
+        }
+        ErrorKind::ArgumentConflict => Some(Refusal::new(
+            format!(
+                "{option} and {} exclude each other",
+                words(ContextKind::PriorArg).join(", ")
+            ),
+            "leave one of them out",
+        )),
+        ErrorKind::UnknownArgument => Some(Refusal::new(
+            format!("there is no option or operand '{option}' here"),
+            near(
+                ContextKind::SuggestedArg,
+                "--help lists the options of this verb",
+            ),
+        )),
+        ErrorKind::InvalidValue | ErrorKind::ValueValidation => {
+            let accepted = match message.get(ContextKind::ValidValue) {
+                Some(ContextValue::Strings(names)) => names.join(", "),
+                _ => message.source().map_or(String::new(), ToString::to_string),
+            };
+            if value.is_empty() {
+                let takes = if accepted.is_empty() {
+                    String::new()
+                } else {
+                    format!(": {accepted}")
+                };
+                return Some(Refusal::new(
+                    format!("{option} needs a value{takes}"),
+                    "--help says what it is",
+                ));
+            }
+            Some(Refusal::value(
+                key,
+                value,
+                accepted.trim_start_matches("accepted: "),
+                format!("change {key} and run again; --help says what it is"),
+            ))
+        }
+        _ => None,
+    }
 }
 
 fn run(line: &CommandLine) -> Result<Exit, Refusal> {
@@ -206,9 +262,49 @@ mod tests {
         );
         let form = refusal(&["kband", "bands", "--format", "xml"]).unwrap();
         assert!(form.contains("accepted: table, csv, json"), "{form}");
-        // What has no value to be named stays clap's.
-        assert_eq!(refusal(&["kband", "bands", "--format"]), None);
         assert_eq!(refusal(&["kband", "bands", "--help"]), None);
+        let told = |line: &[&str], cause: &str, next: &str| {
+            let refusal = refusal(line).unwrap();
+            assert!(
+                refusal.starts_with(&format!("error: {cause}\n")),
+                "{refusal}"
+            );
+            assert!(refusal.contains(next), "{refusal}");
+        };
+        told(
+            &["kband", "bands", "--format"],
+            "--format <FORMAT> needs a value: table, csv, json",
+            "--help",
+        );
+        told(
+            &["kband", "basins", "--restitution", "0.2"],
+            "--k <K> is missing",
+            "--b takes the amplitude in mm",
+        );
+        told(
+            &[
+                "kband",
+                "basins",
+                "--k",
+                "0.4",
+                "--b",
+                "0.2",
+                "--restitution",
+                "0.2",
+            ],
+            "--k <K> and --b <MM> exclude each other",
+            "leave one",
+        );
+        told(
+            &["kband", "basins", "--resitution", "0.2"],
+            "there is no option or operand '--resitution' here",
+            "did you mean --restitution?",
+        );
+        told(
+            &["kband", "basin"],
+            "there is no verb 'basin'",
+            "did you mean basins?",
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@ mod interval;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{Kernel, Map, State, TangentialSettings};
+use kband::impact::{State, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
@@ -212,20 +212,7 @@ impl Feeder {
 
     /// k at an amplitude in mm, within the range of the map.
     fn k_of(&self, amplitude: f64) -> Result<f64, Refusal> {
-        let k = self.track.k(1e-3 * amplitude);
-        match Map::build(k, self.restitution) {
-            Ok(_) => Ok(k),
-            Err(_) => Err(Refusal::value(
-                "--b",
-                format!("{} mm", number(amplitude, 6)),
-                format!(
-                    "{}..{} mm, which is k = 1000..0.001 at this frequency and incline",
-                    number(self.amplitude(1e3), 3),
-                    number(self.amplitude(1e-3), 3)
-                ),
-                "give an amplitude in this range",
-            )),
-        }
+        arguments::k_of(&self.track, amplitude)
     }
 
     /// The one k that was asked for.

@@ -2,6 +2,7 @@
 
 use kband::feeder::Track;
 use kband::impact::Wave;
+use kband::regime::band::Band;
 use kband::regime::wave_band::WaveBands;
 use kband::transport::locked;
 
@@ -9,6 +10,7 @@ use super::{AMPLITUDE_RATIO, Arguments, TANGENTIAL_RESTITUTION, along};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
+use crate::report::number;
 
 /// Restitutions at which the bands are drawn, up to the highest.
 const PLACES: usize = 71;
@@ -58,23 +60,51 @@ pub(super) fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing
     })
 }
 
-/// Draws them.
-pub(super) fn draw(arguments: &Arguments, wave: &Wave, drawing: &Drawing) -> Picture {
+/// Draws them: in mm for who turns the knob, in k for who compares feeders.
+pub(super) fn draw(
+    arguments: &Arguments,
+    wave: &Wave,
+    track: &Track,
+    drawing: &Drawing,
+) -> Picture {
     let lot = arguments.restitution;
     let axis = || Axis::new("restitution R", Unit::NONE, 0.0, HIGHEST);
-    let all = drawing.one_tone.iter().chain(drawing.wave.iter().flatten());
-    let top = all.map(|band| band.2).fold(0.5, f64::max);
-    let mut bands = Panel::new(axis(), Axis::new("k", Unit::NONE, 0.0, 1.05 * top))
-        .height(330.0)
-        .between("one tone", 1, drawing.one_tone.clone());
     let second = wave.second();
-    if let Some(wave) = &drawing.wave {
-        let name = format!("e = {}, th = {} rad", second.amplitude, second.angle);
-        bands = bands.between(&name, 0, wave.clone());
+    let two_tones = format!("e = {}, th = {} rad", second.amplitude, second.angle);
+    let over = |label: &str, unit: Unit, scale: &dyn Fn(f64) -> f64| {
+        let scaled = |bands: &Bands| -> Bands {
+            let ends = |&(r, low, high): &(f64, f64, f64)| {
+                let (one, other) = (scale(low), scale(high));
+                (r, one.min(other), one.max(other))
+            };
+            bands.iter().map(ends).collect()
+        };
+        let one_tone = scaled(&drawing.one_tone);
+        let wave = drawing.wave.as_ref().map(scaled);
+        let all = one_tone.iter().chain(wave.iter().flatten());
+        let top = all.map(|band| band.2).fold(0.0, f64::max);
+        let mut panel = Panel::new(axis(), Axis::new(label, unit, 0.0, 1.05 * top))
+            .between("one tone", 1, one_tone);
+        if let Some(wave) = wave {
+            panel = panel.between(&two_tones, 0, wave);
+        }
+        for (at, words) in [(lot.low(), "your lot"), (lot.high(), "")] {
+            panel = panel.mark(at, words);
+        }
+        panel
+    };
+    let millimetres = |k: f64| 1e3 * track.amplitude(k);
+    let mut amplitude = over(
+        "amplitude b normal to the track",
+        Unit::MILLIMETRES,
+        &millimetres,
+    )
+    .height(330.0);
+    if let (true, Ok(band)) = (wave.is_sine(), Band::common(lot, 1)) {
+        let b = millimetres(band.setpoint());
+        amplitude = amplitude.level(b, format!("setpoint {} mm", number(b, 3)));
     }
-    for (at, words) in [(lot.low(), "lot"), (lot.high(), "")] {
-        bands = bands.mark(at, words);
-    }
+    let bands = over("k = g cos α / (b ω²)", Unit::NONE, &|k| k).height(230.0);
     let fastest = drawing
         .speed
         .iter()
@@ -96,16 +126,21 @@ pub(super) fn draw(arguments: &Arguments, wave: &Wave, drawing: &Drawing) -> Pic
     )
     .height(190.0)
     .line(
-        "of one tone and of two, at every amplitude",
+        if wave.is_sine() {
+            "at every amplitude of the band"
+        } else {
+            "of one tone and of two, at every amplitude"
+        },
         0,
         drawing.speed.clone(),
     );
     Picture::new("Bands of order 1 over restitution")
         .caption(format!(
-            "k between which a part locks: below, its lock doubles or touches; above, none is born. {} Hz, incline {}\u{b0}, eta \
-             {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}",
+            "Between these amplitudes a part locks: with more its lock doubles or touches, with less none is born. {} Hz, \
+             incline {}\u{b0}; speed with eta {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}",
             arguments.drive.frequency, arguments.drive.incline
         ))
+        .panel(amplitude)
         .panel(bands)
         .panel(speed)
 }

@@ -3,7 +3,7 @@
 use kband::feeder::Track;
 
 use super::Arguments;
-use crate::arguments::Range;
+use crate::arguments::{self, Range};
 use crate::picture::{Axis, Unit};
 use crate::refusal::Refusal;
 use crate::report::number;
@@ -66,6 +66,9 @@ impl Over {
 
 /// Which of the three options is the range, and that range.
 pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
+    if arguments.amplitude.b.is_none() {
+        arguments.amplitude.or_range(None)?;
+    }
     let restitution = arguments.restitution;
     let wide = |range: Range| range.count > 1;
     let ranges = "exactly one of --k, --b and --restitution as a range LO..HI";
@@ -77,9 +80,9 @@ pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
             "for example --restitution 0.2 --k 0.3..0.5",
         )
     };
-    let track = arguments.drive.track()?;
+    let track = arguments.amplitude.track()?;
     let single = restitution.low;
-    match (arguments.k, arguments.b, wide(restitution)) {
+    match (arguments.k, arguments.amplitude.b, wide(restitution)) {
         (Some(k), _, false) if wide(k) => Ok((
             Over::K {
                 restitution: single,
@@ -96,7 +99,7 @@ pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
         )),
         (_, Some(b), true) if !wide(b) => Ok((
             Over::Restitution {
-                k: track.k(b.low * 1e-3),
+                k: arguments::k_of(&track, b.low)?,
             },
             restitution,
         )),

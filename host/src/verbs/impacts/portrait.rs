@@ -10,7 +10,7 @@ use crate::report::number;
 pub(super) type States = Vec<(f64, f64)>;
 
 /// The phase portrait: the state after each impact, as large as it fits.
-pub(super) fn portrait(arguments: &Arguments, mut states: States) -> Picture {
+pub(super) fn portrait(arguments: &Arguments, told: &str, mut states: States) -> Picture {
     let (first, last) = occupied(&states);
     for (phase, _) in &mut states {
         if *phase > last {
@@ -44,9 +44,9 @@ pub(super) fn portrait(arguments: &Arguments, mut states: States) -> Picture {
         ),
     )
     .height(460.0);
-    let map = match (arguments.k, arguments.restitution) {
-        (Some(k), Some(r)) => format!("k = {}, R = {}; ", number(k, 6), number(r, 6)),
-        _ => String::new(),
+    let map = match arguments.restitution {
+        Some(r) => format!("{told}, R = {}; ", number(r, 6)),
+        None => String::new(),
     };
     let count = states.len();
     Picture::new("Phase portrait")

@@ -1,0 +1,153 @@
+//! The amplitude of the track in mm in place of k.
+
+use kband::feeder::Track;
+
+use super::{DriveArguments, Range, range_or_value, within};
+use crate::refusal::Refusal;
+use crate::report::number;
+
+/// The amplitude in mm, for a verb that also takes `--k`, and the drive that makes one of the other; a range
+/// without a number has `COUNT` values.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct AmplitudeArguments<const COUNT: usize = 200> {
+    /// In place of k: amplitude of the track normal to itself in mm, one value, or a range LO..HI[:N] where k may be one.
+    #[arg(long, value_name = "MM", value_parser = range_or_value((1e-6, 1e3), COUNT), conflicts_with = "k")]
+    pub b: Option<Range>,
+
+    /// Drive frequency in Hz, with --b [default: 50].
+    #[arg(long, value_name = "HZ", value_parser = within(1.0, 1000.0, "Hz"))]
+    frequency: Option<f64>,
+
+    /// Incline of the track in degrees, positive where parts climb, with --b [default: 3].
+    #[arg(long, value_name = "DEG", value_parser = within(-60.0, 60.0, "degrees"))]
+    incline: Option<f64>,
+}
+
+impl<const COUNT: usize> AmplitudeArguments<COUNT> {
+    /// The track whose amplitude it is.
+    pub fn track(self) -> Result<Track, Refusal> {
+        let drive = DriveArguments {
+            frequency: self.frequency.unwrap_or(50.0),
+            incline: self.incline.unwrap_or(3.0),
+        };
+        Ok(drive.track()?)
+    }
+
+    /// k of the one amplitude that was given, or `k`.
+    pub fn or_k(self, k: Option<f64>) -> Result<Option<f64>, Refusal> {
+        match self.b {
+            Some(range) if range.count > 1 => Err(Refusal::value(
+                "--b",
+                range,
+                "one value",
+                "give one amplitude, for example --b 0.235",
+            )),
+            Some(range) => k_of(&self.track()?, range.low).map(Some),
+            None => self.alone().map(|()| k),
+        }
+    }
+
+    /// Refuses what has an effect only on an amplitude, where none was given.
+    fn alone(self) -> Result<(), Refusal> {
+        let given = [("--frequency", self.frequency), ("--incline", self.incline)];
+        match given
+            .into_iter()
+            .find_map(|(name, value)| Some((name, value?)))
+        {
+            Some((name, value)) => Err(Refusal::value(
+                name,
+                value,
+                "only with --b: k holds frequency and incline already",
+                format!("give the amplitude in mm with --b, or leave out {name}"),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// k of each amplitude that was given, in their order, or each of `k`.
+    pub fn or_range(self, k: Option<Range>) -> Result<Option<Vec<f64>>, Refusal> {
+        let Some(range) = self.b else {
+            self.alone()?;
+            return Ok(k.map(|k| k.values().collect()));
+        };
+        let track = self.track()?;
+        let found: Result<_, _> = range.values().map(|b| k_of(&track, b)).collect();
+        found.map(Some)
+    }
+
+    /// `k = 0.43`, and the amplitude where that was given.
+    pub fn told(self, k: f64) -> Result<String, Refusal> {
+        let k_told = format!("k = {}", number(k, 6));
+        if self.b.is_none() {
+            self.alone()?;
+            return Ok(k_told);
+        }
+        let track = self.track()?;
+        Ok(format!(
+            "b = {} mm at {} Hz, incline {}° ({k_told})",
+            number(1e3 * track.amplitude(k), 6),
+            number(track.frequency(), 6),
+            number(track.incline().to_degrees(), 6)
+        ))
+    }
+}
+
+/// k at an amplitude in mm, within the range of the map.
+pub fn k_of(track: &Track, amplitude: f64) -> Result<f64, Refusal> {
+    const LEAST: f64 = 0.001;
+    const MOST: f64 = 1000.0;
+    let k = track.k(1e-3 * amplitude);
+    if (LEAST..=MOST).contains(&k) {
+        return Ok(k);
+    }
+    let ends = [MOST, LEAST].map(|k| number(1e3 * track.amplitude(k), 3));
+    Err(Refusal::value(
+        "--b",
+        format!("{} mm", number(amplitude, 6)),
+        format!(
+            "{}..{} mm, which is k = {MOST}..{LEAST} at this frequency and incline",
+            ends[0], ends[1]
+        ),
+        "give an amplitude in this range",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(low: f64, high: f64, count: usize) -> AmplitudeArguments {
+        AmplitudeArguments {
+            b: Some(Range { low, high, count }),
+            frequency: Some(60.0),
+            incline: Some(10.0),
+        }
+    }
+
+    #[test]
+    fn millimetres_become_k() {
+        // g cos(10 degrees) / (b w^2) with w = 2 pi 60.
+        let expected =
+            9.80665 * 10_f64.to_radians().cos() / (0.2e-3 * (120.0 * std::f64::consts::PI).powi(2));
+        let k = of(0.2, 0.2, 1).or_k(None).unwrap().unwrap();
+        assert!((k - expected).abs() < 1e-14, "{k}");
+        assert_eq!(
+            of(0.2, 0.2, 1).told(k).unwrap(),
+            "b = 0.2 mm at 60 Hz, incline 10° (k = 0.339766)"
+        );
+        let both = of(0.1, 0.2, 2).or_range(None).unwrap().unwrap();
+        assert_eq!(both.len(), 2);
+        assert!((both[0] - 2.0 * expected).abs() < 1e-14 && both[1] == k);
+    }
+
+    #[test]
+    fn what_the_map_does_not_hold_is_refused_with_the_range() {
+        let refusal = of(500.0, 500.0, 1).or_k(None).unwrap_err().to_string();
+        assert!(refusal.contains("0.000068..68 mm"), "{refusal}");
+        assert!(of(0.1, 0.2, 3).or_k(None).is_err());
+        let mut alone = of(0.1, 0.1, 1);
+        alone.b = None;
+        let refusal = alone.or_k(Some(0.4)).unwrap_err().to_string();
+        assert!(refusal.contains("--frequency = 60 is refused"), "{refusal}");
+    }
+}
