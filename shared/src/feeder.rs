@@ -194,12 +194,6 @@ impl Track {
         })
     }
 
-    /// Angular frequency of the drive (symbol w) in rad/s.
-    #[must_use]
-    pub fn angular_frequency(&self) -> f64 {
-        self.angular_frequency
-    }
-
     /// Drive frequency in Hz.
     #[must_use]
     pub fn frequency(&self) -> f64 {
@@ -230,15 +224,9 @@ impl Track {
         self.phase_lead
     }
 
-    /// Gravity in m/s^2.
-    #[must_use]
-    pub fn gravity(&self) -> f64 {
-        self.gravity
-    }
-
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
     #[must_use]
-    pub fn normal_gravity(&self) -> f64 {
+    pub(crate) fn normal_gravity(&self) -> f64 {
         self.gravity * libm::cos(self.incline)
     }
 

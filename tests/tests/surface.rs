@@ -3,7 +3,7 @@
 //! They are read from what rustdoc knows of the crate, in its default features and without any. rustdoc tells it to unstable compilers
 //! only, which the stable one is for this one call.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -62,16 +62,58 @@ fn described(features: Option<&str>) -> PathBuf {
     folder.join("doc/kband.json")
 }
 
-/// One line for each public name and each trait that a public type implements, in the order of their paths.
+/// One line for each public name and for each trait that is implemented by hand, in the order of their paths. What a type derives
+/// stands behind its name.
 fn surface(description: &Path) -> Vec<String> {
-    let api = public_api::Builder::from_rustdoc_json(description)
-        .omit_blanket_impls(true)
-        .omit_auto_trait_impls(true)
-        .build()
-        .unwrap_or_else(|error| {
+    let read = |derived: bool| {
+        let api = public_api::Builder::from_rustdoc_json(description)
+            .omit_blanket_impls(true)
+            .omit_auto_trait_impls(true)
+            .omit_auto_derived_impls(!derived)
+            .build();
+        let api = api.unwrap_or_else(|error| {
             panic!("this rustdoc describes crates in a way that public-api in tests/Cargo.toml does not know; raise it: {error}")
         });
-    lines(&api)
+        lines(&api)
+    };
+    let (all, named) = (read(true), read(false));
+    with_derived(&named, &missing(&all, &named))
+}
+
+/// These lines with the traits of those derived implementations behind the types that have them.
+fn with_derived(named: &[String], derived: &[&str]) -> Vec<String> {
+    let path = |name: &str| {
+        name.split(['<', '(', ' '])
+            .next()
+            .unwrap_or(name)
+            .to_owned()
+    };
+    let mut traits = BTreeMap::<String, BTreeSet<&str>>::new();
+    for line in derived {
+        let (implemented, of) = line.rsplit_once(" for ").expect("a trait is for a type");
+        let last = implemented
+            .split(['<', ' ', ':'])
+            .rfind(|part| part.starts_with(|first: char| first.is_ascii_uppercase()));
+        let last = last.expect("a trait has a name");
+        traits.entry(path(of)).or_default().insert(last);
+    }
+    let mut taken = 0;
+    let lines = named.iter().map(|line| {
+        let of = ["pub struct ", "pub enum "]
+            .iter()
+            .find_map(|kind| line.split_once(kind));
+        match of.and_then(|(_, name)| traits.get(&path(name))) {
+            Some(of) => {
+                taken += 1;
+                let of: Vec<&str> = of.iter().copied().collect();
+                format!("{line}: {}", of.join(" + "))
+            }
+            None => line.clone(),
+        }
+    });
+    let lines = lines.collect();
+    assert_eq!(taken, traits.len(), "a type that derives has no name");
+    lines
 }
 
 fn lines(api: &PublicApi) -> Vec<String> {
@@ -155,4 +197,22 @@ fn a_name_that_goes_and_one_that_comes_are_both_seen() {
     let [before, after] = [["a", "b", "c"], ["a", "c", "d"]].map(|lines| lines.map(String::from));
     assert_eq!(missing(&before, &after), ["b"]);
     assert_eq!(missing(&after, &before), ["d"]);
+}
+
+#[test]
+fn what_a_type_derives_stands_behind_its_name() {
+    let named = ["pub struct a::B<S>", "pub a::B::c: S", "pub enum a::D"].map(String::from);
+    let derived = [
+        "impl core::marker::Copy for a::D",
+        "impl<S: core::clone::Clone> core::clone::Clone for a::B<S>",
+    ];
+    let lines = with_derived(&named, &derived);
+    assert_eq!(
+        lines,
+        [
+            "pub struct a::B<S>: Clone",
+            "pub a::B::c: S",
+            "pub enum a::D: Copy"
+        ]
+    );
 }

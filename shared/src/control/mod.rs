@@ -14,7 +14,7 @@
 //! | `course` | the state machine, captures, faults and limits |
 //! | `controller` | [`Controller`]: the wings in the order of one drive cycle |
 //!
-//! On the ground: `settings`, `angle`, `saturate`, `inputs` (what goes in each cycle), `state` (the numbered lists and the
+//! On the ground: `settings`, `angle`, `saturate`, `target`, `inputs` (what goes in each cycle), `state` (the numbered lists and the
 //! state table); `report` is what comes out.
 //!
 //! The words are those of docs/glossary.md#the-controller.
@@ -31,10 +31,11 @@ mod report;
 mod saturate;
 mod settings;
 mod state;
+mod target;
 
+pub use aim::NoSetpoint;
 #[cfg(feature = "unstable")]
 pub use aim::{Chaos, GearPlanned, Planned};
-pub use aim::{NoSetpoint, Target};
 #[cfg(feature = "plant")]
 pub(crate) use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
@@ -44,9 +45,7 @@ pub use drive::Margins;
 pub use drive::{SecondTone, affordable_second_tone};
 #[cfg(all(test, feature = "plant"))]
 pub(crate) use hear::Energy;
-pub use hear::{
-    AdcCode, Command, Cycle, GEAR_WINDOW, GearShare, Margin, Overtone, Sampled, Signal,
-};
+pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, SECTORS,
@@ -57,3 +56,4 @@ pub use inputs::{Inputs, StartCause};
 pub use report::Report;
 pub use settings::{Key, Settings};
 pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};
+pub use target::Target;

@@ -54,6 +54,8 @@ pub use integer::WaveInteger;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
 pub use kernel::{HybridState, Impact, Kernel, Landing, State};
+#[cfg(feature = "plant")]
+pub(crate) use orbit::AlongLaw;
 #[cfg(feature = "control")]
 pub(crate) use orbit::Release;
 #[cfg(any(test, feature = "unstable"))]

@@ -41,13 +41,13 @@ impl Scatter {
     }
 
     /// The same stream, about another mean in 0..=1.
-    pub fn about(self, mean: f64) -> Result<Self, OutOfRange> {
+    pub(crate) fn about(self, mean: f64) -> Result<Self, OutOfRange> {
         accept("restitution", mean, (0.0..=1.0).contains(&mean), "0..1")?;
         Ok(Self { mean, ..self })
     }
 
     /// The same stream, with another standard deviation in 0..=0.3.
-    pub fn within(self, deviation: f64) -> Result<Self, OutOfRange> {
+    pub(crate) fn within(self, deviation: f64) -> Result<Self, OutOfRange> {
         accept(
             "scatter",
             deviation,
@@ -59,13 +59,14 @@ impl Scatter {
 
     /// The mean before clipping.
     #[must_use]
-    pub fn mean(&self) -> f64 {
+    pub(crate) fn mean(&self) -> f64 {
         self.mean
     }
 
     /// The standard deviation before clipping.
+    #[cfg(feature = "plant")]
     #[must_use]
-    pub fn deviation(&self) -> f64 {
+    pub(crate) fn deviation(&self) -> f64 {
         self.deviation
     }
 

@@ -173,7 +173,7 @@ impl Wave {
 
     /// Displacement S, velocity S' and upward push A = -S'' at a phase in rad, and A': each within 4e-15.
     #[must_use]
-    pub fn motion(&self, phase: f64) -> [f64; 4] {
+    pub(crate) fn motion(&self, phase: f64) -> [f64; 4] {
         let m = self.at(in_turn(phase));
         [m.height, m.speed, m.push, m.surge]
     }

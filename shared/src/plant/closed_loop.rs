@@ -156,12 +156,6 @@ impl ClosedLoop {
         &self.controller
     }
 
-    /// The signal path.
-    #[must_use]
-    pub fn signal(&self) -> &Signal {
-        &self.signal
-    }
-
     /// The plant.
     #[must_use]
     pub fn plant(&self) -> &Plant {

@@ -262,22 +262,10 @@ impl Plant {
         self.strikes.clear();
     }
 
-    /// Drive cycles so far.
-    #[must_use]
-    pub fn cycles(&self) -> u32 {
-        (self.time >> 32) as u32
-    }
-
     /// Mean displacement of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
     pub fn displacement(&self) -> f64 {
         mean_displacement(&self.parts)
-    }
-
-    /// Parts that lie on the track now.
-    #[must_use]
-    pub fn resting(&self) -> usize {
-        self.parts.iter().filter(|part| part.rests()).count()
     }
 
     /// The drive's gain over the one it began with.

@@ -8,7 +8,7 @@ use crate::arithmetic::Phase;
 use crate::control::SecondTone;
 use crate::feeder::OutOfRange;
 use crate::impact::{
-    Along, Contact, Event, Friction, Impact, Kernel, Map, Next, Release, Scatter, State,
+    AlongLaw, Contact, Event, Friction, Impact, Kernel, Map, Next, Release, Scatter, State,
     Tangential, Tone, Wave, WaveMap, WavePart,
 };
 

@@ -18,6 +18,7 @@ use core::f64::consts::TAU;
 use core::ops::AddAssign;
 
 use super::lock::accept_order;
+#[cfg(any(test, feature = "control"))]
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
@@ -49,7 +50,7 @@ pub fn is_in_gear(flight: f64, period: f64) -> bool {
 ///
 /// Time is counted in rad of the drive, or, as `Gear<i64>`, in steps of 2^-32 turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gear<T = f64> {
+pub(crate) struct Gear<T = f64> {
     shortest: T,
     longest: T,
     row: u32,
@@ -60,15 +61,16 @@ pub struct Gear<T = f64> {
 
 impl Gear {
     /// Gear of an order, 1..=100 drive periods a flight.
-    pub fn build(order: u32) -> Result<Self, OutOfRange> {
+    pub(crate) fn build(order: u32) -> Result<Self, OutOfRange> {
         let period = TAU * accept_order(order)?;
         Ok(Self::between(FLIGHTS.map(|share| share * period)))
     }
 }
 
+#[cfg(any(test, feature = "control"))]
 impl Gear<i64> {
     /// Gear of an order, 1..=100 drive periods a flight, whose time is counted in steps of 2^-32 turns.
-    pub fn in_steps(order: u32) -> Result<Self, OutOfRange> {
+    pub(crate) fn in_steps(order: u32) -> Result<Self, OutOfRange> {
         let period = Phase::TURN * accept_order(order)?;
         Ok(Self::between(FLIGHTS.map(|share| (share * period) as i64)))
     }
@@ -87,18 +89,18 @@ impl<T: Copy + Default + PartialOrd + AddAssign> Gear<T> {
 
     /// Whether the part is in gear now.
     #[must_use]
-    pub fn is_in(&self) -> bool {
+    pub(crate) fn is_in(&self) -> bool {
         self.row >= ROW
     }
 
     /// How often it has been lost.
     #[must_use]
-    pub fn losses(&self) -> u64 {
+    pub(crate) fn losses(&self) -> u64 {
         self.losses
     }
 
     /// Takes a flight; the time in gear that it adds, which for the last of the first 8 is that of all.
-    pub fn flight(&mut self, flight: T) -> T {
+    pub(crate) fn flight(&mut self, flight: T) -> T {
         if !(self.shortest < flight && flight < self.longest) {
             self.lose();
             return T::default();
@@ -113,7 +115,7 @@ impl<T: Copy + Default + PartialOrd + AddAssign> Gear<T> {
     }
 
     /// The part came to rest.
-    pub fn rest(&mut self) {
+    pub(crate) fn rest(&mut self) {
         self.lose();
     }
 
@@ -208,7 +210,7 @@ impl GearWatch {
     }
 
     /// Counts up to time `now` in rad of drive phase.
-    pub fn end(&mut self, now: f64) {
+    pub(crate) fn end(&mut self, now: f64) {
         self.end = now;
     }
 

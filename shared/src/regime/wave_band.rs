@@ -72,25 +72,25 @@ impl WaveLock {
 
     /// k of the orbit.
     #[must_use]
-    pub fn k(&self) -> f64 {
+    pub(crate) fn k(&self) -> f64 {
         self.k
     }
 
     /// The track's motion.
     #[must_use]
-    pub fn wave(&self) -> &Wave {
+    pub(crate) fn wave(&self) -> &Wave {
         &self.wave
     }
 
     /// Drive cycles per impact (symbol r).
     #[must_use]
-    pub fn order(&self) -> u32 {
+    pub(crate) fn order(&self) -> u32 {
         self.order
     }
 
     /// Restitution of the part (symbol R).
     #[must_use]
-    pub fn restitution(&self) -> f64 {
+    pub(crate) fn restitution(&self) -> f64 {
         self.restitution
     }
 

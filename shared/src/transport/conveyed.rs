@@ -48,7 +48,7 @@ impl Conveyed {
 
     /// Both together.
     #[must_use]
-    pub fn and(&self, other: &Self) -> Self {
+    pub(crate) fn and(&self, other: &Self) -> Self {
         Self {
             impacts: self.impacts + other.impacts,
             rests: self.rests + other.rests,
@@ -76,13 +76,6 @@ impl Conveyed {
         };
         conveyed.lie(cycle);
         conveyed
-    }
-
-    /// Share of the time at rest, 0..1.
-    #[must_use]
-    pub fn rest_share(&self) -> Option<f64> {
-        let time = self.flying + self.resting;
-        (time > 0.0).then(|| self.resting / time)
     }
 }
 
@@ -253,7 +246,7 @@ mod tests {
                 "{k}: {one} {many}"
             );
             assert!(period.impact_mean().is_none() && period.rests == 1);
-            assert!((0.0..1.0).contains(&period.rest_share().unwrap()));
+            assert!(period.flying > 0.0 && period.resting >= 0.0);
         }
     }
 

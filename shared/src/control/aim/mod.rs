@@ -29,6 +29,6 @@ pub use gear::GearSearch;
 #[cfg(any(test, feature = "unstable"))]
 pub use kicks::Planned;
 pub use selection::Selection;
-pub use setpoint::{NoSetpoint, Target};
+pub use setpoint::NoSetpoint;
 #[cfg(any(test, feature = "unstable"))]
 pub use spared::{GearPlanned, SparedGear as GearSearch};

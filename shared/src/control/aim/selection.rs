@@ -4,12 +4,13 @@ use super::GearSearch;
 use super::chaos::{Chaos, ChaosSearch};
 use super::kicks::Search;
 use super::retune::Retuning;
-use super::setpoint::{Choice, Level, NoSetpoint, Target};
+use super::setpoint::{Choice, Level, NoSetpoint};
 use super::speed::SpeedSearch;
 use crate::control::drive::{Scale, SecondTone};
 use crate::control::hear::{LockWindow, Margin};
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
+use crate::control::target::Target;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::regime::gear::GearPlan;
 

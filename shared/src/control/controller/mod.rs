@@ -4,12 +4,13 @@ use core::f32::consts::TAU;
 
 use crate::arithmetic::Phase;
 use crate::arithmetic::square_root_single;
-use crate::control::aim::{Selection, Target};
+use crate::control::aim::Selection;
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::course::{
     Decision, EnableResponse, Expected, FaultDetector, LimitInputs, LimitMonitor, Observation,
     Standstill, StateMachine,
 };
+use crate::control::target::Target;
 use num_complex::Complex32 as Complex;
 
 use crate::control::drive::{
@@ -165,17 +166,6 @@ impl Controller {
         Ok(controller)
     }
 
-    /// A controller that only reports refused settings, off until settings are accepted.
-    #[must_use]
-    pub fn refused() -> Option<Self> {
-        Self::build(
-            &Settings::default(),
-            Target::Amplitude(0.0),
-            StartCause::Refused,
-        )
-        .ok()
-    }
-
     /// Takes a new target; refused, with the old one kept, where its number is out of range.
     ///
     /// The lock for a speed is searched for by [`Controller::plan_step`]: until it is
@@ -210,7 +200,7 @@ impl Controller {
     }
 
     /// As [`Controller::cycle`], for who does not read each report.
-    pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
+    pub(crate) fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
         let mut events = core::mem::take(&mut self.news);
         self.count = self.count.wrapping_add(1);
         // After 99 days at 500 Hz the count begins anew, and with it the classifier's time.

@@ -1,7 +1,7 @@
 //! What a controller tells of itself.
 
 use super::Controller;
-use crate::control::aim::{NoSetpoint, Target};
+use crate::control::aim::NoSetpoint;
 use crate::control::angle::radians_of;
 use crate::control::drive::size;
 use crate::control::hear::{Command, GearShare, Overtone};
@@ -9,6 +9,7 @@ use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
 use crate::control::state::{Events, State};
+use crate::control::target::Target;
 
 impl Controller {
     /// What was seen and done in the last cycle.
@@ -47,7 +48,7 @@ impl Controller {
 
     /// What the drive is to do.
     #[must_use]
-    pub fn command(&self) -> Command {
+    pub(crate) fn command(&self) -> Command {
         let [sine, cosine] = self.second.output();
         Command {
             amplitude: self.output,
@@ -98,7 +99,7 @@ impl Controller {
 
     /// That share with its error; `None` where what is told is only a least.
     #[must_use]
-    pub fn gear_share(&self) -> Option<GearShare> {
+    pub(crate) fn gear_share(&self) -> Option<GearShare> {
         self.listener.in_gear()
     }
 

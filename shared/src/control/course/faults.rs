@@ -149,8 +149,8 @@ impl FaultDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::aim::Target;
     use crate::control::settings::Settings;
+    use crate::control::target::Target;
     use crate::plant::{ClosedLoop, DriveModel, EnvelopeLoop, Scene};
 
     /// What the detector says of a number of cycles alike.

@@ -502,8 +502,8 @@ impl GearHearing {
 mod tests {
     use core::f64::consts::TAU;
 
-    use crate::control::Target;
     use crate::control::hear::Margin;
+    use crate::control::target::Target;
     use crate::plant::{EnvelopeLoop, Scene};
     use crate::regime::classify::Regime;
     use crate::regime::gear::GearWatch;

@@ -130,7 +130,7 @@ struct Mixture {
 impl GearShare {
     /// What is known where a share is at least so much: half of the rest, give or take as much.
     #[must_use]
-    pub fn at_least(least: f32) -> Self {
+    pub(crate) fn at_least(least: f32) -> Self {
         let rest = 0.5 * (1.0 - least);
         Self {
             share: least + rest,
@@ -563,7 +563,7 @@ fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PA
 mod tests {
     use core::f64::consts::TAU;
 
-    use crate::control::Target;
+    use crate::control::target::Target;
     use crate::plant::{ClosedLoop, EnvelopeLoop, Scene};
     use crate::regime::gear::GearWatch;
 

@@ -514,7 +514,8 @@ fn back(k: f64) -> f64 {
 #[cfg(all(test, feature = "plant"))]
 mod tests {
     use super::*;
-    use crate::control::{Settings, Target};
+    use crate::control::settings::Settings;
+    use crate::control::target::Target;
     use crate::plant::{ClosedLoop, Scene, SensorModel};
 
     fn rests(k: f64, restitution: f32) -> bool {

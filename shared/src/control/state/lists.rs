@@ -133,7 +133,7 @@ impl Limits {
 
     /// Whether nothing holds the controller back.
     #[must_use]
-    pub fn is_empty(self) -> bool {
+    pub(crate) fn is_empty(self) -> bool {
         self.0 == 0
     }
 

@@ -63,8 +63,9 @@ impl Map {
 
     /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
     /// (k >= 1).
+    #[cfg(feature = "plant")]
     #[must_use]
-    pub fn lift_off(&self) -> Option<f64> {
+    pub(crate) fn lift_off(&self) -> Option<f64> {
         (self.track.k < 1.0).then_some(self.track.lift_off)
     }
 

@@ -48,8 +48,13 @@ pub struct Lain {
 }
 
 /// A law of motion along the track: [`Tangential`](super::Tangential), the paper's restitution along it, or
-/// [`Friction`](super::Friction).
-pub trait Along: Copy {
+/// [`Friction`](super::Friction). These two alone: what a law owes an orbit may change with any version.
+pub trait Along: AlongLaw {}
+
+impl<L: AlongLaw> Along for L {}
+
+/// What a law of motion along the track owes an orbit.
+pub trait AlongLaw: Copy {
     /// Whether a part at rest has forgotten how it came there, so that its orbit repeats from lift-off to lift-off.
     const FORGETS: bool;
 

@@ -186,8 +186,9 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
     }
 
     /// The restitution of the last impact over that of the kernel; 1 where it does not scatter.
+    #[cfg(any(test, feature = "analysis"))]
     #[must_use]
-    pub fn drawn(&self) -> f64 {
+    pub(crate) fn drawn(&self) -> f64 {
         self.drawn
     }
 

@@ -16,6 +16,8 @@ mod wave_contact;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave_orbit;
 
+#[cfg(feature = "plant")]
+pub(crate) use along::AlongLaw;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use along::{Along, Lain};
 pub use contact::Contact;

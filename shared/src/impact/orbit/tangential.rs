@@ -1,6 +1,6 @@
 //! Motion along the track: what a flight and an impact do to it (equations 10 and 11; docs/theory-transport.md#t8.1).
 
-use super::along::{Along, Lain, accept_motion};
+use super::along::{AlongLaw, Lain, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
@@ -175,7 +175,7 @@ impl Tangential {
 }
 
 /// At rest the velocity is 0 (the paper's model: infinitely many impacts have taken it).
-impl Along for Tangential {
+impl AlongLaw for Tangential {
     const FORGETS: bool = true;
 
     #[inline]

@@ -25,7 +25,7 @@ impl WaveOrbit {
 
     /// The orbit that begins at rest, phase 0; it lifts off where the push of the track first rises through k.
     #[must_use]
-    pub fn from_rest(map: &WaveMap) -> Self {
+    pub(crate) fn from_rest(map: &WaveMap) -> Self {
         Self {
             map: *map,
             part: WavePart::at_rest(map.restitution(), 0.0),
@@ -34,7 +34,7 @@ impl WaveOrbit {
 
     /// The state after the last event.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub(crate) fn state(&self) -> State {
         self.part.state
     }
 }

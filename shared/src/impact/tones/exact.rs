@@ -35,7 +35,7 @@ pub struct WaveExact {
 
 impl WaveExact {
     /// The map for a wave, k within 0.001..=1000 and a restitution.
-    pub fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+    pub(crate) fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         let mixed = [wave.second(), wave.third()].map(|tone| {
             let (sine, cosine) = sine_cosine(tone.angle.abs());
             let sine = if tone.angle < 0.0 {

@@ -58,6 +58,7 @@ const HIGHEST: f32 = 4.0;
 /// ratio of amplitudes. A part at rest leaves where `sin t = k` for the amplitude of that moment.
 ///
 /// ```
+/// # #[cfg(feature = "unstable")] {
 /// use kband::impact::Hybrid;
 /// use kband::regime::capture::{
 ///     DriveLag, DriveLagSettings, Follow, Kick, Outcome, Trial,
@@ -73,6 +74,7 @@ const HIGHEST: f32 = 4.0;
 ///     let mut part = Follow::<Hybrid>::new(trial, drive, kick)?;
 ///     assert_eq!(core::iter::repeat_with(|| part.step()).flatten().next(), Some(outcome));
 /// }
+/// # }
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug)]

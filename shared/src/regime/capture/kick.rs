@@ -85,13 +85,13 @@ impl Kick {
 
     /// Cycles until the command is at the target for good.
     #[must_use]
-    pub fn length(&self) -> u32 {
+    pub(crate) fn length(&self) -> u32 {
         u32::from(self.settings.hold) + u32::from(self.settings.descent)
     }
 
     /// The commanded amplitude over the target amplitude in drive cycle `cycle`, counted from 0.
     #[must_use]
-    pub fn command(&self, cycle: u32) -> f32 {
+    pub(crate) fn command(&self, cycle: u32) -> f32 {
         let KickSettings {
             factor,
             hold,

@@ -61,7 +61,7 @@ impl DriveLag {
 
     /// Highest amplitude over the target amplitude.
     #[must_use]
-    pub fn limit(&self) -> f32 {
+    pub(crate) fn limit(&self) -> f32 {
         self.limit
     }
 }

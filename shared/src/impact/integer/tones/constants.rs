@@ -7,11 +7,11 @@ use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node;
 use crate::arithmetic::trigonometry::{sine_cosine_fine, sine_cosine_narrow};
 use crate::feeder::OutOfRange;
-use crate::impact::Tone;
 use crate::impact::anchor::tones::{
     Edge as SingleEdge, Harmonic as Single, Harmonics, Hump as SingleHump, Track,
 };
 use crate::impact::integer::ballistic::product_32;
+use crate::impact::wave::Tone;
 
 /// A height of the track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -7,7 +7,6 @@ use super::short::{LONGEST, Near, steps_of};
 use crate::arithmetic::fixed::{Fixed, Reciprocal};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::Tone;
 use crate::impact::integer::Integer;
 use crate::impact::integer::anchored::Anchored;
 use crate::impact::integer::approach::{StepsFrom, approach, nearest_node};
@@ -16,6 +15,7 @@ use crate::impact::integer::settle::{arrival, landing, settle, solve};
 use crate::impact::kernel::{
     HybridState, Impact, Kernel, Landing, State, WaveKernel, accept_phase,
 };
+use crate::impact::wave::Tone;
 
 /// The impact map in integers on a track of two or three tones (`integer-tones`); of one tone it is [`Integer`], bit
 /// for bit.

@@ -5,7 +5,7 @@ mod push;
 
 use push::{Push, first_zero};
 
-use super::along::{Along, Lain, accept_motion};
+use super::along::{AlongLaw, Lain, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, State};
@@ -143,12 +143,6 @@ impl Friction {
             free: Push::of(wave, amplitude_ratio, phase_lead, k * incline_tangent),
             normal: Push::of(wave, 1.0, 0.0, k),
         })
-    }
-
-    /// What it was built from.
-    #[must_use]
-    pub fn settings(&self) -> FrictionSettings {
-        self.settings
     }
 
     /// A flight of `d` rad from a phase, begun with `velocity` along the track: way in b and velocity in `b w` just before
@@ -302,7 +296,7 @@ impl Friction {
     }
 }
 
-impl Along for Friction {
+impl AlongLaw for Friction {
     const FORGETS: bool = false;
 
     fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64) {

@@ -1,0 +1,53 @@
+//! What the controller is to do with the parts.
+
+use super::drive::SecondTone;
+
+/// What the user wants of the parts.
+///
+/// ```
+/// use kband::control::{Controller, NoSetpoint, Settings, StartCause, Target};
+/// // A lot so wide that no k is in the band of every part.
+/// let settings = Settings {
+///     restitution_low: 0.1,
+///     restitution_high: 0.3,
+///     ..Settings::default()
+/// };
+/// let target = Target::Locked { order: 1 };
+/// let controller = Controller::build(&settings, target, StartCause::Ordinary)?;
+/// let Some(NoSetpoint::Band(none)) = controller.no_setpoint() else {
+///     panic!("it has one");
+/// };
+/// assert!(none.to_string().contains("restitution"));
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// Parts locked to the drive, one impact every `order` cycles.
+    Locked {
+        /// Drive cycles per impact (symbol r), 1..=8.
+        order: u8,
+    },
+    /// Parts in gear, one flight every `order` cycles, for as much of the time as the lot's scatter allows.
+    Gear {
+        /// Drive cycles per flight (symbol r), 1..=8.
+        order: u8,
+    },
+    /// Parts in chaotic motion.
+    Chaotic,
+    /// A value of k, 0.02..10.
+    K(f32),
+    /// A normal amplitude b in mm.
+    Amplitude(f32),
+    /// A value of k, 0.02..10, with a second tone of the track.
+    Tones {
+        /// k of the first tone.
+        k: f32,
+        /// The second tone; its ratio at most the setting `second_tone`.
+        second: SecondTone,
+    },
+    /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
+    Speed(f32),
+    /// To find the restitution of the parts by listening to them hop and rest
+    /// ([`Identification`](crate::control::Identification)): a step of commissioning.
+    Identify,
+}
