@@ -4,8 +4,10 @@
 //! value, so that a refusal names key, value and range.
 
 mod amplitude;
+mod look;
 
 pub use amplitude::{AmplitudeArguments, k_of};
+pub use look::{LookArguments, PICTURES};
 
 use std::path::PathBuf;
 
@@ -14,7 +16,7 @@ use kband::impact::{Scatter, Tone, Wave};
 use kband::plant::Noise;
 
 use crate::file::Destination;
-use crate::picture::{Picture, Theme};
+use crate::picture::Picture;
 use crate::refusal::Refusal;
 use crate::report::{Format, Printout};
 
@@ -29,36 +31,36 @@ pub struct Printed {
 /// The file a picture or a table goes to, and how it looks.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Drawn {
-    /// Also write a file; its ending says what: .svg or .png the picture, .csv or .json the numbers.
+    /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 
-    /// Colours of the picture.
-    #[arg(long, value_enum, default_value_t = Theme::Light)]
-    pub theme: Theme,
+    #[command(flatten)]
+    look: LookArguments,
 }
 
 impl Drawn {
     /// Where the picture or the numbers will go, checked before anything is computed.
     pub fn output(&self) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
+            self.look.check(false)?;
             return Ok(Output { kind: None });
         };
         let target = Destination::check(path)?;
         let kind = match target.ending().as_str() {
-            "svg" => Kind::Svg(self.theme),
-            "png" => Kind::Png(self.theme),
             "csv" => Kind::Numbers(Format::Csv),
             "json" => Kind::Numbers(Format::Json),
+            picture if PICTURES.contains(&picture) => Kind::Picture(self.look),
             other => {
                 return Err(Refusal::value(
                     "ending of --out",
                     format!("'{other}'"),
-                    ".svg or .png for the picture, .csv or .json for the numbers",
+                    ".svg, .png or .pdf for the picture, .csv or .json for the numbers",
                     "give the file one of these endings",
                 ));
             }
         };
+        self.look.check(matches!(kind, Kind::Picture(_)))?;
         Ok(Output {
             kind: Some((target, kind)),
         })
@@ -73,15 +75,14 @@ pub struct Output {
 
 #[derive(Clone, Copy, Debug)]
 enum Kind {
-    Svg(Theme),
-    Png(Theme),
+    Picture(LookArguments),
     Numbers(Format),
 }
 
 impl Output {
     /// Whether a picture is wanted.
     pub fn draws(&self) -> bool {
-        matches!(self.kind, Some((_, Kind::Svg(_) | Kind::Png(_))))
+        matches!(self.kind, Some((_, Kind::Picture(_))))
     }
 
     /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
@@ -95,16 +96,7 @@ impl Output {
             return Ok(());
         };
         match kind {
-            Kind::Svg(theme) => target.write_bytes(picture().to_svg(*theme).as_bytes())?,
-            Kind::Png(theme) => {
-                let bytes = picture().to_png(*theme).ok_or_else(|| {
-                    Refusal::new(
-                        "there is no memory for the picture",
-                        "write an .svg instead",
-                    )
-                })?;
-                target.write_bytes(&bytes)?;
-            }
+            Kind::Picture(look) => look.write(target, &picture())?,
             Kind::Numbers(format) => report.save(*format, target)?,
         }
         eprintln!("wrote {}", target.path().display());

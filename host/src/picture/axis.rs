@@ -124,9 +124,32 @@ impl Axis {
     pub(super) fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
         match self.division {
             Division::Decimal => decimal(self.low, self.high, wanted.max(2)),
-            Division::Decades => decades(self.low, self.high, wanted.max(2)),
+            Division::Decades => {
+                let decades = decades(self.low, self.high, wanted.max(2));
+                // No axis is without numbers: a part of a decade has those of a straight scale.
+                if decades.len() < 2 {
+                    decimal(self.low, self.high, wanted.max(2))
+                } else {
+                    decades
+                }
+            }
             Division::Pi => parts_of_pi(self.low, self.high, wanted.max(2)),
         }
+    }
+
+    /// Where small ticks stand: at each ninth of a decade of a logarithmic axis, that it can be read as one.
+    pub(super) fn small_ticks(&self) -> Vec<f64> {
+        let (first, last) = (
+            self.low.log10().floor() as i32,
+            self.high.log10().ceil() as i32,
+        );
+        if self.division != Division::Decades || last - first > 12 {
+            return Vec::new();
+        }
+        (first..last)
+            .flat_map(|n| (1..10).map(move |digit| f64::from(digit) * 10_f64.powi(n)))
+            .filter(|value| (self.low..=self.high).contains(value))
+            .collect()
     }
 }
 
@@ -268,6 +291,15 @@ mod tests {
         assert_eq!(log.part(1e-6), 0.5);
         let speeds = axis(60.0, 3000.0).logarithmic();
         assert_eq!(labels(&speeds, 8), ["100", "200", "500", "1000", "2000"]);
+        assert_eq!(
+            labels(&axis(2.1, 4.4).logarithmic(), 6),
+            ["2.5", "3.0", "3.5", "4.0"]
+        );
+        assert_eq!(
+            axis(7.5, 35.0).logarithmic().small_ticks(),
+            [8.0, 9.0, 10.0, 20.0, 30.0]
+        );
+        assert!(axis(7.5, 35.0).small_ticks().is_empty());
         let turn = Axis::new("phase", Unit::RADIANS, 0.0, 2.0 * PI).in_pi();
         assert_eq!(labels(&turn, 4), ["0", "π/2", "π", "3π/2", "2π"]);
     }

@@ -6,23 +6,26 @@ use tiny_skia::{
     PremultipliedColorU8, StrokeDash, Transform,
 };
 
-use super::font;
 use super::shape::{Anchor, Raster, Rect, Shape, Text};
 use super::theme::Colour;
+use super::{Look, font};
 
 /// Pixels of the PNG for one pixel of the sheet: sharp on today's screens and in print.
-const SCALE: f32 = 2.0;
+const SCALE: f64 = 2.0;
+/// Dots an inch on paper, as journals ask.
+const DOTS: f64 = 300.0;
 
 /// The PNG of shapes on a sheet of this size; `None` only where memory for it is refused.
-pub(super) fn png(
-    width: f64,
-    height: f64,
-    background: Colour,
-    shapes: &[Shape],
-) -> Option<Vec<u8>> {
-    let size = |length: f64| (length * f64::from(SCALE)).round() as u32;
+pub(super) fn png([width, height]: [f64; 2], look: Look, shapes: &[Shape]) -> Option<Vec<u8>> {
+    let times = if look.on_paper() {
+        look.points() / 72.0 * DOTS
+    } else {
+        SCALE
+    };
+    let scale = || Transform::from_scale(times as f32, times as f32);
+    let size = |length: f64| (length * times).round() as u32;
     let mut sheet = Pixmap::new(size(width), size(height))?;
-    sheet.fill(colour(background));
+    sheet.fill(colour(look.theme().background()));
     let mut clip: Option<(Rect, Mask)> = None;
     for shape in shapes {
         match shape {
@@ -70,11 +73,11 @@ pub(super) fn png(
                     sheet.stroke_path(&path, &paint(stroke.colour), &line, scale(), mask);
                 }
             }
-            Shape::Text(text) => words(&mut sheet, text),
-            Shape::Image { place, raster } => image(&mut sheet, place, raster),
+            Shape::Text(text) => words(&mut sheet, text, scale()),
+            Shape::Image { place, raster } => image(&mut sheet, place, raster, times),
         }
     }
-    encode(&sheet)
+    encode(&sheet, look.on_paper())
 }
 
 /// A raster as a PNG with its palette, for SVG to embed.
@@ -103,10 +106,6 @@ pub(super) fn indexed_png(raster: &Raster) -> Vec<u8> {
         let _ = writer.write_image_data(&raster.pixels);
     }
     bytes
-}
-
-fn scale() -> Transform {
-    Transform::from_scale(SCALE, SCALE)
 }
 
 fn colour(colour: Colour) -> tiny_skia::Color {
@@ -139,7 +138,7 @@ fn outline(pieces: &[Vec<(f64, f64)>], closed: bool) -> Option<Path> {
     path.finish()
 }
 
-fn words(sheet: &mut Pixmap, text: &Text) {
+fn words(sheet: &mut Pixmap, text: &Text, scale: Transform) {
     let mut path = PathBuilder::new();
     let mut end = None;
     font::outline(&text.words, text.size, text.bold, |curve| {
@@ -180,11 +179,11 @@ fn words(sheet: &mut Pixmap, text: &Text) {
     let place = Transform::from_translate(shift, 0.0)
         .post_concat(turn)
         .post_translate(x, y)
-        .post_concat(scale());
+        .post_concat(scale);
     sheet.fill_path(&path, &paint(text.colour), FillRule::Winding, place, None);
 }
 
-fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster) {
+fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster, times: f64) {
     let Some(mut source) = Pixmap::new(raster.width as u32, raster.height as u32) else {
         return;
     };
@@ -204,8 +203,8 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster) {
     );
     let transform = Transform::from_scale(across as f32, down as f32)
         .post_translate(place.left as f32, place.top as f32)
-        .post_concat(scale());
-    let quality = if across * f64::from(SCALE) > 1.0 {
+        .post_concat(Transform::from_scale(times as f32, times as f32));
+    let quality = if across * times > 1.0 {
         FilterQuality::Nearest
     } else {
         FilterQuality::Bilinear
@@ -217,7 +216,7 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster) {
     sheet.draw_pixmap(0, 0, source.as_ref(), &paint, transform, None);
 }
 
-fn encode(sheet: &Pixmap) -> Option<Vec<u8>> {
+fn encode(sheet: &Pixmap, on_paper: bool) -> Option<Vec<u8>> {
     let mut pixels = Vec::with_capacity(3 * sheet.pixels().len());
     for pixel in sheet.pixels() {
         // The sheet was filled with an opaque colour, and nothing drawn over it takes that away.
@@ -228,6 +227,14 @@ fn encode(sheet: &Pixmap) -> Option<Vec<u8>> {
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Balanced);
+    if on_paper {
+        let dots = (DOTS / 0.0254).round() as u32;
+        encoder.set_pixel_dims(Some(png::PixelDimensions {
+            xppu: dots,
+            yppu: dots,
+            unit: png::Unit::Meter,
+        }));
+    }
     encoder
         .write_header()
         .ok()?

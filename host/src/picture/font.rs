@@ -5,10 +5,18 @@ use std::sync::LazyLock;
 use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
 
 static REGULAR: LazyLock<Option<FontRef<'static>>> =
-    LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans.ttf")).ok());
-static BOLD: LazyLock<Option<FontRef<'static>>> = LazyLock::new(|| {
-    FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans-bold.ttf")).ok()
-});
+    LazyLock::new(|| FontRef::try_from_slice(file(false)).ok());
+static BOLD: LazyLock<Option<FontRef<'static>>> =
+    LazyLock::new(|| FontRef::try_from_slice(file(true)).ok());
+
+/// The font itself, as TrueType.
+pub(super) fn file(bold: bool) -> &'static [u8] {
+    if bold {
+        include_bytes!("../../fonts/kband-sans-bold.ttf")
+    } else {
+        include_bytes!("../../fonts/kband-sans.ttf")
+    }
+}
 
 fn font(bold: bool) -> Option<&'static FontRef<'static>> {
     if bold {
@@ -24,6 +32,11 @@ pub(super) fn width(words: &str, size: f64, bold: bool) -> f64 {
         return 0.6 * size * words.chars().count() as f64;
     };
     glyphs(font, words).map(|(_, advance)| advance).sum::<f64>() * size
+}
+
+/// `size`, or as much less as `words` take to stay within `room` pixels, to no less than six tenths.
+pub(super) fn fitted(words: &str, size: f64, bold: bool, room: f64) -> f64 {
+    size * (room / width(words, size, bold)).clamp(0.6, 1.0)
 }
 
 /// Outlines of `words` at a size in pixels, beginning at (0, 0) of the baseline, y downwards.
@@ -51,6 +64,31 @@ pub(super) fn outline(words: &str, size: f64, bold: bool, mut draw: impl FnMut(O
         }
         left += advance;
     }
+}
+
+/// Each letter of `words` with the number of its glyph and its advance in em.
+pub(super) fn numbers(words: &str, bold: bool) -> impl Iterator<Item = (char, u16, f64)> {
+    let font = font(bold);
+    let glyphs = font.into_iter().flat_map(move |font| glyphs(font, words));
+    let letters = words.chars();
+    letters
+        .zip(glyphs)
+        .map(|(letter, (glyph, advance))| (letter, glyph.0, advance))
+}
+
+/// Every letter that the font has, likewise.
+pub(super) fn all(bold: bool) -> impl Iterator<Item = (char, u16, f64)> {
+    let font = font(bold);
+    font.into_iter().flat_map(|font| {
+        let em = f64::from(font.units_per_em().unwrap_or(1000.0));
+        font.codepoint_ids().map(move |(glyph, letter)| {
+            (
+                letter,
+                glyph.0,
+                f64::from(font.h_advance_unscaled(glyph)) / em,
+            )
+        })
+    })
 }
 
 /// The glyphs of `words` and their advance in em.

@@ -1,4 +1,4 @@
-//! Pictures of one house style, drawn once as shapes and written as SVG or PNG.
+//! Pictures of one house style, drawn once as shapes and written as SVG, PNG or PDF.
 //!
 //! Every axis has a unit by its type; colours, dashes, markers and hatches come from the theme by the
 //! number of the series or the fill of the regime, so that all pictures of kband read alike, also in
@@ -7,12 +7,15 @@
 mod axis;
 mod bitmap;
 mod font;
+mod look;
 mod panel;
+mod pdf;
 mod shape;
 mod svg;
 mod theme;
 
 pub use axis::{Axis, Unit};
+pub use look::Look;
 pub use panel::{Grid, Panel};
 pub use theme::{Fill, Theme};
 
@@ -78,27 +81,41 @@ impl Picture {
 
     /// The picture as an SVG document.
     #[must_use]
-    pub fn to_svg(&self, theme: Theme) -> String {
-        let (size, shapes) = self.shapes(theme);
-        svg::document(size[0], size[1], &self.title, &shapes)
+    pub fn to_svg(&self, look: impl Into<Look>) -> String {
+        let look = look.into();
+        let (size, shapes) = self.shapes(look);
+        svg::document(size, &self.title, look, &shapes)
     }
 
-    /// The picture as a PNG of twice its size in pixels; `None` only where memory is refused.
+    /// The picture as a PNG, on a screen of twice its size in pixels, on paper of 300 dots an inch; `None` only where
+    /// memory is refused.
     #[must_use]
-    pub fn to_png(&self, theme: Theme) -> Option<Vec<u8>> {
-        let (size, shapes) = self.shapes(theme);
-        bitmap::png(size[0], size[1], theme.background(), &shapes)
+    pub fn to_png(&self, look: impl Into<Look>) -> Option<Vec<u8>> {
+        let look = look.into();
+        let (size, shapes) = self.shapes(look);
+        bitmap::png(size, look, &shapes)
+    }
+
+    /// The picture as a PDF of one page, with its letters as letters.
+    #[must_use]
+    pub fn to_pdf(&self, look: impl Into<Look>) -> Vec<u8> {
+        let look = look.into();
+        let (size, shapes) = self.shapes(look);
+        pdf::document(size, &self.title, look, &shapes)
     }
 
     /// Width and height, and what is drawn.
-    fn shapes(&self, theme: Theme) -> ([f64; 2], Vec<Shape>) {
+    fn shapes(&self, look: Look) -> ([f64; 2], Vec<Shape>) {
+        let theme = look.theme();
+        let all = std::iter::successors(Some(self), |picture| picture.beside.as_deref());
+        let own: f64 = all.clone().map(|picture| picture.width).sum();
+        let narrower = look.laid_out(own) / own;
         let mut shapes = Vec::new();
         let (mut left, mut height) = (0.0, 0.0);
-        let mut next = Some(self);
-        while let Some(picture) = next {
-            height = f64::max(height, picture.draw(theme, left, &mut shapes));
-            left += picture.width;
-            next = picture.beside.as_deref();
+        for picture in all {
+            let width = narrower * picture.width;
+            height = f64::max(height, picture.draw(theme, left, width, &mut shapes));
+            left += width;
         }
         let sheet = Rect {
             left: 0.0,
@@ -110,8 +127,8 @@ impl Picture {
         ([left, height], shapes)
     }
 
-    /// Draws this one alone from a left edge on; its height.
-    fn draw(&self, theme: Theme, left: f64, shapes: &mut Vec<Shape>) -> f64 {
+    /// Draws this one alone from a left edge on and so wide; its height.
+    fn draw(&self, theme: Theme, left: f64, width: f64, shapes: &mut Vec<Shape>) -> f64 {
         let words = |y: f64, words: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
                 at: (left + 18.0, y),
@@ -123,28 +140,39 @@ impl Picture {
                 upright: false,
             })
         };
-        shapes.push(words(28.0, &self.title, 16.0, true, theme.text()));
-        let mut y = 44.0;
+        let mut y = 28.0;
+        for line in wrapped(&self.title, TITLE, true, width - 36.0) {
+            shapes.push(words(y, &line, TITLE, true, theme.text()));
+            y += 20.0;
+        }
+        y -= 4.0;
         if !self.caption.is_empty() {
-            for line in wrapped(&self.caption, self.width - 36.0) {
+            for line in wrapped(&self.caption, panel::SMALL, false, width - 36.0) {
                 shapes.push(words(y + 4.0, &line, panel::SMALL, false, theme.muted()));
                 y += 16.0;
             }
             y += 4.0;
         }
         for panel in &self.panels {
-            y = panel.draw(theme, left, y, self.width, shapes) + 10.0;
+            let squeezed = (width / self.width).clamp(LOWEST, 1.0 / LOWEST);
+            y = panel.draw(theme, [left, y], width, squeezed, shapes) + 10.0;
         }
         y
     }
 }
 
+/// Size of the title in pixels.
+const TITLE: f64 = 16.0;
+
+/// A picture made narrower is made lower as well, to no less than this part.
+const LOWEST: f64 = 0.6;
+
 /// The words in lines no wider than `width` pixels.
-fn wrapped(words: &str, width: f64) -> Vec<String> {
+fn wrapped(words: &str, size: f64, bold: bool, width: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in words.split(' ') {
         match lines.last_mut() {
-            Some(line) if font::width(&format!("{line} {word}"), panel::SMALL, false) <= width => {
+            Some(line) if font::width(&format!("{line} {word}"), size, bold) <= width => {
                 line.push(' ');
                 line.push_str(word);
             }
@@ -227,14 +255,56 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_is_as_wide_on_paper_as_it_was_asked_for() {
+        let column = Look::new(Theme::Light, Some(84.0), Some(7.0));
+        let svg = everything().to_svg(column);
+        assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
+        // 300 dots an inch.
+        let bytes = everything().to_png(column).unwrap();
+        let reader = png::Decoder::new(std::io::Cursor::new(&bytes))
+            .read_info()
+            .unwrap();
+        assert_eq!(reader.info().width, 992);
+        assert_eq!(reader.info().pixel_dims.unwrap().xppu, 11_811);
+        let pdf = everything().to_pdf(column);
+        assert!(pdf.starts_with(b"%PDF-") && pdf.ends_with(b"%%EOF"));
+        let text = String::from_utf8_lossy(&pdf);
+        // 84 mm are 238.110 points.
+        assert!(text.contains("/MediaBox [0 0 238.11"), "{}", text.len());
+        assert!(text.contains("/ToUnicode") && text.contains("/SMask"));
+        assert_eq!(pdf, everything().to_pdf(column));
+        // Small letters of 7 points: 12 pixels of the layout, which is so much wider.
+        let (size, _) = everything().shapes(column);
+        assert!((size[0] - 84.0 / 25.4 * 72.0 / (7.0 / 12.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_legend_names_what_is_there_and_counts_what_is_not() {
+        let picture = |points: Vec<(f64, f64)>, more: Vec<(f64, f64)>| {
+            Picture::new("Title").panel(
+                sample()
+                    .markers("some", 0, points)
+                    .line("others", 1, more)
+                    .strip("band", 0.6, 0.7),
+            )
+        };
+        let svg =
+            picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new()).to_svg(Theme::Light);
+        assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
+        assert!(!svg.contains("others") && !svg.contains("band"));
+        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light);
+        assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
+    }
+
+    #[test]
     fn a_picture_beside_another_is_as_it_is_alone_but_farther_right() {
-        let (alone, lone) = everything().shapes(Theme::Light);
-        let (both, shapes) = sample_and(everything()).shapes(Theme::Light);
+        let (alone, lone) = everything().shapes(Theme::Light.into());
+        let (both, shapes) = sample_and(everything()).shapes(Theme::Light.into());
         assert_eq!(both, [alone[0] + 500.0, alone[1]]);
         let left = Picture::new("Left").width(500.0).panel(sample());
         assert_eq!(
             shapes.len(),
-            lone.len() + left.shapes(Theme::Light).1.len() - 1
+            lone.len() + left.shapes(Theme::Light.into()).1.len() - 1
         );
         let svg = sample_and(everything()).to_svg(Theme::Light);
         assert!(svg.contains("Left") && svg.contains("every kind of item"));

@@ -16,9 +16,12 @@ use style::{dashed, text};
 use super::axis::Axis;
 use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::{Fill, Theme};
+use super::wrapped;
 
 /// Size of small words in pixels.
 pub(super) const SMALL: f64 = 12.0;
+/// Size of a heading.
+const HEADING: f64 = 13.0;
 const LINE: f64 = 17.0;
 /// Space for the labels of the vertical axis, to the left of the plot.
 const LEFT: f64 = 74.0;
@@ -217,9 +220,9 @@ impl Panel {
     pub(super) fn draw(
         &self,
         theme: Theme,
-        left: f64,
-        top: f64,
+        [left, top]: [f64; 2],
         width: f64,
+        squeezed: f64,
         shapes: &mut Vec<Shape>,
     ) -> f64 {
         let bar = self
@@ -230,21 +233,24 @@ impl Panel {
             left: left + LEFT,
             top,
             width: width - LEFT - if bar { BAR } else { RIGHT },
-            height: self.height,
+            height: squeezed * self.height,
         };
         if !self.heading.is_empty() {
-            shapes.push(Shape::Text(Text {
-                bold: true,
-                ..text(
-                    plot.left,
-                    plot.top + 12.0,
-                    &self.heading,
-                    Anchor::Start,
-                    theme.text(),
-                    13.0,
-                )
-            }));
-            plot.top += LINE + 4.0;
+            for line in wrapped(&self.heading, HEADING, true, plot.width) {
+                shapes.push(Shape::Text(Text {
+                    bold: true,
+                    ..text(
+                        plot.left,
+                        plot.top + 12.0,
+                        &line,
+                        Anchor::Start,
+                        theme.text(),
+                        HEADING,
+                    )
+                }));
+                plot.top += LINE;
+            }
+            plot.top += 4.0;
         }
         plot.top = self.draw_legend(theme, &plot, shapes);
         let pixel = Pixels { panel: self, plot };

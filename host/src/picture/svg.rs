@@ -2,22 +2,36 @@
 
 use std::fmt::Write;
 
-use super::bitmap;
 use super::shape::{Anchor, Rect, Shape, Stroke, Text};
 use super::theme::Colour;
+use super::{Look, bitmap};
 
 /// The SVG document of shapes on a sheet of this size.
-pub(super) fn document(width: f64, height: f64, title: &str, shapes: &[Shape]) -> String {
+pub(super) fn document(
+    [width, height]: [f64; 2],
+    title: &str,
+    look: Look,
+    shapes: &[Shape],
+) -> String {
     let mut clips: Vec<Rect> = Vec::new();
     let mut body = String::new();
     for shape in shapes {
         // Writing to a String cannot fail.
         let _ = draw(&mut body, &mut clips, shape);
     }
+    let size = |pixels: f64| {
+        if look.on_paper() {
+            format!("{}mm", short(pixels * look.millimetres()))
+        } else {
+            pixels.to_string()
+        }
+    };
     let mut text = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" \
          viewBox=\"0 0 {width} {height}\" font-family=\"'DejaVu Sans', Verdana, sans-serif\">\n\
          <title>{}</title>\n",
+        size(width),
+        size(height),
         escape(title)
     );
     if !clips.is_empty() {

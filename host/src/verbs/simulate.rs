@@ -9,11 +9,10 @@ use std::path::{Path, PathBuf};
 use kband::feeder::Restitution;
 use kband::plant::{Moment, Sample};
 
-use crate::arguments;
+use crate::arguments::{self, LookArguments, PICTURES};
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
-use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
 use crate::report::{self, Format, Printout, Table};
@@ -104,9 +103,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "sweep", "on"])]
     scope: Option<PathBuf>,
 
-    /// Colours of the picture.
-    #[arg(long, value_enum, default_value_t = Theme::Light)]
-    theme: Theme,
+    #[command(flatten)]
+    look: LookArguments,
 
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table)]
@@ -132,7 +130,7 @@ impl Default for Arguments {
             out: "kband-simulate.svg".into(),
             trace: None,
             scope: None,
-            theme: Theme::Light,
+            look: LookArguments::default(),
             format: Format::Table,
         }
     }
@@ -209,11 +207,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     file.check()?;
     let picture = Destination::check(&arguments.out)?;
     let ending = picture.ending();
-    if ending != "svg" && ending != "png" {
+    if !PICTURES.contains(&ending.as_str()) {
         return Err(Refusal::value(
             "--out",
             arguments.out.display(),
-            "a file name that ends in .svg or .png",
+            "a file name that ends in .svg, .png or .pdf",
             "change the ending",
         ));
     }
@@ -243,7 +241,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let fidelity = arguments.fidelity(&file)?;
     if let Some(count) = arguments.runs {
         let all = many_runs(&file, count, fidelity, desk)?;
-        write_picture(&picture, &runs::draw(&all, &file), arguments.theme)?;
+        arguments.look.write(&picture, &runs::draw(&all, &file))?;
         let report = Printout::new(runs::summary(&all));
         return tell_many(
             report,
@@ -279,7 +277,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         })
     })?;
     if let Some(drawn) = draw(&outcome) {
-        write_picture(&picture, &drawn, arguments.theme)?;
+        arguments.look.write(&picture, &drawn)?;
     }
     let unmet = outcome.unmet();
     let fidelity = match arguments.on {
@@ -316,7 +314,7 @@ fn sweep(
         arguments.fidelity,
         desk,
     )?;
-    write_picture(picture, &swept.draw(file), arguments.theme)?;
+    arguments.look.write(picture, &swept.draw(file))?;
     let report = Printout::new(swept.summary());
     tell_many(report, &swept.table(), picture, trace, arguments.format)
 }
@@ -339,20 +337,6 @@ fn tell_many(
     }
     report.print(format)?;
     Ok(Exit::Done)
-}
-
-fn write_picture(target: &Destination, picture: &Picture, theme: Theme) -> Result<(), Refusal> {
-    let bytes = if target.ending() == "svg" {
-        picture.to_svg(theme).into_bytes()
-    } else {
-        picture.to_png(theme).ok_or_else(|| {
-            Refusal::new(
-                "there is no memory for the picture",
-                "write an .svg instead",
-            )
-        })?
-    };
-    target.write_bytes(&bytes)
 }
 
 /// The controller's runs, and those of an amplitude set from the band alone.

@@ -122,11 +122,17 @@ impl Pixels<'_> {
     }
 
     pub(super) fn x_ticks(&self) -> Vec<(f64, String)> {
-        self.panel.x.ticks((self.plot.width / 90.0) as usize)
+        // A column of print has room for four labels.
+        let fewest = if self.plot.width > 200.0 { 4 } else { 2 };
+        self.panel
+            .x
+            .ticks(((self.plot.width / 90.0) as usize).max(fewest))
     }
 
     pub(super) fn y_ticks(&self) -> Vec<(f64, String)> {
-        self.panel.y.ticks((self.plot.height / 42.0) as usize)
+        self.panel
+            .y
+            .ticks(((self.plot.height / 42.0) as usize).max(3))
     }
 
     pub(super) fn draw_axes(&self, theme: Theme, shapes: &mut Vec<Shape>) {
@@ -157,6 +163,14 @@ impl Pixels<'_> {
                 SMALL,
             )));
         }
+        for x in self.panel.x.small_ticks() {
+            let across = self.across(x);
+            ticks.push(vec![(across, plot.bottom()), (across, plot.bottom() + 3.0)]);
+        }
+        for y in self.panel.y.small_ticks() {
+            let down = self.down(y);
+            ticks.push(vec![(plot.left - 3.0, down), (plot.left, down)]);
+        }
         shapes.push(Shape::Path {
             pieces: ticks,
             closed: false,
@@ -168,23 +182,24 @@ impl Pixels<'_> {
             }),
             clip: None,
         });
+        let (across, up) = (self.panel.x.title(), self.panel.y.title());
         shapes.push(Shape::Text(text(
             plot.left + 0.5 * plot.width,
             plot.bottom() + 37.0,
-            &self.panel.x.title(),
+            &across,
             Anchor::Middle,
             theme.text(),
-            13.0,
+            font::fitted(&across, 13.0, false, plot.width + 0.5 * LEFT),
         )));
         shapes.push(Shape::Text(Text {
             upright: true,
             ..text(
                 plot.left - LEFT + 16.0,
                 plot.top + 0.5 * plot.height,
-                &self.panel.y.title(),
+                &up,
                 Anchor::Middle,
                 theme.text(),
-                13.0,
+                font::fitted(&up, 13.0, false, plot.height + 36.0),
             )
         }));
     }

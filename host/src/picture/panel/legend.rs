@@ -1,7 +1,9 @@
 //! The legend of a panel.
 
+use super::item::Item;
 use super::style::{framed, marks, swatch, text};
 use super::{LINE, Panel, SMALL};
+use crate::picture::axis::Axis;
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke};
 use crate::picture::theme::{Fill, Theme};
@@ -19,10 +21,61 @@ pub(super) enum Key {
 }
 
 impl Panel {
+    /// Whether what a key stands for is there to be seen.
+    fn shows(&self, key: &Key) -> bool {
+        let within =
+            |axis: &Axis, low: f64, high: f64| axis.part(high) > 0.0 && axis.part(low) < 1.0;
+        let finite =
+            |points: &[(f64, f64)]| points.iter().any(|(x, y)| x.is_finite() && y.is_finite());
+        self.items.iter().any(|item| match (key, item) {
+            (Key::Line(wanted), Item::Line { series, points })
+            | (Key::Marker(wanted), Item::Markers { series, points }) => {
+                series == wanted && finite(points)
+            }
+            (Key::Area(wanted), Item::Between { series, points }) => {
+                series == wanted
+                    && points
+                        .iter()
+                        .any(|(_, low, high)| low.is_finite() && high.is_finite())
+            }
+            (Key::Area(wanted), Item::Bars { series, bars }) => {
+                series == wanted && !bars.is_empty()
+            }
+            (Key::Ink, Item::Density { points, .. }) => finite(points),
+            (Key::Strip, Item::Strip { low, high }) => within(&self.x, *low, *high),
+            (Key::Strip, Item::Shelf { low, high }) => within(&self.y, *low, *high),
+            (Key::Plain(fill), Item::Classes(grid)) => grid.holds(fill),
+            _ => false,
+        }) || matches!(key, Key::Fill(fill) if self.ribbon.iter().any(|stretch| stretch.2 == *fill))
+    }
+
+    /// Points that lie beyond the ends of an axis, and so are not drawn.
+    fn left_out(&self) -> usize {
+        let outside = |axis: &Axis, value: f64| !(-1e-9..=1.0 + 1e-9).contains(&axis.part(value));
+        let count = |points: &[(f64, f64)]| {
+            let lost = points.iter().filter(|(x, y)| {
+                x.is_finite() && y.is_finite() && (outside(&self.x, *x) || outside(&self.y, *y))
+            });
+            lost.count()
+        };
+        let of = |item: &Item| match item {
+            Item::Markers { points, .. } | Item::Density { points, .. } => count(points),
+            _ => 0,
+        };
+        self.items.iter().map(of).sum()
+    }
+
     pub(super) fn draw_legend(&self, theme: Theme, plot: &Rect, shapes: &mut Vec<Shape>) -> f64 {
+        let shown: Vec<&(Key, String)> = self
+            .legend
+            .iter()
+            .filter(|(key, _)| self.shows(key))
+            .collect();
+        let left_out = self.left_out();
         let (mut x, mut y) = (plot.left, plot.top + 6.0);
-        for (key, name) in &self.legend {
-            let length = 26.0 + 6.0 + font::width(name, SMALL, false) + 18.0;
+        for (key, name) in &shown {
+            let size = font::fitted(name, SMALL, false, plot.width - 32.0);
+            let length = 26.0 + 6.0 + font::width(name, size, false) + 18.0;
             if x > plot.left && x + length - 18.0 > plot.right() {
                 (x, y) = (plot.left, y + LINE);
             }
@@ -69,11 +122,28 @@ impl Panel {
                 name,
                 Anchor::Start,
                 theme.text(),
-                SMALL,
+                size,
             )));
             x += length;
         }
-        if self.legend.is_empty() {
+        if left_out > 0 {
+            let words = match left_out {
+                1 => "1 point beyond the scale".into(),
+                n => format!("{n} points beyond the scale"),
+            };
+            if x > plot.left && x + font::width(&words, SMALL, false) > plot.right() {
+                (x, y) = (plot.left, y + LINE);
+            }
+            shapes.push(Shape::Text(text(
+                x,
+                y + 4.2,
+                &words,
+                Anchor::Start,
+                theme.muted(),
+                SMALL,
+            )));
+        }
+        if shown.is_empty() && left_out == 0 {
             plot.top
         } else {
             y + LINE - 4.0

@@ -6,6 +6,7 @@ use super::SMALL;
 use super::axes::Pixels;
 use super::style::{frame_of, text};
 use crate::picture::axis::Axis;
+use crate::picture::font;
 use crate::picture::shape::{Anchor, Raster, Rect, Shape, Text};
 use crate::picture::theme::{Colour, Theme};
 
@@ -17,6 +18,14 @@ pub struct Grid<T> {
 }
 
 impl<T> Grid<T> {
+    /// Whether a cell has this value.
+    pub(super) fn holds(&self, value: &T) -> bool
+    where
+        T: PartialEq,
+    {
+        self.values.contains(value)
+    }
+
     /// A grid of rows of `columns` values; an incomplete last row is dropped.
     #[must_use]
     pub fn new(columns: usize, mut values: Vec<T>) -> Self {
@@ -152,7 +161,7 @@ impl Pixels<'_> {
                 &scale.title(),
                 Anchor::Middle,
                 theme.text(),
-                13.0,
+                font::fitted(&scale.title(), 13.0, false, plot.height + 36.0),
             )
         }));
     }

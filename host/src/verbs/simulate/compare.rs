@@ -5,7 +5,7 @@ use kband::feeder::STANDARD_GRAVITY;
 use serde_json::{Value as Json, json};
 use toml::{Table as Toml, Value as Entry};
 
-use super::{Arguments, write_picture};
+use super::Arguments;
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::refusal::{Exit, Refusal};
@@ -67,7 +67,7 @@ pub(super) fn run(
         )
     };
     if let (Some(left), Some(right)) = (drawn(&one, "One tone"), drawn(&two, &title)) {
-        write_picture(picture, &left.beside(right), arguments.theme)?;
+        arguments.look.write(picture, &left.beside(right))?;
     }
     let mut rows = Table::new(&[
         Column::new("second_tone", "afforded").digits(3),

@@ -1,0 +1,338 @@
+//! Shapes as a PDF of one page: letters stay letters, so that they can be searched and keep their form at any size.
+
+use std::collections::BTreeMap;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use pdf_writer::types::{CidFontType, FontFlags, LineJoinStyle, SystemInfo, UnicodeCmap};
+use pdf_writer::{Content, Filter, Finish, Name, Pdf, Ref, Str, TextStr};
+
+use super::shape::{Anchor, Raster, Rect, Shape, Stroke, Text};
+use super::theme::Colour;
+use super::{Look, font};
+
+const CATALOG: Ref = Ref::new(1);
+const PAGES: Ref = Ref::new(2);
+const PAGE: Ref = Ref::new(3);
+const CONTENT: Ref = Ref::new(4);
+const INFO: Ref = Ref::new(5);
+/// Each face takes five objects from here on.
+const FACES: i32 = 6;
+/// Opacities, then images with their masks.
+const REST: i32 = FACES + 10;
+
+/// The glyphs are named by their numbers in the font.
+const IDENTITY: SystemInfo<'static> = SystemInfo {
+    registry: Str(b"Adobe"),
+    ordering: Str(b"Identity"),
+    supplement: 0,
+};
+
+/// The PDF of shapes on a sheet of this size.
+pub(super) fn document(size: [f64; 2], title: &str, look: Look, shapes: &[Shape]) -> Vec<u8> {
+    let points = look.points();
+    let [width, height] = size.map(|length| (length * points) as f32);
+    let mut sheet = Sheet {
+        content: Content::new(),
+        opacities: Vec::new(),
+        images: Vec::new(),
+    };
+    sheet.content.save_state();
+    // From the upper left corner downwards, as the shapes are.
+    let scale = points as f32;
+    sheet
+        .content
+        .transform([scale, 0.0, 0.0, -scale, 0.0, height]);
+    sheet.content.set_line_join(LineJoinStyle::RoundJoin);
+    for shape in shapes {
+        sheet.draw(shape);
+    }
+    sheet.content.restore_state();
+
+    let mut pdf = Pdf::new();
+    pdf.catalog(CATALOG).pages(PAGES);
+    pdf.pages(PAGES).kids([PAGE]).count(1);
+    pdf.document_info(INFO)
+        .title(TextStr(title))
+        .creator(TextStr("kband"));
+    let states: Vec<(String, Ref, f32)> = sheet
+        .opacities
+        .iter()
+        .enumerate()
+        .map(|(n, opacity)| (format!("O{n}"), Ref::new(REST + n as i32), *opacity))
+        .collect();
+    let first = REST + states.len() as i32;
+    let image = |n: usize| (format!("I{n}"), Ref::new(first + 2 * n as i32));
+    let mut page = pdf.page(PAGE);
+    page.parent(PAGES)
+        .contents(CONTENT)
+        .media_box(pdf_writer::Rect::new(0.0, 0.0, width, height));
+    let mut resources = page.resources();
+    let mut faces = resources.fonts();
+    for bold in [false, true] {
+        faces.pair(face_name(bold), face(bold));
+    }
+    faces.finish();
+    let mut opacities = resources.ext_g_states();
+    for (name, state, _) in &states {
+        opacities.pair(Name(name.as_bytes()), state);
+    }
+    opacities.finish();
+    let mut images = resources.x_objects();
+    for n in 0..sheet.images.len() {
+        let (name, object) = image(n);
+        images.pair(Name(name.as_bytes()), object);
+    }
+    images.finish();
+    resources.finish();
+    page.finish();
+    for (_, state, opacity) in &states {
+        pdf.ext_graphics(*state)
+            .non_stroking_alpha(*opacity)
+            .stroking_alpha(*opacity);
+    }
+    for (n, raster) in sheet.images.iter().enumerate() {
+        embed_image(&mut pdf, image(n).1, raster);
+    }
+    for bold in [false, true] {
+        embed_face(&mut pdf, bold);
+    }
+    pdf.stream(CONTENT, &deflated(&sheet.content.finish()))
+        .filter(Filter::FlateDecode);
+    pdf.finish()
+}
+
+fn face(bold: bool) -> Ref {
+    Ref::new(FACES + 5 * i32::from(bold))
+}
+
+fn face_name(bold: bool) -> Name<'static> {
+    Name(if bold { b"Bold" } else { b"Regular" })
+}
+
+struct Sheet<'a> {
+    content: Content,
+    opacities: Vec<f32>,
+    images: Vec<&'a Raster>,
+}
+
+impl<'a> Sheet<'a> {
+    fn draw(&mut self, shape: &'a Shape) {
+        match shape {
+            Shape::Path {
+                pieces,
+                closed,
+                fill,
+                stroke,
+                clip,
+            } => {
+                self.content.save_state();
+                if let Some(Rect {
+                    left,
+                    top,
+                    width,
+                    height,
+                }) = *clip
+                {
+                    let [left, top, width, height] = [left, top, width, height].map(|x| x as f32);
+                    self.content.rect(left, top, width, height);
+                    self.content.clip_nonzero().end_path();
+                }
+                if let Some(fill) = fill {
+                    self.opacity(fill.opacity);
+                    let [red, green, blue] = parts(*fill);
+                    self.content.set_fill_rgb(red, green, blue);
+                    self.outline(pieces, *closed);
+                    self.content.fill_nonzero();
+                }
+                if let Some(Stroke {
+                    colour,
+                    width,
+                    dash,
+                }) = stroke
+                {
+                    self.opacity(colour.opacity);
+                    let [red, green, blue] = parts(*colour);
+                    self.content.set_stroke_rgb(red, green, blue);
+                    self.content.set_line_width(*width as f32);
+                    if !dash.is_empty() {
+                        let dash = dash.iter().map(|length| *length as f32);
+                        self.content.set_dash_pattern(dash, 0.0);
+                    }
+                    self.outline(pieces, *closed);
+                    self.content.stroke();
+                }
+                self.content.restore_state();
+            }
+            Shape::Text(text) => self.words(text),
+            Shape::Image { place, raster } => {
+                let name = format!("I{}", self.images.len());
+                self.images.push(raster);
+                let [left, bottom, width, height] =
+                    [place.left, place.bottom(), place.width, place.height].map(|x| x as f32);
+                self.content.save_state();
+                self.content
+                    .transform([width, 0.0, 0.0, -height, left, bottom]);
+                self.content.x_object(Name(name.as_bytes()));
+                self.content.restore_state();
+            }
+        }
+    }
+
+    fn outline(&mut self, pieces: &[Vec<(f64, f64)>], closed: bool) {
+        for piece in pieces {
+            for (n, (x, y)) in piece.iter().enumerate() {
+                if n == 0 {
+                    self.content.move_to(*x as f32, *y as f32);
+                } else {
+                    self.content.line_to(*x as f32, *y as f32);
+                }
+            }
+            if closed {
+                self.content.close_path();
+            }
+        }
+    }
+
+    fn opacity(&mut self, opacity: f32) {
+        let known = self.opacities.iter().position(|other| *other == opacity);
+        let n = known.unwrap_or_else(|| {
+            self.opacities.push(opacity);
+            self.opacities.len() - 1
+        });
+        self.content
+            .set_parameters(Name(format!("O{n}").as_bytes()));
+    }
+
+    fn words(&mut self, text: &Text) {
+        let width = font::width(&text.words, text.size, text.bold);
+        let shift = match text.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => 0.5 * width,
+            Anchor::End => width,
+        };
+        let (x, y) = text.at;
+        // The sheet hangs head down: letters are turned up again.
+        let place = if text.upright {
+            [0.0, -1.0, -1.0, 0.0, x as f32, (y + shift) as f32]
+        } else {
+            [1.0, 0.0, 0.0, -1.0, (x - shift) as f32, y as f32]
+        };
+        let glyphs: Vec<u8> = font::numbers(&text.words, text.bold)
+            .flat_map(|(_, glyph, _)| glyph.to_be_bytes())
+            .collect();
+        self.content.save_state();
+        self.opacity(text.colour.opacity);
+        let [red, green, blue] = parts(text.colour);
+        self.content.set_fill_rgb(red, green, blue);
+        self.content.begin_text();
+        self.content
+            .set_font(face_name(text.bold), text.size as f32);
+        self.content.set_text_matrix(place);
+        self.content.show(Str(&glyphs));
+        self.content.end_text();
+        self.content.restore_state();
+    }
+}
+
+fn parts(colour: Colour) -> [f32; 3] {
+    [colour.red, colour.green, colour.blue].map(|part| f32::from(part) / 255.0)
+}
+
+fn embed_image(pdf: &mut Pdf, object: Ref, raster: &Raster) {
+    let (width, height) = (raster.width as i32, raster.height as i32);
+    let mask = Ref::new(object.get() + 1);
+    let clear = raster.palette.iter().any(|colour| colour.opacity < 1.0);
+    let palette: Vec<u8> = raster
+        .palette
+        .iter()
+        .flat_map(|colour| [colour.red, colour.green, colour.blue])
+        .collect();
+    let pixels = deflated(&raster.pixels);
+    let mut image = pdf.image_xobject(object, &pixels);
+    image.filter(Filter::FlateDecode);
+    image.width(width).height(height).bits_per_component(8);
+    image.color_space().indexed(
+        Name(b"DeviceRGB"),
+        raster.palette.len().saturating_sub(1) as i32,
+        &palette,
+    );
+    if clear {
+        image.s_mask(mask);
+    }
+    image.finish();
+    let opacity = |number: &u8| {
+        let entry = raster.palette.get(usize::from(*number));
+        entry.map_or(0, |colour| (colour.opacity * 255.0).round() as u8)
+    };
+    let opacities: Vec<u8> = if clear {
+        raster.pixels.iter().map(opacity).collect()
+    } else {
+        return;
+    };
+    let opacities = deflated(&opacities);
+    let mut image = pdf.image_xobject(mask, &opacities);
+    image.filter(Filter::FlateDecode);
+    image.width(width).height(height).bits_per_component(8);
+    image.color_space().device_gray();
+}
+
+/// The font as it comes with the source, all of it: it is small, and holds the signs of kband's pictures alone.
+fn embed_face(pdf: &mut Pdf, bold: bool) {
+    let [composite, face, descriptor, file, unicode] =
+        std::array::from_fn(|n| Ref::new(self::face(bold).get() + n as i32));
+    let name = Name(if bold {
+        b"KbandSans-Bold"
+    } else {
+        b"KbandSans"
+    });
+    pdf.type0_font(composite)
+        .base_font(name)
+        .encoding_predefined(Name(b"Identity-H"))
+        .descendant_font(face)
+        .to_unicode(unicode);
+    let letters: BTreeMap<u16, (char, f32)> = font::all(bold)
+        .map(|(letter, glyph, advance)| (glyph, (letter, 1000.0 * advance as f32)))
+        .collect();
+    let mut cid = pdf.cid_font(face);
+    cid.subtype(CidFontType::Type2)
+        .base_font(name)
+        .system_info(IDENTITY)
+        .font_descriptor(descriptor)
+        .default_width(600.0)
+        .cid_to_gid_map_predefined(Name(b"Identity"));
+    let mut widths = cid.widths();
+    for (glyph, (_, width)) in &letters {
+        widths.consecutive(*glyph, [*width]);
+    }
+    widths.finish();
+    cid.finish();
+    pdf.font_descriptor(descriptor)
+        .name(name)
+        .flags(FontFlags::SYMBOLIC)
+        .bbox(pdf_writer::Rect::new(-200.0, -250.0, 1400.0, 950.0))
+        .italic_angle(0.0)
+        .ascent(930.0)
+        .descent(-240.0)
+        .cap_height(730.0)
+        .stem_v(if bold { 140.0 } else { 80.0 })
+        .font_file2(file);
+    let bytes = font::file(bold);
+    pdf.stream(file, &deflated(bytes))
+        .filter(Filter::FlateDecode)
+        .pair(Name(b"Length1"), bytes.len() as i32);
+    let mut map = UnicodeCmap::new(Name(b"Letters"), IDENTITY);
+    for (glyph, (letter, _)) in &letters {
+        map.pair(*glyph, *letter);
+    }
+    pdf.stream(unicode, &deflated(&map.finish()))
+        .filter(Filter::FlateDecode);
+}
+
+fn deflated(bytes: &[u8]) -> Vec<u8> {
+    use std::io::Write as _;
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    // Writing to a Vec cannot fail.
+    let _ = encoder.write_all(bytes);
+    encoder.finish().unwrap_or_default()
+}
