@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use kband_tests::chip::core::{Bus, COUNTER, Core, Fault};
+use kband_tests::chip::core::{Bus, COUNTER, Code, Core, Fault};
 use kband_tests::emulator::{self, Machine, Options};
 
 const FLASH: u32 = 0x0800_0000;
@@ -530,11 +530,11 @@ fn left(cases: &[Case]) -> Vec<u32> {
         flash: image(cases, None),
         ram: vec![0; 128 * 1024],
     };
-    let mut core = Core::default();
+    let (mut core, mut code) = (Core::default(), Code::default());
     core.reset(MEMORY + 0x2_0000, FLASH + 0x41);
     core.float = true;
     loop {
-        match core.step(&mut memory) {
+        match core.step(&mut code, &mut memory) {
             Ok(_) => {}
             Err(Fault::Breakpoint) => break,
             Err(fault) => panic!("{fault:?} at {:#x}", core.r[COUNTER]),

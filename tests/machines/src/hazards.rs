@@ -1,6 +1,8 @@
 //! What may go wrong with a machine, as it is played to an image on the emulated chip: the scenarios of `docs/safety.md`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::chip::Hang;
 use crate::chip::world::Seen;
@@ -13,6 +15,8 @@ use kband::wire::{Request, Target};
 /// When the enable input is given, in s: the board has its settings, and what its first start without them was is
 /// acknowledged.
 pub const ENABLED: f64 = 1.1;
+/// When a board has its settings, in s.
+const COMMISSIONED: f64 = 1.0;
 /// When something goes wrong, in s.
 const GOES_WRONG: f64 = 2.5;
 
@@ -136,25 +140,63 @@ impl Hazard {
         }
         rig.tell(&Request::Target(self.target))
             .tell(&Request::Save)
-            .run(1.0);
+            .run(COMMISSIONED);
         rig
     }
 
-    /// Plays it to a board that was commissioned.
+    /// The board with this desk's image where something is about to go wrong: what scenarios have in common is
+    /// played once.
+    #[must_use]
+    pub fn before(&self, image: &Path) -> Rig {
+        let Self { scene, target, .. } = self;
+        let heard = self.heard.min(self.from);
+        once(
+            format!("{image:?} {scene:?} {target:?} {heard} {}", self.from),
+            || {
+                let mut rig = self.commissioned(image);
+                self.goes_well(&mut rig);
+                rig
+            },
+        )
+    }
+
+    /// The board with this desk's image, commissioned; once for each machine and target.
+    #[must_use]
+    pub fn commissioned(&self, image: &Path) -> Rig {
+        let Self { scene, target, .. } = self;
+        once(format!("{image:?} {scene:?} {target:?}"), || {
+            self.commission(image, None)
+        })
+    }
+
+    /// The desk is heard from a time to a time, each 0.3 s from its last word on.
+    fn speaks(&self, rig: &mut Rig, from: f64, to: f64) {
+        let times = (0..).map(|n| COMMISSIONED + 0.3 * f64::from(n));
+        for time in times.skip_while(|time| *time < from) {
+            if time >= to.min(self.heard) {
+                break;
+            }
+            let frame = rig.frame(&Request::Alive);
+            rig.at(time, Act::Link(frame));
+        }
+    }
+
+    /// All that is before something goes wrong.
+    fn goes_well(&self, rig: &mut Rig) {
+        self.speaks(rig, COMMISSIONED, self.from);
+        rig.at(ENABLED, Act::Enable(true)).run(self.from);
+    }
+
+    /// Plays it to a board that was commissioned, or has come to where something goes wrong.
     #[must_use]
     pub fn play(&self, mut rig: Rig) -> Outcome {
-        let begins = rig.time();
-        let mut says = begins;
-        while says < self.heard.min(self.until) {
-            let frame = rig.frame(&Request::Alive);
-            rig.at(says, Act::Link(frame));
-            says += 0.3;
+        if rig.time() < self.from {
+            self.goes_well(&mut rig);
         }
-        rig.at(ENABLED, Act::Enable(true));
+        self.speaks(&mut rig, self.from, self.until);
         for (time, act) in &self.acts {
             rig.at(*time, act.clone());
         }
-        rig.run(self.from);
         let before = rig.amplitude();
         rig.peak();
         rig.run(self.until);
@@ -169,6 +211,15 @@ impl Hazard {
             rig,
         }
     }
+}
+
+/// The board of this name, made by whoever asks for it first.
+fn once(name: String, make: impl FnOnce() -> Rig) -> Rig {
+    static MADE: Mutex<BTreeMap<String, Arc<OnceLock<Rig>>>> = Mutex::new(BTreeMap::new());
+    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    let place = Arc::clone(made.entry(name).or_default());
+    drop(made);
+    place.get_or_init(make).clone()
 }
 
 /// Steps of a converter of 12 bits in m/s^2, by the settings.

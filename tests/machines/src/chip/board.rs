@@ -568,32 +568,10 @@ impl Board {
         }
         Asks::Nothing
     }
-}
 
-/// Bytes of a memory as a number.
-#[inline]
-fn number(bytes: &[u8], at: usize, size: u32) -> Option<u32> {
-    let bytes = bytes.get(at..at + size as usize)?;
-    Some(match *bytes {
-        [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
-        [a, b] => u16::from_le_bytes([a, b]).into(),
-        [a] => a.into(),
-        _ => return None,
-    })
-}
-
-fn put(bytes: &mut [u8], at: usize, size: u32, value: u32) -> Option<()> {
-    let place = bytes.get_mut(at..at + size as usize)?;
-    place.copy_from_slice(&value.to_le_bytes()[..size as usize]);
-    Some(())
-}
-
-impl Bus for Board {
-    #[inline]
-    fn load(&mut self, address: u32, size: u32) -> Option<u32> {
-        if let Some(value) = number(&self.ram, address.wrapping_sub(MEMORY) as usize, size) {
-            return Some(value);
-        }
+    /// What lies outside the RAM.
+    #[inline(never)]
+    fn load_elsewhere(&mut self, address: u32, size: u32) -> Option<u32> {
         match address >> 28 {
             0 if address < 0x0010_0000 || flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
@@ -621,12 +599,8 @@ impl Bus for Board {
         }
     }
 
-    #[inline]
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
-        let at = address.wrapping_sub(MEMORY) as usize;
-        if put(&mut self.ram, at, size, value).is_some() {
-            return Some(());
-        }
+    #[inline(never)]
+    fn store_elsewhere(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
         match address >> 28 {
             0 if flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
@@ -665,6 +639,63 @@ impl Bus for Board {
             }
             _ => None,
         }
+    }
+
+    /// An instruction: what it waits for its line is counted with the line.
+    #[inline(never)]
+    fn fetch_elsewhere(&mut self, address: u32) -> Option<u32> {
+        if address < 0x0010_0000 || flash::RANGE.contains(&address) {
+            self.wait_for_flash();
+            return number(&self.flash.bytes, (address & 0x000f_ffff) as usize, 2);
+        }
+        self.load_elsewhere(address, 2)
+    }
+}
+
+/// Bytes of a memory as a number.
+#[inline]
+fn number(bytes: &[u8], at: usize, size: u32) -> Option<u32> {
+    let bytes = bytes.get(at..)?;
+    match size {
+        4 => bytes.first_chunk().map(|word| u32::from_le_bytes(*word)),
+        2 => bytes
+            .first_chunk()
+            .map(|half| u16::from_le_bytes(*half).into()),
+        1 => bytes.first().map(|byte| (*byte).into()),
+        _ => None,
+    }
+}
+
+#[inline]
+fn put(bytes: &mut [u8], at: usize, size: u32, value: u32) -> Option<()> {
+    let bytes = bytes.get_mut(at..)?;
+    match size {
+        4 => *bytes.first_chunk_mut()? = value.to_le_bytes(),
+        2 => *bytes.first_chunk_mut()? = (value as u16).to_le_bytes(),
+        1 => *bytes.first_mut()? = value as u8,
+        _ => return None,
+    }
+    Some(())
+}
+
+impl Bus for Board {
+    #[inline]
+    fn load(&mut self, address: u32, size: u32) -> Option<u32> {
+        let at = address.wrapping_sub(MEMORY) as usize;
+        number(&self.ram, at, size).or_else(|| self.load_elsewhere(address, size))
+    }
+
+    #[inline]
+    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
+        let at = address.wrapping_sub(MEMORY) as usize;
+        put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
+    }
+
+    #[inline]
+    fn fetch(&mut self, address: u32) -> Option<u16> {
+        let at = address.wrapping_sub(MEMORY) as usize;
+        let half = number(&self.ram, at, 2).or_else(|| self.fetch_elsewhere(address));
+        half.map(|half| half as u16)
     }
 
     #[inline]

@@ -67,6 +67,8 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
 struct Lines {
     kept: Vec<u32>,
     next: usize,
+    /// Whether a line of the flash is kept, a bit each.
+    held: Vec<u64>,
 }
 
 impl Lines {
@@ -74,19 +76,33 @@ impl Lines {
         Self {
             kept: vec![u32::MAX; count],
             next: 0,
+            held: vec![0; SIZE / 16 / 64],
         }
     }
 
     fn forget(&mut self) {
         self.kept.fill(u32::MAX);
+        self.held.fill(0);
+    }
+
+    /// The word and the bit of a line.
+    fn bit(&mut self, line: u32) -> (&mut u64, u64) {
+        let at = line as usize % (SIZE / 16);
+        (&mut self.held[at / 64], 1 << (at % 64))
     }
 
     /// Whether a line is kept; it is from now on.
     fn has(&mut self, line: u32) -> bool {
-        if self.kept.contains(&line) {
+        let (word, bit) = self.bit(line);
+        if *word & bit != 0 {
             return true;
         }
-        self.kept[self.next] = line;
+        *word |= bit;
+        let oldest = std::mem::replace(&mut self.kept[self.next], line);
+        if oldest != u32::MAX {
+            let (word, bit) = self.bit(oldest);
+            *word &= !bit;
+        }
         self.next = (self.next + 1) % self.kept.len();
         false
     }
@@ -107,8 +123,8 @@ pub struct Flash {
     pub slow: bool,
     /// Ticks that an erasure takes, where that is not what silicon takes.
     pub erases_in: Option<u64>,
-    /// Something was programmed or erased since this was last looked at.
-    pub changed: bool,
+    /// What was programmed or erased since this was last looked at.
+    pub changed: Option<Range<u32>>,
     /// A sector was erased while the data cache kept it: what is read of it may be old.
     stale: Option<Range<usize>>,
     /// Where the last operation works, and what was there before.
@@ -137,7 +153,7 @@ impl Default for Flash {
             erasures: [0; 12],
             slow: false,
             erases_in: None,
-            changed: false,
+            changed: None,
             stale: None,
             under_way: None,
             keys: 0,
@@ -311,6 +327,13 @@ impl Flash {
         }
     }
 
+    /// Bytes at these places are others from now on.
+    pub fn change(&mut self, places: Range<usize>) {
+        let [start, end] = [places.start, places.end].map(|at| START + at as u32);
+        let both = |old: Range<u32>| old.start.min(start)..old.end.max(end);
+        self.changed = Some(self.changed.take().map_or(start..end, both));
+    }
+
     fn time(&self, typical: u64) -> u64 {
         if self.slow { 2 * typical } else { typical }
     }
@@ -326,6 +349,7 @@ impl Flash {
         let what = if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
             self.stale = Some(0..SIZE);
+            self.change(0..SIZE);
             3
         } else if self.control & ERASE_SECTOR != 0 {
             let number = self.control as usize >> 3 & 0xf;
@@ -335,6 +359,7 @@ impl Flash {
             self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
             self.bytes[range.clone()].fill(0xff);
             self.erasures[number] += 1;
+            self.change(range.clone());
             self.stale = Some(range);
             match number {
                 0..=3 => 0,
@@ -349,7 +374,6 @@ impl Flash {
         }
         self.operations += 1;
         self.busy = now + self.erasure(what);
-        self.changed = true;
     }
 
     /// The supply goes at `now`: an operation that is not at its end leaves each bit as it was or as it should be.
@@ -357,6 +381,7 @@ impl Flash {
         let Some((at, before)) = self.under_way.take().filter(|_| now < self.busy) else {
             return;
         };
+        self.change(at..at + before.len());
         let mut state = now | 1;
         for (place, before) in self.bytes[at..].iter_mut().zip(before) {
             state = state
@@ -366,7 +391,6 @@ impl Flash {
             *place = *place & mask | before & !mask;
         }
         self.busy = 0;
-        self.changed = true;
     }
 
     /// Programs: bits go from 1 to 0 only.
@@ -395,7 +419,7 @@ impl Flash {
         }
         self.operations += 1;
         self.busy = now.max(self.busy) + self.time(WORD_TIME);
-        self.changed = true;
+        self.change(offset..offset + size as usize);
     }
 }
 

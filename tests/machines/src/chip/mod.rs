@@ -18,7 +18,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{COUNTER, Core, Fault, STACK, Waits};
+use self::core::{COUNTER, Code, Core, Fault, STACK, Waits};
 pub use board::Board;
 pub use board::MEMORY;
 use clocks::{Cause, TICKS};
@@ -108,6 +108,8 @@ pub struct Chip {
     pub board: Board,
     /// The core.
     pub core: Core,
+    /// What it knows of its program.
+    code: Code,
     runs: Runs,
     /// Whether its firmware is still the older one, of which nothing is known.
     older: bool,
@@ -146,6 +148,7 @@ impl Default for Chip {
             was_halted: false,
             board,
             core: Core::default(),
+            code: Code::default(),
             runs: Runs::Unknown,
             older: true,
             entry: 0,
@@ -170,9 +173,14 @@ impl Chip {
         self.handlers[usize::from(exception)]
     }
 
-    /// Forgets what the handlers took.
+    /// Forgets what the handlers took, but for when one began that runs now.
     pub fn forget_handlers(&mut self) {
-        self.handlers = [Handler::default(); EXCEPTIONS];
+        for handler in &mut self.handlers {
+            *handler = Handler {
+                begun: handler.begun,
+                ..Handler::default()
+            };
+        }
     }
 
     /// Its flash.
@@ -183,7 +191,8 @@ impl Chip {
 
     /// Its flash, to be filled.
     pub fn flash_mut(&mut self) -> &mut [u8] {
-        self.board.flash.changed = true;
+        let size = self.board.flash.bytes.len();
+        self.board.flash.change(0..size);
         &mut self.board.flash.bytes
     }
 
@@ -275,8 +284,6 @@ impl Chip {
             }
         }
         self.driven_while_halted |= self.board.flash.operations != before && self.is_driven();
-        // What was written may be code that is known already.
-        self.core.forget();
         self.goes_on()
     }
 
@@ -499,26 +506,38 @@ impl Chip {
     }
 
     /// One instruction.
-    #[inline]
+    #[inline(always)]
     fn one(&mut self) {
-        if self.board.flash.changed {
-            self.board.flash.changed = false;
-            self.core.forget();
+        if self.board.flash.changed.is_some() {
+            self.learns();
         }
-        if let Some(hang) = self.hangs
-            && match hang {
-                Hang::Thread => self.core.exception == 0,
-                Hang::Samples => self.core.exception == SAMPLE,
-                Hang::Everything => true,
-            }
-        {
+        if self.hangs.is_some() && self.is_hung() {
             self.core.instructions += 1;
             self.board.spend(3);
             return;
         }
-        match self.core.step(&mut self.board) {
+        match self.core.step(&mut self.code, &mut self.board) {
             Ok(cycles) => self.board.spend(cycles),
             Err(fault) => self.fault(fault),
+        }
+    }
+
+    /// The flash is not what it was: its code may be another.
+    #[cold]
+    fn learns(&mut self) {
+        if let Some(changed) = self.board.flash.changed.take() {
+            self.code.forget(&changed);
+        }
+    }
+
+    /// Whether what the core would execute now is hung.
+    #[cold]
+    fn is_hung(&self) -> bool {
+        match self.hangs {
+            None => false,
+            Some(Hang::Thread) => self.core.exception == 0,
+            Some(Hang::Samples) => self.core.exception == SAMPLE,
+            Some(Hang::Everything) => true,
         }
     }
 

@@ -14,11 +14,13 @@ fn halves(value: u32) -> [i32; 2] {
 }
 
 impl Core {
+    #[inline]
     fn get(&self, number: u8) -> u32 {
         self.r[usize::from(number & 15)]
     }
 
     /// Sets a register; the counter branches.
+    #[inline]
     fn set(&mut self, number: u8, value: u32) -> u32 {
         if usize::from(number) == COUNTER {
             self.next = value & !1;
@@ -43,6 +45,7 @@ impl Core {
         Ok(())
     }
 
+    #[inline]
     fn flagged(&self, flags: Flags) -> bool {
         match flags {
             Flags::Keep => false,
@@ -51,6 +54,7 @@ impl Core {
         }
     }
 
+    #[inline]
     fn sign(&mut self, value: u32) {
         self.negative = value >> 31 == 1;
         self.zero = value == 0;
@@ -79,7 +83,7 @@ impl Core {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn operand(&self, operand: Operand) -> (u32, bool) {
         match operand {
             Operand::Number(value) => (value, self.carry),
@@ -101,7 +105,7 @@ impl Core {
         value
     }
 
-    #[inline]
+    #[inline(always)]
     fn data(&mut self, alu: Alu, flags: Flags, d: u8, n: u8, operand: Operand) -> u32 {
         let set = self.flagged(flags);
         let (two, carry) = self.operand(operand);
@@ -139,7 +143,7 @@ impl Core {
     }
 
     /// Where an access goes, and what becomes of its base.
-    #[inline]
+    #[inline(always)]
     fn place(&self, base: u8, place: Place) -> (u32, Option<u32>) {
         let from = self.get(base);
         match place {
@@ -166,10 +170,10 @@ impl Core {
         if overlaps { 1 } else { alone }
     }
 
-    #[inline]
-    pub(super) fn execute(&mut self, op: Op, bus: &mut impl Bus) -> Result<u32, Fault> {
+    #[inline(always)]
+    pub(super) fn execute(&mut self, op: &Op, bus: &mut impl Bus) -> Result<u32, Fault> {
         let before = std::mem::take(&mut self.accessed);
-        match op {
+        match *op {
             Op::Data(alu, flags, d, n, operand) => Ok(self.data(alu, flags, d, n, operand)),
             Op::Load(width, target, base, place) => {
                 self.accessed = before;
@@ -485,15 +489,15 @@ impl Core {
                 Ok(2)
             }
             Op::Supervisor(_) | Op::Undefined => Err(Fault::Undefined),
-            op => {
+            _ => {
                 self.touch_float()?;
                 self.float_op(op, bus)
             }
         }
     }
 
-    fn float_op(&mut self, op: Op, bus: &mut impl Bus) -> Result<u32, Fault> {
-        match op {
+    fn float_op(&mut self, op: &Op, bus: &mut impl Bus) -> Result<u32, Fault> {
+        match *op {
             Op::Single(operation, d, n, m) => Ok(self.single(operation, d, n, m)),
             Op::Unary(operation, d, m) => Ok(self.unary(operation, d, m)),
             Op::Fixed(d, to, signed, half, behind) => {
@@ -809,7 +813,7 @@ fn ones(count: u8) -> u32 {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn load(bus: &mut impl Bus, width: Width, at: u32) -> Result<u32, Fault> {
     let size = match width {
         Width::Word => 4,
@@ -835,6 +839,7 @@ fn store(bus: &mut impl Bus, at: u32, size: u32, value: u32) -> Result<(), Fault
 }
 
 /// A word that has to be aligned.
+#[inline]
 fn word(bus: &mut impl Bus, at: u32) -> Result<u32, Fault> {
     if !at.is_multiple_of(4) {
         return Err(Fault::Unaligned);
@@ -842,6 +847,7 @@ fn word(bus: &mut impl Bus, at: u32) -> Result<u32, Fault> {
     bus.load(at, 4).ok_or(Fault::Access(at))
 }
 
+#[inline]
 fn put(bus: &mut impl Bus, at: u32, value: u32) -> Result<(), Fault> {
     if !at.is_multiple_of(4) {
         return Err(Fault::Unaligned);

@@ -4,13 +4,14 @@
 //! a memory adds is the bus's to say. That registers, flags and memory are right is shown by QEMU: see
 //! `tests/tests/core.rs`.
 
+mod code;
 mod decode;
 mod exceptions;
 mod execute;
 mod float;
 mod op;
 
-use op::Op;
+pub use code::Code;
 
 /// Memory and peripherals as the core sees them; `None` where nothing answers.
 pub trait Bus {
@@ -18,6 +19,10 @@ pub trait Bus {
     fn load(&mut self, address: u32, size: u32) -> Option<u32>;
     /// Writes them.
     fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
+    /// Two bytes of an instruction.
+    fn fetch(&mut self, address: u32) -> Option<u16> {
+        self.load(address, 2).map(|half| half as u16)
+    }
     /// An instruction comes from another line of 16 bytes than the last.
     fn line(&mut self, address: u32) {
         let _ = address;
@@ -63,16 +68,6 @@ pub const STACK: usize = 13;
 pub const LINK: usize = 14;
 /// Address of the next instruction.
 pub const COUNTER: usize = 15;
-
-/// Halfwords of code that are kept decoded.
-const KEPT: usize = 128 * 1024;
-
-/// An instruction and its bytes.
-#[derive(Clone, Copy, Debug)]
-struct Known {
-    op: Op,
-    size: u8,
-}
 
 /// Registers and state of the core.
 #[derive(Clone, Debug)]
@@ -121,8 +116,6 @@ pub struct Core {
     /// The last instruction was an access, so that the next one overlaps with it.
     accessed: bool,
     line: u32,
-    base: u32,
-    known: Vec<Option<Known>>,
 }
 
 impl Default for Core {
@@ -155,8 +148,6 @@ impl Default for Core {
             next: 0,
             accessed: false,
             line: u32::MAX,
-            base: 0x0800_0000,
-            known: Vec::new(),
         }
     }
 }
@@ -164,11 +155,8 @@ impl Default for Core {
 impl Core {
     /// What a reset leaves: the stack pointer and the first instruction as the vectors have them.
     pub fn reset(&mut self, stack: u32, entry: u32) {
-        let known = std::mem::take(&mut self.known);
-        let instructions = self.instructions;
         *self = Self {
-            known,
-            instructions,
+            instructions: self.instructions,
             ..Self::default()
         };
         self.r[STACK] = stack & !3;
@@ -183,21 +171,19 @@ impl Core {
         self.waits = Waits::Not;
     }
 
-    /// Forgets what it knows of the code: the memory was changed.
-    pub fn forget(&mut self) {
-        self.known.clear();
-    }
-
     /// Executes one instruction and gives its cycles; faulting, it leaves the registers as they were, but for
-    /// those that were loaded.
-    #[inline]
-    pub fn step(&mut self, bus: &mut impl Bus) -> Result<u32, Fault> {
+    /// those that were loaded. What was decoded is kept in `code`.
+    #[inline(always)]
+    pub fn step(&mut self, code: &mut Code, bus: &mut impl Bus) -> Result<u32, Fault> {
         let address = self.r[COUNTER];
         if address >> 4 != self.line {
             self.line = address >> 4;
             bus.line(address);
         }
-        let Known { op, size } = self.instruction(bus, address)?;
+        let known = match code.find(address) {
+            Some(known) if known.lies(bus, address) => known,
+            _ => code.learn(bus, address)?,
+        };
         let block = self.block;
         self.inside = block != 0;
         self.instructions += 1;
@@ -208,13 +194,13 @@ impl Core {
                 block & 0xe0 | block << 1 & 0x1f
             };
             if !self.holds(block >> 4) {
-                self.r[COUNTER] = address + u32::from(size);
+                self.r[COUNTER] = address.wrapping_add(known.size());
                 return Ok(1);
             }
         }
-        self.next = address.wrapping_add(size.into());
+        self.next = address.wrapping_add(known.size());
         self.r[COUNTER] = address.wrapping_add(4);
-        match self.execute(op, bus) {
+        match self.execute(&known.op, bus) {
             Ok(cycles) => {
                 self.r[COUNTER] = self.next;
                 Ok(cycles)
@@ -227,39 +213,8 @@ impl Core {
         }
     }
 
-    #[inline]
-    fn instruction(&mut self, bus: &mut impl Bus, address: u32) -> Result<Known, Fault> {
-        let at = (address.wrapping_sub(self.base) / 2) as usize;
-        if let Some(Some(known)) = self.known.get(at) {
-            return Ok(*known);
-        }
-        self.look_up(bus, address, at)
-    }
-
-    #[cold]
-    fn look_up(&mut self, bus: &mut impl Bus, address: u32, at: usize) -> Result<Known, Fault> {
-        let first = bus.load(address, 2).ok_or(Fault::Fetch)? as u16;
-        let wide = decode::is_wide(first);
-        let second = if wide {
-            bus.load(address.wrapping_add(2), 2).ok_or(Fault::Fetch)? as u16
-        } else {
-            0
-        };
-        let known = Known {
-            op: decode::decode(first, second),
-            size: if wide { 4 } else { 2 },
-        };
-        if at < KEPT {
-            if self.known.is_empty() {
-                self.known.resize(KEPT, None);
-            }
-            self.known[at] = Some(known);
-        }
-        Ok(known)
-    }
-
     /// Whether a condition holds (A7.3).
-    #[inline]
+    #[inline(always)]
     fn holds(&self, condition: u8) -> bool {
         let held = match condition >> 1 {
             0 => self.zero,

@@ -32,7 +32,7 @@ fn run(code: &[u16], registers: &[u32]) -> Core {
     core.r[..registers.len()].copy_from_slice(registers);
     core.r[STACK] = 256;
     for _ in 0..1000 {
-        if let Err(stop) = core.step(&mut bus) {
+        if let Err(stop) = core.step(&mut Code::default(), &mut bus) {
             assert_eq!(stop, Fault::Breakpoint, "at {:#x}", core.r[COUNTER]);
             return core;
         }
@@ -111,7 +111,11 @@ fn what_is_no_memory_and_no_such_instruction_is_a_fault() {
         bus.0[..2].copy_from_slice(&code.to_le_bytes());
         let mut core = Core::default();
         core.r[1] = 0xffff_0000;
-        assert_eq!(core.step(&mut bus), Err(fault), "{code:#x}");
+        assert_eq!(
+            core.step(&mut Code::default(), &mut bus),
+            Err(fault),
+            "{code:#x}"
+        );
         assert_eq!(core.r[COUNTER], 0);
     }
 }
@@ -152,14 +156,14 @@ fn an_exception_comes_back_to_where_it_was() {
             core.touch_float().unwrap();
             core.s[3] = 0x1234;
         }
-        core.step(&mut bus).unwrap();
+        core.step(&mut Code::default(), &mut bus).unwrap();
         let (_, taken) = core.enter(&mut bus, 15, 0x41);
         assert!(taken && core.exception == 15);
         assert_eq!(core.r[LINK], if float { 0xffff_ffe9 } else { 0xffff_fff9 });
         assert_eq!(core.r[STACK] % 8, 0);
         core.s[3] = 0;
-        core.step(&mut bus).unwrap();
-        core.step(&mut bus).unwrap();
+        core.step(&mut Code::default(), &mut bus).unwrap();
+        core.step(&mut Code::default(), &mut bus).unwrap();
         let link = core.returning.take().unwrap();
         core.leave(&mut bus, link).unwrap();
         assert_eq!((core.r[0], core.r[COUNTER], core.r[STACK]), (1, 2, 1020));

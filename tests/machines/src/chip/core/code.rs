@@ -1,0 +1,127 @@
+//! Instructions that were decoded already, by their address.
+//!
+//! A core decodes each of them once. What lies in the flash is known until [`Code::forget`] is told that the flash changed;
+//! RAM changes by any store, so what is known of it is compared with what lies there now.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::op::Op;
+use super::{Bus, Fault, decode};
+
+/// Where code may be known: flash and RAM (RM0090, 2.3).
+const FLASH: u32 = 0x0800_0000;
+const FLASH_SIZE: u32 = 1024 * 1024;
+const MEMORY: u32 = 0x2000_0000;
+const MEMORY_SIZE: u32 = 128 * 1024;
+/// Bits of an address within a page, and its instructions, one at each halfword.
+const PAGE_BITS: u32 = 11;
+const PAGE: usize = 1 << (PAGE_BITS - 1);
+/// Pages of the flash; those of the RAM are behind them.
+const FLASH_PAGES: usize = (FLASH_SIZE >> PAGE_BITS) as usize;
+
+/// An instruction and its bytes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Known {
+    pub(super) op: Op,
+    halves: [u16; 2],
+    wide: bool,
+}
+
+impl Known {
+    /// Its size in bytes.
+    #[inline]
+    pub(super) fn size(&self) -> u32 {
+        if self.wide { 4 } else { 2 }
+    }
+
+    fn read(bus: &mut impl Bus, address: u32) -> Result<Self, Fault> {
+        let first = bus.fetch(address).ok_or(Fault::Fetch)?;
+        let wide = decode::is_wide(first);
+        let second = if wide {
+            bus.fetch(address.wrapping_add(2)).ok_or(Fault::Fetch)?
+        } else {
+            0
+        };
+        Ok(Self {
+            op: decode::decode(first, second),
+            halves: [first, second],
+            wide,
+        })
+    }
+
+    /// Whether it lies there still, which is asked of RAM alone.
+    #[inline]
+    pub(super) fn lies(&self, bus: &mut impl Bus, address: u32) -> bool {
+        address.wrapping_sub(FLASH) < FLASH_SIZE
+            || bus.fetch(address) == Some(self.halves[0])
+                && (!self.wide || bus.fetch(address.wrapping_add(2)) == Some(self.halves[1]))
+    }
+}
+
+type Page = [Option<Known>; PAGE];
+
+/// What is known of a program; copies share it until one of them learns more.
+#[derive(Clone, Debug)]
+pub struct Code {
+    pages: Vec<Option<Arc<Page>>>,
+    /// An instruction from elsewhere.
+    elsewhere: Option<Known>,
+}
+
+impl Default for Code {
+    fn default() -> Self {
+        Self {
+            pages: vec![None; FLASH_PAGES + (MEMORY_SIZE >> PAGE_BITS) as usize],
+            elsewhere: None,
+        }
+    }
+}
+
+impl Code {
+    /// The flash changed at these addresses.
+    pub fn forget(&mut self, changed: &Range<u32>) {
+        // An instruction may begin two bytes before.
+        let first = changed.start.saturating_sub(2).max(FLASH);
+        for address in (first & !((1 << PAGE_BITS) - 1)..changed.end).step_by(1 << PAGE_BITS) {
+            if let Some(known) = self.pages.get_mut(page(address)) {
+                *known = None;
+            }
+        }
+    }
+
+    /// What is known at an address; of RAM it is to be compared with what lies there.
+    #[inline]
+    pub(super) fn find(&self, address: u32) -> Option<&Known> {
+        let page = self.pages.get(page(address))?.as_ref()?;
+        page[place(address)].as_ref()
+    }
+
+    /// The instruction at an address, decoded anew.
+    #[cold]
+    pub(super) fn learn(&mut self, bus: &mut impl Bus, address: u32) -> Result<&Known, Fault> {
+        let known = Known::read(bus, address)?;
+        let Some(page) = self.pages.get_mut(page(address)) else {
+            return Ok(self.elsewhere.insert(known));
+        };
+        let page = page.get_or_insert_with(|| Arc::new([None; PAGE]));
+        Ok(Arc::make_mut(page)[place(address)].insert(known))
+    }
+}
+
+#[inline]
+fn page(address: u32) -> usize {
+    let [flash, memory] = [FLASH, MEMORY].map(|start| address.wrapping_sub(start));
+    if flash < FLASH_SIZE {
+        (flash >> PAGE_BITS) as usize
+    } else if memory < MEMORY_SIZE {
+        FLASH_PAGES + (memory >> PAGE_BITS) as usize
+    } else {
+        usize::MAX
+    }
+}
+
+#[inline]
+fn place(address: u32) -> usize {
+    (address >> 1) as usize % PAGE
+}
