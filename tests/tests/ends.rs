@@ -93,7 +93,12 @@ fn the_bridge_opens_in_time_whatever_ends() {
         rig.tolerant = true;
         rig.at(3.0, act.clone()).run(3.2);
         let opens = rig.opens_after(3.0);
-        println!("{name}: bridge open after {opens:?} s");
+        let since = |time: f64| time - 3.0;
+        println!(
+            "{name}: bridge open after {opens:?} s, FAULT after {:?} s, reset after {:?} s",
+            rig.seen_after(3.0, &Seen::Fault(true)).map(since),
+            rig.resets().get(1).map(|(time, _)| since(*time)),
+        );
         assert!(opens.is_some_and(|time| time <= most), "{name}: {opens:?}");
         // It stays open, with the enable input given.
         if act != Act::Halt {

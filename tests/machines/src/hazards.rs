@@ -398,6 +398,23 @@ pub fn over_current() -> Hazard {
         .until(4.2)
 }
 
+/// Target gear: of parts that scatter, and from 4 s on scatter so much that they hop about; and without a part.
+#[must_use]
+pub fn of_gear() -> [Hazard; 2] {
+    const LOST: f64 = 4.0;
+    let parts = Hazard::of("parts fall out of gear", 50.0, Target::Gear(1))
+        .with(|scene| scene.parts = Scene::default().parts)
+        .acts([
+            plant(LOST, Change::Restitution(0.6)),
+            plant(LOST, Change::Scatter(0.1)),
+        ])
+        .until(8.0);
+    [
+        parts,
+        Hazard::of("gear without a part", 50.0, Target::Gear(1)),
+    ]
+}
+
 /// A program that goes astray at [`GOES_WRONG`], by the addresses of a function that panics and of its stack's far end.
 #[must_use]
 pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {

@@ -11,8 +11,8 @@ use kband_machines::chip::{Chip, Hang, LINK, MILLISECOND, SAMPLE, flash};
 use kband_machines::draw::Draw;
 use kband_machines::emulator::Machine;
 use kband_machines::hazards::{
-    Hazard, Outcome, bands, bounce, of_any_sensor, of_the_program, of_the_sensor, of_the_setpoint,
-    over_current,
+    ENABLED, Hazard, Outcome, bands, bounce, of_any_sensor, of_gear, of_the_program, of_the_sensor,
+    of_the_setpoint, over_current,
 };
 use kband_machines::rig::{Act, Rig, ticks};
 use kband_machines::{images, log};
@@ -156,6 +156,29 @@ fn ready_is_the_wanted_regime_and_nothing_else() {
         again.is_some_and(|time| (3.6..3.7).contains(&time)),
         "once it is past it can be acknowledged: {again:?}"
     );
+}
+
+/// In target gear READY comes once the share heard, less its error, is above 0.5, and goes where it is under 0.4.
+#[test]
+fn ready_in_gear_is_what_is_heard_of_the_parts() {
+    let [parts, none] = of_gear();
+    let outcome = play(&parts);
+    let on = outcome.ready.expect("gear is heard");
+    let off = outcome.rig.seen_after(parts.from, &Seen::Ready(false));
+    println!(
+        "READY {:.2} s after the enable input, off {:?} s after gear was lost",
+        on - ENABLED,
+        off.map(|time| time - parts.from)
+    );
+    assert!(on < parts.from);
+    let early = outcome.rig.seen_after(on, &Seen::Ready(false));
+    assert_eq!(early, off, "it stays on while they are in gear");
+    assert!(off.is_some_and(|time| time < parts.from + 2.0), "{off:?}");
+    let again = outcome.rig.seen_after(parts.from, &Seen::Ready(true));
+    assert_eq!(again, None, "they never come back to it");
+    let outcome = play(&none);
+    assert!(outcome.after > 0.2, "it shakes: {}", outcome.after);
+    assert_eq!(outcome.ready, None);
 }
 
 /// A desk that takes over a board in service, and a converter of 13 bits. Before: both were accepted.

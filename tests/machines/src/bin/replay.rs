@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use kband_machines::chip::world::Seen;
 use kband_machines::draw::Draw;
 use kband_machines::hazards::{
-    Hazard, bands, bounce, of_any_sensor, of_the_program, of_the_sensor, of_the_setpoint,
+    Hazard, bands, bounce, of_any_sensor, of_gear, of_the_program, of_the_sensor, of_the_setpoint,
     over_current,
 };
 use kband_machines::images;
@@ -60,6 +60,7 @@ fn main() -> ExitCode {
     let all = all
         .chain(slow)
         .chain(bands())
+        .chain(of_gear())
         .chain([bounce(), over_current()]);
     let all = all.chain(of_the_program(panics, stack)).chain(drawn);
     for hazard in all.filter(|one| one.name.contains(name)) {
