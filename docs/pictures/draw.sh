@@ -9,6 +9,7 @@ kband simulate --print-scene | sed 's/^duration = .*/duration = 4.0/' >"$scene"
 kband simulate "$scene" --out locked.svg --trace "${scene%.toml}.csv"
 rm -f "${scene%.toml}.csv"
 kband diagram --restitution 0.2 --k 0.3..0.5:300 --out diagram.svg
+kband diagram --show regimes --k 0.1..0.8:140 --restitution 0..0.9:90 --out regimes.svg
 kband basins --k 0.43 --restitution 0.2 --grid 60 --out basins.svg
 kband transport --restitution 0.2 --incline 3 --out transport.svg
 kband margins --out margins.svg

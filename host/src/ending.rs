@@ -132,6 +132,12 @@ impl Endings {
         Ok(endings)
     }
 
+    /// The map whose orbits they are.
+    #[must_use]
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+
     /// The attracting period-1 orbits.
     pub fn locks(&self) -> impl Iterator<Item = &Lock> {
         self.locks.iter().flatten()

@@ -352,7 +352,7 @@ fn bad_input_names_the_key_and_what_is_accepted() {
             "0.3931..0.4775",
         ),
         (&["capture", "--out", "nowhere/at/all.svg"], "nowhere"),
-        (&["capture", "--out", "map.gif"], ".svg or .png"),
+        (&["capture", "--out", "map.gif"], ".svg, .png or .pdf"),
     ] {
         let (status, out, err) = kband(arguments);
         assert_eq!((status, out.as_str()), (2, ""), "{arguments:?}: {err}");

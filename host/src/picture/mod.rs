@@ -79,6 +79,13 @@ impl Picture {
         self
     }
 
+    /// As many more.
+    #[must_use]
+    pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
+        self.panels.extend(panels);
+        self
+    }
+
     /// The picture as an SVG document.
     #[must_use]
     pub fn to_svg(&self, look: impl Into<Look>) -> String {

@@ -3,6 +3,7 @@
 mod branch;
 mod over;
 mod page;
+mod regimes;
 
 use branch::{bands, follow};
 use page::Diagram;
@@ -24,9 +25,11 @@ use crate::refusal::{Exit, Refusal};
   kband diagram --restitution 0.5 --k 0.56..0.7 --show velocity --out diagram.png
   kband diagram --restitution 0.2 --b 0.2..0.28 --frequency 50 --incline 3 --out diagram.svg
   kband diagram --k 0.43 --restitution 0.1..0.5 --out points.csv
+  kband diagram --show regimes --k 0.1..0.8:200 --restitution 0..0.9:150 --out regimes.svg
 
 One of --k, --b, --restitution is a range LO..HI or LO..HI:N (else N = 1000 columns). The table \
-and JSON say what each start gives where; CSV has every impact.")]
+and JSON say what each start gives where; CSV has every impact. With --show regimes both --k and \
+--restitution are ranges, of a map of where parts end, from rest and from next to the lock.")]
 pub struct Arguments {
     /// Restitution of the part, one value or a range.
     #[arg(long, value_name = "R", default_value = "0.2",
@@ -44,22 +47,17 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Show::Phase)]
     show: Show,
 
-    /// How the parts start, one panel each.
-    #[arg(
-        long,
-        value_enum,
-        value_delimiter = ',',
-        default_value = "rest,up,down"
-    )]
+    /// How the parts start, one panel each [default: rest,up,down].
+    #[arg(long, value_enum, value_delimiter = ',')]
     starts: Vec<ColumnStart>,
 
-    /// Impacts drawn in each column.
-    #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(1, 1_000_000))]
-    impacts: usize,
+    /// Impacts drawn in each column [default: 1000].
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
+    impacts: Option<usize>,
 
-    /// Impacts in each column before the first that is drawn.
-    #[arg(long, value_name = "N", default_value = "500", value_parser = arguments::count(0, 10_000_000))]
-    settle: usize,
+    /// Impacts in each column before the first that is drawn [default: 500].
+    #[arg(long, value_name = "N", value_parser = arguments::count(0, 10_000_000))]
+    settle: Option<usize>,
 
     #[command(flatten)]
     scatter: ScatterArguments,
@@ -78,6 +76,27 @@ pub enum Show {
     Phase,
     /// Velocity after impact.
     Velocity,
+    /// Restitution, over k: a map of where parts end, from rest and from next to the lock.
+    Regimes,
+}
+
+impl Arguments {
+    fn impacts(&self) -> usize {
+        self.impacts.unwrap_or(1000)
+    }
+
+    fn settle(&self) -> usize {
+        self.settle.unwrap_or(500)
+    }
+
+    fn starts(&self) -> Vec<ColumnStart> {
+        let mut starts = self.starts.clone();
+        if starts.is_empty() {
+            starts = vec![ColumnStart::Rest, ColumnStart::Up, ColumnStart::Down];
+        }
+        starts.dedup();
+        starts
+    }
 }
 
 /// How parts start.
@@ -113,6 +132,13 @@ impl ColumnStart {
 /// Draws the diagram.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
+    if arguments.show == Show::Regimes {
+        let map = regimes::Map::compute(arguments, desk)?;
+        let report = map.report()?;
+        report.print(arguments.printed.format)?;
+        output.write(&report, || map.picture())?;
+        return Ok(Exit::Done);
+    }
     let (over, range) = over::chosen(arguments)?;
     let values: Vec<f64> = range.values().collect();
     let maps: Vec<Map> = values
@@ -122,12 +148,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Map::build(k, restitution)
         })
         .collect::<Result<_, _>>()?;
-    let mut starts = arguments.starts.clone();
-    starts.dedup();
+    let starts = arguments.starts();
     let diagram = Arc::new(Diagram {
         over,
         range,
-        show: arguments.show,
+        velocity: arguments.show == Show::Velocity,
         branches: follow(arguments, &starts, &maps, desk)?,
         bands: bands(over, &values),
         values,

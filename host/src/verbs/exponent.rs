@@ -7,6 +7,7 @@ use kband::regime::classify::Regime;
 use kband::regime::exponent::{
     Dynamics, Exponent, ExponentSettings, measure, measure_scattered, start,
 };
+use kband::regime::{Lock, Multipliers};
 use kband::transport::Spread;
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
@@ -14,7 +15,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Column, Printout, Table, Value, number};
 
 /// How fast neighbouring orbits part: Lyapunov exponents, with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
@@ -100,6 +101,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             return Ok(Found {
                 exponent,
                 ending: None,
+                second: None,
+                multipliers: None,
             });
         }
         // An elastic part has no ending of its own.
@@ -113,7 +116,16 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Some(_) => measure(&map, start, settings)?,
             None => among(&map, start, settings)?,
         };
-        Ok(Found { exponent, ending })
+        let lock = match arguments.restitution < 1.0 {
+            true => Lock::at(values[n], arguments.restitution, arguments.order as u32)?,
+            false => None,
+        };
+        Ok(Found {
+            second: second(&exponent, arguments.restitution),
+            multipliers: lock.map(|lock| lock.multipliers()),
+            exponent,
+            ending,
+        })
     })?;
     if arguments.band && arguments.scatter.scatter > 0.0 {
         return Err(Refusal::value(
@@ -184,6 +196,17 @@ struct Found {
     exponent: Exponent,
     /// Where the orbit ends; `None` where its restitution scatters or is 1.
     ending: Option<Regime>,
+    /// The smaller exponent per impact, of an orbit that never rests.
+    second: Option<f64>,
+    /// Floquet multipliers of the period-1 orbit, where there is one.
+    multipliers: Option<Multipliers>,
+}
+
+/// The smaller exponent: both add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope along an orbit.
+fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
+    let rests = matches!(exponent.dynamics, Dynamics::Rest { .. });
+    let value = 2.0 * restitution.ln() - exponent.per_impact.value;
+    (!rests && value.is_finite()).then_some(value)
 }
 
 /// What the orbit was seen to be. A positive exponent is that of chaos where the orbit ends in chaos; a transient has one
@@ -209,19 +232,31 @@ fn report(
         Some(_) => Some(arguments.amplitude.track()?),
         None => None,
     };
-    let mut columns = vec![Column::new("k", "")];
-    columns.extend(track.map(|_| Column::new("b", "mm")));
-    columns.extend([
+    let mut first = vec![Column::new("k", "")];
+    first.extend(track.map(|_| Column::new("b", "mm")));
+    let mut read = first.clone();
+    read.extend([
+        Column::new("exponent", "").digits(5),
+        Column::new("error", "").digits(2),
+        Column::new("second", "").digits(5),
+        Column::new("motion", ""),
+        Column::new("regime", ""),
+    ]);
+    let mut full = first;
+    full.extend([
         Column::new("exponent", "1/impact"),
         Column::new("exponent_error", "1/impact").digits(2),
+        Column::new("second_exponent", "1/impact"),
         Column::new("exponent_per_cycle", "1/cycle"),
         Column::new("exponent_per_cycle_error", "1/cycle").digits(2),
         Column::new("mean_flight", "cycles"),
         Column::new("motion", ""),
         Column::new("rest_after", "impacts"),
         Column::new("regime", ""),
+        Column::new("multipliers", ""),
+        Column::new("multiplier_modulus", ""),
     ]);
-    let mut table = Table::new(&columns);
+    let (mut read, mut full) = (Table::new(&read), Table::new(&full));
     let finite = |value: f64| value.is_finite().then_some(value);
     for (k, found) in values.iter().zip(found) {
         let exponent = &found.exponent;
@@ -229,25 +264,42 @@ fn report(
             Dynamics::Rest { after } => Some(after),
             _ => None,
         };
-        let mut row = vec![(*k).into()];
-        row.extend(track.map(|track| (1e3 * track.amplitude(*k)).into()));
+        let told = found
+            .ending
+            .map(|ending| ending::told(ending, arguments.followed()));
+        let motion = match after {
+            Some(after) => format!("rest after {after}"),
+            None => words(found).into(),
+        };
+        let mut row: Vec<Value> = vec![(*k).into()];
+        row.extend(track.map(|track| Value::from(1e3 * track.amplitude(*k))));
+        let mut full_row = row.clone();
         row.extend([
             finite(exponent.per_impact.value).into(),
             finite(exponent.per_impact.error).into(),
+            found.second.into(),
+            motion.into(),
+            told.clone().into(),
+        ]);
+        read.push_row(row);
+        full_row.extend([
+            finite(exponent.per_impact.value).into(),
+            finite(exponent.per_impact.error).into(),
+            found.second.into(),
             finite(exponent.per_cycle.value).into(),
             finite(exponent.per_cycle.error).into(),
             finite(exponent.flight).into(),
             words(found).into(),
             after.into(),
-            found
-                .ending
-                .map(|ending| ending::told(ending, arguments.followed()))
-                .into(),
+            told.into(),
+            found.multipliers.map(spelled).into(),
+            found.multipliers.map(Multipliers::modulus).into(),
         ]);
-        table.push_row(row);
+        full.push_row(full_row);
     }
-    let mut report = Printout::new(table).heading(format!(
-        "R = {}{}, {} impacts after {} to settle",
+    let json = full.to_json();
+    let mut report = Printout::new(read).heading(format!(
+        "R = {}{}, {} impacts after {} to settle; exponents per impact",
         arguments.restitution,
         match arguments.scatter.scatter {
             0.0 => String::new(),
@@ -269,7 +321,19 @@ fn report(
             None => "no chaotic band: below the cascade the parts come to rest".into(),
         });
     }
-    Ok(report)
+    report.csv(move |out| full.write_csv(out)).json(&json)
+}
+
+/// Floquet multipliers as words.
+fn spelled(multipliers: Multipliers) -> String {
+    match multipliers {
+        Multipliers::Real(larger, smaller) => {
+            format!("{}, {}", number(larger, 6), number(smaller, 6))
+        }
+        Multipliers::Pair { modulus, angle } => {
+            format!("{} exp(+-{} i)", number(modulus, 6), number(angle, 6))
+        }
+    }
 }
 
 fn picture(
@@ -295,12 +359,7 @@ fn picture(
         .max(-3.0);
     let high = all.iter().fold(0.5_f64, |high, (_, y)| high.max(*y));
     let mut panel = Panel::new(
-        Axis::new(
-            "k = g cos α / (b ω²)",
-            Unit::NONE,
-            values.iter().copied().fold(f64::INFINITY, f64::min),
-            values.iter().copied().fold(0.0, f64::max),
-        ),
+        over_k(values),
         Axis::new(
             "Lyapunov exponent per impact",
             Unit::NONE,
@@ -331,6 +390,17 @@ fn picture(
         }
     }
     panel = panel.level(0.0, "neighbours part above");
+    let multipliers: Vec<(f64, [f64; 2])> = values
+        .iter()
+        .zip(found)
+        .filter_map(|(k, found)| {
+            let sizes = match found.multipliers? {
+                Multipliers::Real(larger, smaller) => [larger, smaller],
+                Multipliers::Pair { modulus, angle } => [modulus * angle.cos(); 2],
+            };
+            Some((*k, sizes))
+        })
+        .collect();
     Picture::new("Lyapunov exponent over k")
         .caption(format!(
             "R = {}, {} impacts at {}",
@@ -342,4 +412,39 @@ fn picture(
             }
         ))
         .panel(panel)
+        .panels(multipliers_of(values, &multipliers))
+}
+
+/// The real parts of both Floquet multipliers of the period-1 orbit over k, where it exists at several.
+fn multipliers_of(values: &[f64], found: &[(f64, [f64; 2])]) -> Option<Panel> {
+    if found.len() < 2 {
+        return None;
+    }
+    let of = |n: usize| -> Vec<(f64, f64)> {
+        let place = |(k, both): &(f64, [f64; 2])| (*k, both[n]);
+        found.iter().map(place).collect()
+    };
+    let all = found.iter().flat_map(|(_, both)| *both);
+    let low = all.clone().fold(-1.2, f64::min).max(-4.0);
+    let high = all.fold(1.2, f64::max).min(4.0);
+    let panel = Panel::new(
+        over_k(values),
+        Axis::new("Floquet multipliers, real part", Unit::NONE, low, high),
+    )
+    .heading("The period-1 orbit")
+    .height(230.0)
+    .markers("larger", 0, of(0))
+    .markers("smaller", 1, of(1))
+    .level(1.0, "is born")
+    .level(-1.0, "flip: doubles its period");
+    Some(panel)
+}
+
+fn over_k(values: &[f64]) -> Axis {
+    Axis::new(
+        "k = g cos α / (b ω²)",
+        Unit::NONE,
+        values.iter().copied().fold(f64::INFINITY, f64::min),
+        values.iter().copied().fold(0.0, f64::max),
+    )
 }

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use kband::impact::State;
 use kband::regime::Lock;
 
+use super::Arguments;
 use super::branch::{Branch, Stretch};
 use super::over::Over;
-use super::{Arguments, Show};
 use crate::arguments::Range;
 use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
@@ -19,7 +19,8 @@ use crate::report::{Column, Printout, Table, number};
 pub(super) struct Diagram {
     pub(super) over: Over,
     pub(super) range: Range,
-    pub(super) show: Show,
+    /// Whether velocities are drawn, else phases.
+    pub(super) velocity: bool,
     pub(super) values: Vec<f64>,
     pub(super) branches: Vec<Branch>,
     pub(super) bands: Vec<Stretch>,
@@ -121,11 +122,11 @@ impl Diagram {
     }
 
     pub(super) fn shown(&self, state: State) -> f64 {
-        match self.show {
+        match self.velocity {
+            true => state.velocity,
             // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.
-            Show::Phase if state.phase > PI => state.phase - TAU,
-            Show::Phase => state.phase,
-            Show::Velocity => state.velocity,
+            false if state.phase > PI => state.phase - TAU,
+            false => state.phase,
         }
     }
 
@@ -141,25 +142,20 @@ impl Diagram {
                 (low.min(y), high.max(y))
             });
         let room = 0.05 * (high - low);
-        let y_axis = match self.show {
-            Show::Phase => Axis::new(
+        let y_axis = if self.velocity {
+            Axis::new("velocity ψ after impact", Unit::VELOCITY, 0.0, high + room)
+        } else {
+            Axis::new(
                 "impact phase t",
                 Unit::RADIANS,
                 (low - room).max(-PI),
                 (high + room).min(PI),
             )
-            .in_pi(),
-            Show::Velocity => {
-                Axis::new("velocity ψ after impact", Unit::VELOCITY, 0.0, high + room)
-            }
+            .in_pi()
         };
         let mut picture = Picture::new(format!(
             "Impact {} over {}",
-            if self.show == Show::Phase {
-                "phase"
-            } else {
-                "velocity"
-            },
+            if self.velocity { "velocity" } else { "phase" },
             match self.over {
                 Over::K { .. } => "k",
                 Over::Amplitude { .. } => "amplitude",
@@ -173,9 +169,9 @@ impl Diagram {
                 0.0 => String::new(),
                 scatter => format!(", scattering by {scatter}"),
             },
-            arguments.impacts,
+            arguments.impacts(),
             self.range.count,
-            arguments.settle
+            arguments.settle()
         ));
         let mut names = Vec::new();
         for (fill, name) in FILLS {

@@ -1,0 +1,217 @@
+//! The regimes over k and restitution at once.
+
+use kband::feeder::OutOfRange;
+use kband::regime::band::{birth, flip};
+use kband::regime::classify::Regime;
+use kband::regime::exponent::start;
+
+use super::Arguments;
+use crate::arguments::Range;
+use crate::desk::Desk;
+use crate::ending::{self, Endings, FILLS, FOLLOWED};
+use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
+use crate::refusal::Refusal;
+use crate::report::{Column, Printout, Table, number};
+
+/// Most points of a map: some minutes on one core.
+const MOST: usize = 250_000;
+
+/// Where parts end, over k and restitution.
+pub(super) struct Map {
+    k: Range,
+    restitution: Range,
+    /// Row by row from the lowest restitution, for each of [`STARTS`].
+    ends: [Vec<Regime>; 2],
+}
+
+/// How parts start: the words are those of tables and headings.
+const STARTS: [(&str, &str); 2] = [
+    ("rest", "from rest"),
+    (
+        "lock",
+        "from next to the period-1 orbit of order 1, else from lift-off",
+    ),
+];
+
+impl Map {
+    pub(super) fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self, Refusal> {
+        let (k, restitution) = ranges(arguments)?;
+        let rows: Vec<f64> = restitution.values().collect();
+        let ends = desk.try_map("regimes", rows.len(), |row| {
+            let mut ends = [const { Vec::new() }; 2];
+            for k in k.values() {
+                desk.go_on()?;
+                let endings = Endings::new(k, rows[row], FOLLOWED)?;
+                ends[0].push(endings.from_rest());
+                ends[1].push(endings.of(start(endings.map(), 1)));
+            }
+            Ok(ends)
+        })?;
+        let of = |n: usize| ends.iter().flat_map(|row| row[n].iter().copied()).collect();
+        Ok(Self {
+            k,
+            restitution,
+            ends: [of(0), of(1)],
+        })
+    }
+
+    /// The fills that occur, in the order of a legend, with how often.
+    fn counts(&self, start: usize) -> Vec<(Fill, &'static str, usize)> {
+        let count = |wanted: Fill| {
+            let ends = self.ends[start].iter();
+            ends.filter(|end| ending::fill(**end) == wanted).count()
+        };
+        FILLS
+            .iter()
+            .map(|(fill, name)| (*fill, *name, count(*fill)))
+            .filter(|(.., count)| *count > 0)
+            .collect()
+    }
+
+    pub(super) fn report(&self) -> Result<Printout, Refusal> {
+        let mut table = Table::new(&[
+            Column::new("start", ""),
+            Column::new("regime", ""),
+            Column::new("share", "%").digits(4),
+            Column::new("points", ""),
+        ]);
+        let mut shares = Vec::new();
+        for (n, (start, _)) in STARTS.iter().enumerate() {
+            for (_, name, count) in self.counts(n) {
+                let share = count as f64 / self.ends[n].len() as f64;
+                table.push([
+                    (*start).into(),
+                    name.into(),
+                    (100.0 * share).into(),
+                    count.into(),
+                ]);
+                let told = serde_json::json!({
+                    "start": start, "regime": name, "share": share, "points": count,
+                });
+                shares.push(told);
+            }
+        }
+        let mut full = Table::new(&[
+            Column::new("k", ""),
+            Column::new("restitution", ""),
+            Column::new("from_rest", ""),
+            Column::new("from_lock", ""),
+        ]);
+        let places = self
+            .restitution
+            .values()
+            .flat_map(|r| self.k.values().map(move |k| (k, r)));
+        for (n, (k, restitution)) in places.enumerate() {
+            let told = |start: usize| ending::told(self.ends[start][n], FOLLOWED);
+            full.push([k.into(), restitution.into(), told(0).into(), told(1).into()]);
+        }
+        Printout::new(table)
+            .heading(format!(
+                "Where a part ends: k = {}..{} ({}), R = {}..{} ({})",
+                number(self.k.low, 6),
+                number(self.k.high, 6),
+                self.k.count,
+                number(self.restitution.low, 6),
+                number(self.restitution.high, 6),
+                self.restitution.count
+            ))
+            .note("--out FILE.svg draws the map, FILE.csv lists its points")
+            .csv(move |out| full.write_csv(out))
+            .json(&serde_json::json!({
+                "k": [self.k.low, self.k.high, self.k.count],
+                "restitution": [self.restitution.low, self.restitution.high, self.restitution.count],
+                "followed": FOLLOWED,
+                "shares": shares,
+            }))
+    }
+
+    pub(super) fn picture(&self) -> Picture {
+        let mut picture = Picture::new("Regimes over k and restitution")
+            .width(780.0)
+            .caption(format!(
+                "{} × {} parts, each followed for up to {FOLLOWED} impacts",
+                self.k.count, self.restitution.count
+            ));
+        for start in 0..STARTS.len() {
+            picture = picture.panel(self.panel(start));
+        }
+        picture
+    }
+
+    fn panel(&self, start: usize) -> Panel {
+        let all = self.ends[start].len() as f64;
+        let named = |(fill, name, count): (Fill, &str, usize)| {
+            (fill, format!("{name}: {:.1} %", 100.0 * count as f64 / all))
+        };
+        let names: Vec<(Fill, String)> = self.counts(start).into_iter().map(named).collect();
+        let names: Vec<(Fill, &str)> = names.iter().map(|(f, n)| (*f, n.as_str())).collect();
+        let ends = self.ends[start].iter();
+        let fills = ends.map(|end| ending::fill(*end)).collect();
+        // Half a cell beyond the outermost points on each side.
+        let axis = |label: &str, range: Range| {
+            let half = 0.5 * (range.high - range.low) / (range.count - 1) as f64;
+            Axis::new(label, Unit::NONE, range.low - half, range.high + half)
+        };
+        let mut panel = Panel::new(
+            axis("k = g cos α / (b ω²)", self.k),
+            axis("restitution R", self.restitution),
+        )
+        .heading(STARTS[start].1)
+        .height(380.0)
+        .classes(Grid::new(self.k.count, fills), &names);
+        for order in 1..=3 {
+            let ends = |of: fn(f64, u32) -> Result<f64, OutOfRange>| {
+                let place = |r: f64| (of(r, order).unwrap_or(f64::NAN), r);
+                self.restitution.values().map(place).collect::<Vec<_>>()
+            };
+            let named = |name| if order == 1 { name } else { "" };
+            panel = panel
+                .line(named("k1: a lock is born, orders 1 to 3"), 1, ends(birth))
+                .line(named("k2: it doubles"), 2, ends(flip));
+        }
+        panel
+    }
+}
+
+/// Both ranges of the map.
+fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
+    let (k, restitution) = match (arguments.k, arguments.restitution) {
+        (Some(k), restitution) if k.count > 1 && restitution.count > 1 => (k, restitution),
+        _ => {
+            return Err(Refusal::new(
+                "--show regimes needs both --k and --restitution as a range",
+                "for example --k 0.1..0.8:200 --restitution 0..0.9:150",
+            ));
+        }
+    };
+    if k.count.saturating_mul(restitution.count) > MOST {
+        return Err(Refusal::value(
+            "the number of points",
+            format!("{} x {}", k.count, restitution.count),
+            format!("at most {MOST}"),
+            "give fewer, for example --k 0.1..0.8:200 --restitution 0..0.9:150",
+        ));
+    }
+    let scatter = arguments.scatter.scatter;
+    if scatter > 0.0 {
+        return Err(Refusal::value(
+            "--scatter",
+            scatter,
+            "0 with --show regimes: what scatters ends nowhere",
+            "ask kband gear --scatter for how much of the time parts are in gear",
+        ));
+    }
+    let without_effect = [
+        ("--impacts", arguments.impacts.is_some()),
+        ("--settle", arguments.settle.is_some()),
+        ("--starts", !arguments.starts.is_empty()),
+        ("--b", arguments.amplitude.b.is_some()),
+    ];
+    match without_effect.into_iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(Refusal::new(
+            format!("{option} has no effect with --show regimes"),
+            format!("leave out {option}"),
+        )),
+        None => Ok((k, restitution)),
+    }
+}
