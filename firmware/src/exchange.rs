@@ -6,7 +6,7 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
-use kband::control::{Command, Cycle, Overtone, Signal};
+use kband::control::{Command, Cycle, Overtone, Signal, UPPER};
 
 /// Cycles up, commands down.
 pub struct Exchange {
@@ -36,7 +36,7 @@ impl Exchange {
             cycle: Mailbox::new(),
             command: Mutex::new(Cell::new(Command {
                 amplitude: 0.0,
-                overtone: Overtone::NONE,
+                overtones: [Overtone::NONE; UPPER],
                 step: 0,
                 immediate: true,
                 fold: None,

@@ -7,7 +7,7 @@
 use core::future::Future;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use kband::control::{SecondTone, Settings, Target};
+use kband::control::{Settings, Shape, Target, UpperTone};
 use kband::wire::KeptFault;
 
 pub use crate::journal::StoreFailed;
@@ -25,7 +25,7 @@ const FAULT_SLOT: usize = 40;
 pub const FAULTS: u32 = 32;
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 
-const _: () = assert!(4 + 4 * COUNT + 16 <= CONTENT);
+const _: () = assert!(4 + 4 * COUNT + 24 <= CONTENT);
 
 /// In what condition the settings were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -186,7 +186,7 @@ fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
 fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
     let mut content = [0; CONTENT];
     let values = settings.values().map(f32::to_bits);
-    let mut tone = SecondTone::NONE;
+    let mut tones = Shape::SINE;
     let (kind, number) = match target {
         Target::Locked { order } => (0, u32::from(order)),
         Target::Chaotic => (1, 0),
@@ -195,12 +195,17 @@ fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
         Target::Speed(speed) => (4, speed.to_bits()),
         Target::Identify => (5, 0),
         Target::Gear { order } => (6, u32::from(order)),
-        Target::Tones { k, second } => {
-            tone = second;
+        Target::Tones { k, shape } => {
+            tones = shape;
             (7, k.to_bits())
         }
     };
-    let target = [kind, number, tone.ratio.to_bits(), tone.phase.to_bits()];
+    let tones = tones
+        .tones()
+        .map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
+    let target = [kind, number]
+        .into_iter()
+        .chain(tones.into_iter().flatten());
     let words = [SCHEMA].into_iter().chain(values).chain(target);
     put(&mut content, words);
     content
@@ -218,9 +223,15 @@ fn read(content: &[u8]) -> Option<Found> {
     }
     settings.check().ok()?;
     let (kind, number) = (words.next()?, words.next()?);
-    let second = SecondTone {
-        ratio: words.number()?,
-        phase: words.number()?,
+    let mut tone = || {
+        Some(UpperTone {
+            ratio: words.number()?,
+            phase: words.number()?,
+        })
+    };
+    let shape = Shape {
+        second: tone()?,
+        third: tone()?,
     };
     let target = match kind {
         0 => Target::Locked {
@@ -236,7 +247,7 @@ fn read(content: &[u8]) -> Option<Found> {
         },
         7 => Target::Tones {
             k: f32::from_bits(number),
-            second,
+            shape,
         },
         _ => return None,
     };

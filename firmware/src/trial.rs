@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use kband::control::{Report, SecondTone, StartCause, Target};
+use kband::control::{Report, Shape, StartCause, Target, UpperTone};
 use kband::plant::{Change, Disturbance, Scene};
 
 /// A scene and how long it runs.
@@ -127,10 +127,10 @@ fn two_tones() -> Scene {
     scene.parts = [0.2, 0.3].into_iter().collect();
     scene.target = Target::Tones {
         k: 0.35,
-        second: SecondTone {
+        shape: Shape::of_two(UpperTone {
             ratio: 0.15,
             phase: 2.356,
-        },
+        }),
     };
     scene
 }
@@ -203,7 +203,7 @@ fn eventful() -> Scene {
     scene
 }
 
-/// A row of the trace: cycle, k, lead, second tone of the track, output of the drive and its second tone, state, fault, limits and events; what
+/// A row of the trace: cycle, k, lead, tones of the track, output of the drive and its tones, state, fault, limits and events; what
 /// is single precision as its bits.
 #[derive(Clone, Copy, Debug)]
 pub struct TraceRow<'a>(pub &'a Report);
@@ -213,15 +213,26 @@ impl fmt::Display for TraceRow<'_> {
         let report = self.0;
         write!(
             formatter,
-            "{} {:08x} {:08x} {:08x} {:08x} {:08x} {:08x} {:08x} {} {} {:04x}",
+            "{} {:08x} {:08x} {:08x}",
             report.cycle,
             report.k.to_bits(),
             report.lead.to_bits(),
-            report.second.ratio.to_bits(),
-            report.second.phase.to_bits(),
             report.command.amplitude.to_bits(),
-            report.command.overtone.sine.to_bits(),
-            report.command.overtone.cosine.to_bits(),
+        )?;
+        let overtones = report.command.overtones;
+        for (tone, output) in report.shape.tones().into_iter().zip(overtones) {
+            write!(
+                formatter,
+                " {:08x} {:08x} {:08x} {:08x}",
+                tone.ratio.to_bits(),
+                tone.phase.to_bits(),
+                output.sine.to_bits(),
+                output.cosine.to_bits(),
+            )?;
+        }
+        write!(
+            formatter,
+            " {} {} {:04x}",
             report.state.number(),
             report.fault.map_or(0, |fault| fault.number()),
             report.limits.bits(),

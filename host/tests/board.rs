@@ -412,6 +412,59 @@ fn an_identification_that_has_no_result_yet_changes_nothing() {
     assert_eq!(flash(), saved);
 }
 
+/// The emulated board's drive is one resonance of 1 mm and Q 25 at 50 Hz, which answers at n times its frequency with `1 mm / 25 /
+/// (n^2 - 1)` against the output; told is another drive.
+#[test]
+fn what_the_drive_answers_at_its_multiples_is_measured_taken_and_kept() {
+    let folder = folder();
+    let told = "second_tone = 0.05\nthird_tone = 0.02\nsecond_gain = 0.02\nsecond_lag = 150.0\n\
+                third_gain = 0.0065\nthird_lag = 160.0\n";
+    std::fs::write(folder.path().join("told.toml"), told).unwrap();
+    let words = "settings import told.toml --save --flash-image board.flash";
+    kband(folder.path(), words).done();
+    for (option, gain, lag, answer, exact) in [
+        (
+            "--second-tone",
+            "second_gain",
+            "second_lag",
+            0.04 / 3.0,
+            0.03,
+        ),
+        ("--third-tone", "third_gain", "third_lag", 0.04 / 8.0, 0.05),
+    ] {
+        let words = format!(
+            "settings commission {option} --apply --within 50 --format json --flash-image board.flash"
+        );
+        let found: Value = serde_json::from_str(&kband(folder.path(), &words).done()).unwrap();
+        assert_eq!(found["applied"], true, "{found}");
+        // Beyond a loss of power.
+        let kept = |key: &str| {
+            let words = format!("settings get {key} --format json --flash-image board.flash");
+            let out = kband(folder.path(), &words).done();
+            let kept: Value = serde_json::from_str(&out).unwrap();
+            kept[0]["value"].as_f64().unwrap()
+        };
+        let (measured, late) = (kept(gain), kept(lag));
+        assert!(
+            (measured / answer - 1.0).abs() < exact,
+            "{option}: {measured} {found}"
+        );
+        assert!(
+            (late.rem_euclid(360.0) - 180.0).abs() < 60.0 * exact,
+            "{option}: {late} {found}"
+        );
+    }
+    // A third tone needs a second one, and a board that affords none has none to measure.
+    let words = "settings commission --third-tone";
+    kband(folder.path(), words).refused(&[
+        "third_tone = 0",
+        "0.01..0.5",
+        "settings set third_tone",
+    ]);
+    let words = "settings set third_tone 0.05 --save --flash-image other.flash";
+    kband(folder.path(), words).refused(&["third_tone", "set second_tone first"]);
+}
+
 /// An emulated board that runs on from command to command, at the end of a pseudo-terminal.
 struct Standing {
     board: std::process::Child,

@@ -186,6 +186,8 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
         "sample interrupt:",
         "signal path of two tones:",
         "sample interrupt of two tones:",
+        "signal path of three tones:",
+        "sample interrupt of three tones:",
     ] {
         let (mean, most) = counts(name);
         println!("{name} mean {mean}, most {most} instructions a sample");
@@ -213,7 +215,7 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
         .lines()
         .filter(|line| line.starts_with("gear of "))
         .collect();
-    assert_eq!(plans.len(), 3, "{text}");
+    assert_eq!(plans.len(), 4, "{text}");
     for plan in plans {
         println!("{plan}");
         searched_within_bounds(plan.split_once(": ").unwrap().1);

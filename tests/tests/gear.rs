@@ -93,7 +93,7 @@ fn without_the_second_tone_that_was_told_the_plan_is_that_of_one() {
     let mut closed = EnvelopeLoop::build(&scene).unwrap();
     share(&mut closed, 1500);
     let plan = closed.controller().gear().unwrap();
-    assert_eq!(plan.second[0], 0.0, "{plan:?}");
+    assert_eq!(plan.tones[0][0], 0.0, "{plan:?}");
     assert!(plan.settled && (0.4..0.48).contains(&plan.k), "{plan:?}");
     // Two minutes: some 140 losses, whose outages of 4.4 periods scatter as much: 0.02.
     let share = share(&mut closed, 6000);

@@ -1,7 +1,7 @@
 //! The board's image at drive frequencies from 25 to 500 Hz: what it holds is what the desk holds, within its
 //! deadlines, counted in cycles on the emulated chip.
 
-use kband::control::{Event, Report, SecondTone, State, Target};
+use kband::control::{Event, Report, Shape, State, Target, UpperTone};
 use kband::plant::{ClosedLoop, Scene};
 use kband::wire::{Request, Response};
 use kband_tests::chip::{LINK, MILLISECOND, SAMPLE};
@@ -141,14 +141,14 @@ fn the_image_holds_500_hz() {
 /// A drive that affords a second tone and answers twice as much as the board was told.
 #[test]
 fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
-    let wanted = SecondTone {
+    let wanted = UpperTone {
         ratio: 0.15,
         phase: 2.356,
     };
     let mut scene = machine(50.0, 0.35);
     scene.target = Target::Tones {
         k: 0.35,
-        second: wanted,
+        shape: Shape::of_two(wanted),
     };
     scene.settings.second_tone = 0.25;
     scene.drive.second_gain = 0.5;
@@ -167,14 +167,15 @@ fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
         rig.done(&Request::Alive);
     }
     let (amplitude, made) = rig.chip.board.world.bench.plant().tones();
-    let Report { k, second, .. } = ClosedLoop::build(&scene)
+    let Report { k, shape, .. } = ClosedLoop::build(&scene)
         .map(|mut desk| (0..350).map(|_| desk.cycle().report).last().unwrap())
         .unwrap();
-    println!("board: b {amplitude:e} {made:?}; desk: k {k} {second:?}");
+    println!("board: b {amplitude:e} {made:?}; desk: k {k} {shape:?}");
     let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
     let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));
     // As the desk: the bridge's mean over a sample is its duty to 1/8400.
     assert!((held / 0.35 - 1.0).abs() < 0.02, "{held}");
+    let made = made.second;
     assert!((made.ratio - wanted.ratio).abs() < 0.003, "{made:?}");
     assert!((made.phase - wanted.phase).abs() < 0.03, "{made:?}");
     let events: Vec<u8> = (0..20)

@@ -137,9 +137,15 @@ const TARGETS: [Target; 8] = [
     Target::Speed(-12.5),
     Target::Tones {
         k: 0.35,
-        second: SecondTone {
-            ratio: 0.15,
-            phase: 2.356,
+        shape: Shape {
+            second: UpperTone {
+                ratio: 0.15,
+                phase: 2.356,
+            },
+            third: UpperTone {
+                ratio: 0.05,
+                phase: -1.0,
+            },
         },
     },
     Target::Identify,

@@ -298,13 +298,14 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
                     ))
                 }),
         );
-        let second = if telemetry.second_ratio > 0.0 {
-            format!(", e {:.3}", telemetry.second_ratio)
-        } else {
-            String::new()
-        };
+        let kband::wire::Shape { second, third } = telemetry.shape;
+        let tones = [(", e", second), (", e3", third)];
+        let upper: String = (tones.into_iter())
+            .filter(|(_, tone)| tone.ratio > 0.0)
+            .map(|(name, tone)| format!("{name} {:.3}", tone.ratio))
+            .collect();
         lines.push(Line::from(format!(
-            "output  {:.1} %{second}",
+            "output  {:.1} %{upper}",
             100.0 * telemetry.output
         )));
         lines.push(match seen.fault() {

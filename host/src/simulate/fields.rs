@@ -92,7 +92,7 @@ pub const SENSOR: [Model; 5] = [
 ];
 
 /// What `[plant]` says of the drive and the accelerometer as they are.
-pub const PLANT: [Model; 9] = [
+pub const PLANT: [Model; 11] = [
     (
         field(
             "resonance",
@@ -149,10 +149,28 @@ pub const PLANT: [Model; 9] = [
     ),
     (
         field(
+            "third_gain",
+            [0.0, 100.0],
+            "mm",
+            "The same at three times the drive frequency.",
+        ),
+        |scene| &mut scene.drive.third_gain,
+    ),
+    (
+        field(
+            "third_lag",
+            [-180.0, 180.0],
+            "degrees",
+            "Lag of the track behind the output there, as it is.",
+        ),
+        |scene| &mut scene.drive.third_lag,
+    ),
+    (
+        field(
             "second_quality",
             [0.5, 200.0],
             "",
-            "Quality factor of the drive's mode near twice its frequency.",
+            "Quality factor of the drive's modes near two and three times its frequency.",
         ),
         |scene| &mut scene.drive.second_quality,
     ),

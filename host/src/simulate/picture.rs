@@ -106,7 +106,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     }
     let mut throw = Panel::new(time(), Axis::new("k", Unit::NONE, 0.0, top)).height(190.0);
     // Band and phase of the lock are those of one tone.
-    let alone = outcome.last().second.ratio == 0.0;
+    let alone = outcome.last().shape.is_sine();
     if let Some(band) = band.filter(|_| alone) {
         throw = throw.shelf(
             &format!(

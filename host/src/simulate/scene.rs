@@ -1,6 +1,6 @@
 //! Scene files: strict TOML to a checked scene.
 
-use kband::control::{Controller, Settings, StartCause, affordable_second_tone};
+use kband::control::{Controller, Settings, StartCause, affordable_tones};
 use kband::feeder::OutOfRange;
 use kband::plant::{Change, DriveModel, Scene};
 use toml::{Table, Value};
@@ -59,6 +59,9 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "second_tone",
             "second_gain",
             "second_lag",
+            "third_tone",
+            "third_gain",
+            "third_lag",
         ],
         3,
     ),
@@ -180,6 +183,10 @@ impl SceneFile {
             scene.drive.second_lag = settings.second_lag;
             scene.drive.second_quality = settings.quality;
         }
+        if settings.third_tone > 0.0 {
+            scene.drive.third_gain = settings.third_gain;
+            scene.drive.third_lag = settings.third_lag;
+        }
         if let Some(mut plant) = root.optional("plant")? {
             for (field, slot) in &PLANT {
                 plant.field(field, slot(&mut scene))?;
@@ -232,16 +239,34 @@ impl SceneFile {
             )
         };
         let settings = &self.scene.settings;
-        let affords = affordable_second_tone(settings, 1.0);
-        if settings.second_tone > affords {
+        if settings.third_tone > 0.0 && settings.second_tone == 0.0 {
             return Err(Refusal::value(
+                "drive.third_tone",
+                settings.third_tone,
+                "0 without a second tone",
+                "say drive.second_tone too, for example 0.25, or leave drive.third_tone out",
+            ));
+        }
+        let told = [
+            (
                 "drive.second_tone",
                 settings.second_tone,
-                format!(
-                    "0..{affords:.3}, which is what this drive's output makes where the track only just throws parts (k = 1)"
-                ),
-                "lower it, or raise drive.second_gain, gain or output_maximum",
-            ));
+                "drive.second_gain",
+            ),
+            ("drive.third_tone", settings.third_tone, "drive.third_gain"),
+        ];
+        for ((key, tone, gain), affords) in told.into_iter().zip(affordable_tones(settings, 1.0)) {
+            if tone > affords {
+                return Err(Refusal::value(
+                    key,
+                    tone,
+                    format!(
+                        "0..{affords:.3}, which is what this drive's output makes where the track only just throws \
+                         parts (k = 1)"
+                    ),
+                    format!("lower it, or raise {gain}, gain or output_maximum"),
+                ));
+            }
         }
         let mut controller =
             Controller::build(settings, self.scene.target, self.scene.start).map_err(named)?;
@@ -421,6 +446,24 @@ mod tests {
                     "drive.second_tone = 0.15",
                     "0..0.11",
                     "raise drive.second_gain",
+                ],
+            ),
+            (
+                "third_tone = 0.0 ",
+                "third_tone = 0.05",
+                &[
+                    "drive.third_tone = 0.05",
+                    "0 without a second tone",
+                    "drive.second_tone",
+                ],
+            ),
+            (
+                "second_tone = 0.0                # largest second tone that the drive affords, over the first (e), 0..0.5 (optional)\nsecond_gain = 0.5                # mm of track amplitude at twice the frequency for full output; 0: as the resonance has it (optional)\nsecond_lag = 90.0                # degrees of the track behind the output there (optional)\nthird_tone = 0.0                 # likewise at three times the frequency (e3); needs a second tone (optional)\nthird_gain = 0.25",
+                "second_tone = 0.2\nthird_tone = 0.05\nthird_gain = 0.0",
+                &[
+                    "drive.third_tone = 0.05",
+                    "0..0.0",
+                    "raise drive.third_gain",
                 ],
             ),
             (

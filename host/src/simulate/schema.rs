@@ -101,7 +101,7 @@ fn target() -> Value {
             "description": "Normal amplitude of the track, in mm."},
         "speed": {"type": "number", "description": "Conveying speed, in mm/s."},
         "tones": {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3,
-            "description": "k, amplitude of the second tone over the first (e, 0..0.5), its phase in degrees."},
+            "description": "k, amplitude of the second tone over the first (e, 0..0.5), its phase in degrees; and both of a third."},
         "identify": {"const": true, "description": "Restitution by listening to the parts' chatter."},
     });
     json!({

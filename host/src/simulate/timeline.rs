@@ -1,6 +1,6 @@
 //! What is asked of a feeder, and what happens to it in time.
 
-use kband::control::{SecondTone, Target};
+use kband::control::{Shape, Target, UpperTone};
 use kband::plant::{Change, DISTURBANCES, Disturbance, Disturbances};
 use toml::Value;
 
@@ -19,11 +19,19 @@ pub fn describe(target: Target) -> String {
         Target::Amplitude(b) => format!("amplitude {b} mm"),
         Target::Speed(v) => format!("speed {v} mm/s"),
         Target::Identify => "identification".into(),
-        Target::Tones { k, second } => format!(
-            "k = {k} with a second tone of {} at {:.1} degrees",
-            second.ratio,
-            second.phase.to_degrees()
-        ),
+        Target::Tones { k, shape } => {
+            let words = |name: &str, tone: UpperTone| {
+                let degrees = tone.phase.to_degrees();
+                format!("a {name} tone of {} at {degrees:.1} degrees", tone.ratio)
+            };
+            let second = words("second", shape.second);
+            if shape.third.ratio > 0.0 {
+                let third = words("third", shape.third);
+                format!("k = {k} with {second} and {third}")
+            } else {
+                format!("k = {k} with {second}")
+            }
+        }
     }
 }
 
@@ -82,33 +90,41 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     })
 }
 
-/// A track of two tones: k of the first, amplitude of the second over it (e), and its phase (th) in degrees.
+/// A track of two tones or three: k of the first, amplitude of each other over it (e), and its phase (th) in degrees.
 fn read_tones(value: &Value) -> Result<Target, String> {
-    let accepted =
-        "[k, e, degrees]: k 0.02..10, e 0..0.5, and the second tone's phase, -360..360 degrees";
+    let accepted = "[k, e, degrees] or [k, e, degrees, e3, degrees]: k 0.02..10, e 0..0.5, and the tone's phase, -360..360 degrees";
     let numbers: Option<Vec<f64>> = value
         .as_array()
         .and_then(|list| list.iter().map(number).collect());
-    let Some(&[k, ratio, degrees]) = numbers.as_deref() else {
-        return Err(accepted.into());
+    let (k, tones) = match numbers.as_deref() {
+        Some(&[k, e, th]) => (k, [[e, th], [0.0; 2]]),
+        Some(&[k, e, th, e3, th3]) => (k, [[e, th], [e3, th3]]),
+        _ => return Err(accepted.into()),
     };
-    let sound = (0.02..=10.0).contains(&k)
-        && (0.0..=0.5).contains(&ratio)
-        && (-360.0..=360.0).contains(&degrees);
-    if !sound {
+    if !(0.02..=10.0).contains(&k) {
         return Err(accepted.into());
     }
-    if degrees != 0.0 && degrees.abs() < std::f64::consts::TAU {
-        return Err(format!(
-            "{accepted}; {degrees} rad would be {:.1} degrees",
-            degrees.to_degrees()
-        ));
-    }
-    Ok(Target::Tones {
-        k: k as f32,
-        second: SecondTone {
+    let tone = |[ratio, degrees]: [f64; 2]| {
+        if !(0.0..=0.5).contains(&ratio) || !(-360.0..=360.0).contains(&degrees) {
+            return Err(accepted.to_string());
+        }
+        if degrees != 0.0 && degrees.abs() < std::f64::consts::TAU {
+            return Err(format!(
+                "{accepted}; {degrees} rad would be {:.1} degrees",
+                degrees.to_degrees()
+            ));
+        }
+        Ok(UpperTone {
             ratio: ratio as f32,
             phase: degrees.to_radians() as f32,
+        })
+    };
+    let [second, third] = tones;
+    Ok(Target::Tones {
+        k: k as f32,
+        shape: Shape {
+            second: tone(second)?,
+            third: tone(third)?,
         },
     })
 }

@@ -1,12 +1,12 @@
 //! The trace of a run: one row for each drive cycle.
 
-use kband::control::Event;
+use kband::control::{Event, UpperTone};
 use kband::plant::{Moment, Sample};
 
 use crate::report::{Column, Value};
 
 /// Columns of the trace.
-pub const TRACE: [Column; 22] = [
+pub const TRACE: [Column; 24] = [
     Column::new("time", "s"),
     Column::new("amplitude", "mm"),
     Column::new("k", ""),
@@ -25,6 +25,8 @@ pub const TRACE: [Column; 22] = [
     Column::new("scatter_heard", ""),
     Column::new("e", "of the first tone"),
     Column::new("th", "degrees"),
+    Column::new("e3", "of the first tone"),
+    Column::new("th3", "degrees"),
     Column::new("in_gear_expected", ""),
     Column::new("impacts", ""),
     Column::new("way", "mm"),
@@ -58,12 +60,10 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
         heard(report.margin.map(|margin| margin.trace)),
         heard(report.margin.map(|margin| margin.restitution)),
         heard(report.margin.map(|margin| margin.scatter)),
-        single(report.second.ratio),
-        if report.second.ratio > 0.0 {
-            single(report.second.phase.to_degrees())
-        } else {
-            Value::Missing
-        },
+        single(report.shape.second.ratio),
+        angle(report.shape.second),
+        single(report.shape.third.ratio),
+        angle(report.shape.third),
         single(report.expected_in_gear),
         moment.strikes.into(),
         (moment.displacement * 1e3).into(),
@@ -98,6 +98,15 @@ fn heard(value: Option<f32>) -> Value {
 }
 
 /// A number of single precision with the digits it has, not those of its nearest double.
+/// Phase of a tone in degrees, where there is one.
+fn angle(tone: UpperTone) -> Value {
+    if tone.ratio > 0.0 {
+        single(tone.phase.to_degrees())
+    } else {
+        Value::Missing
+    }
+}
+
 fn single(value: f32) -> Value {
     Value::Short(value.to_string().parse().unwrap_or(f64::from(value)))
 }

@@ -3,7 +3,7 @@
 mod commission;
 mod drive;
 mod offer;
-mod second_tone;
+mod upper_tone;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -12,6 +12,7 @@ use serde_json::json;
 
 use kband::wire::Request;
 
+use self::upper_tone::Upper;
 use crate::arguments;
 use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
@@ -106,6 +107,9 @@ enum Action {
         /// Measure what the track answers at twice the drive's frequency instead, and offer second_gain and second_lag.
         #[arg(long)]
         second_tone: bool,
+        /// The same at three times the drive's frequency: third_gain and third_lag.
+        #[arg(long, conflicts_with = "second_tone")]
+        third_tone: bool,
         /// Give up after so many seconds.
         #[arg(long, value_name = "S", default_value = "300", value_parser = arguments::within(1.0, 86_400.0, "s"))]
         within: f64,
@@ -140,15 +144,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Action::Commission {
         apply,
         second_tone,
+        third_tone,
         within,
     } = arguments.action
     {
-        let measure = if second_tone {
-            second_tone::run
-        } else {
-            commission::run
+        let format = arguments.format;
+        let upper = match (second_tone, third_tone) {
+            (true, _) => Some(Upper::Second),
+            (_, true) => Some(Upper::Third),
+            _ => None,
         };
-        measure(address, apply, within, arguments.format, desk)?;
+        match upper {
+            Some(upper) => upper_tone::run(upper, address, apply, within, format, desk)?,
+            None => commission::run(address, apply, within, format, desk)?,
+        }
         return Ok(Exit::Done);
     }
     let mut link = address.open(Emulated::AtRest)?;

@@ -42,7 +42,7 @@ pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
 #[cfg(feature = "unstable")]
 pub use drive::Margins;
-pub use drive::{SecondTone, affordable_second_tone};
+pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
 #[cfg(all(test, feature = "plant"))]
 pub(crate) use hear::Energy;
 pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};

@@ -1,6 +1,6 @@
 //! What comes out of a controller each cycle.
 
-use crate::control::drive::SecondTone;
+use crate::control::drive::Shape;
 use crate::control::hear::{Command, Margin};
 use crate::control::identify::Identification;
 use crate::control::state::{Events, Fault, Limits, State};
@@ -17,9 +17,9 @@ pub struct Report {
     pub amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
     pub lead: f32,
-    /// Second tone of the track as it was measured: its amplitude over the first tone's and its phase against the
-    /// track's, -pi..pi; none where the drive affords none.
-    pub second: SecondTone,
+    /// Shape of the track's motion as it was measured: amplitudes of its tones over the first one's and phases against the
+    /// track's, -pi..pi; a sine where the drive affords no more.
+    pub shape: Shape,
     /// Amplitude that the loop follows at the end of the next cycle but one, in m.
     pub reference: f32,
     /// Amplitude chosen for the target, in m; 0 where there is none.

@@ -142,6 +142,12 @@ settings! {
     second_gain = 0.5, 0.0..100.0 "mm";
     /// Lag of the track behind the output at twice the drive frequency.
     second_lag = 90.0, -180.0..180.0 "degrees";
+    /// Largest third tone that the drive affords, its amplitude over that of the first (symbol e3); 0: none. Needs a second tone.
+    third_tone = 0.0, 0.0..0.5 "";
+    /// Track amplitude at three times the drive frequency for full output; 0: as the one resonance has it.
+    third_gain = 0.25, 0.0..100.0 "mm";
+    /// Lag of the track behind the output at three times the drive frequency.
+    third_lag = 90.0, -180.0..180.0 "degrees";
 }
 
 impl Settings {
@@ -162,6 +168,13 @@ impl Settings {
             phase_lead: f64::from(self.phase_lead),
             gravity: f64::from(self.gravity),
         })
+    }
+
+    /// Tones above the first that the drive affords: 0, 1 or 2.
+    #[must_use]
+    pub fn upper_tones(&self) -> usize {
+        let tones = [self.second_tone, self.third_tone];
+        tones.iter().take_while(|tone| **tone > 0.0).count()
     }
 
     /// The value of a key, `None` for an unknown one.
@@ -230,6 +243,13 @@ impl Settings {
                 "tracking",
                 self.tracking,
                 "0 to a band of 200 widths of the resonance, the lowest frequency over quality",
+            );
+        }
+        if self.third_tone > 0.0 && self.second_tone == 0.0 {
+            return refuse(
+                "third_tone",
+                self.third_tone,
+                "0 without a second tone: set second_tone first",
             );
         }
         if self.sensor_zero >= self.converter_reference {

@@ -1,6 +1,6 @@
 //! What the controller is to do with the parts.
 
-use super::drive::SecondTone;
+use super::drive::Shape;
 
 /// What the user wants of the parts.
 ///
@@ -38,12 +38,12 @@ pub enum Target {
     K(f32),
     /// A normal amplitude b in mm.
     Amplitude(f32),
-    /// A value of k, 0.02..10, with a second tone of the track.
+    /// A value of k, 0.02..10, with tones of the track above the first.
     Tones {
         /// k of the first tone.
         k: f32,
-        /// The second tone; its ratio at most the setting `second_tone`.
-        second: SecondTone,
+        /// These tones; their ratios at most the settings `second_tone` and `third_tone`.
+        shape: Shape,
     },
     /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
     Speed(f32),

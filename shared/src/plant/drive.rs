@@ -1,13 +1,16 @@
 //! The resonant drive and the track that it shakes.
 
 use core::f32::consts::{PI, TAU};
+use core::f64::consts::PI as PI64;
 
 use num_complex::{Complex32 as Complex, Complex64};
+
+use heapless::Vec;
 
 use super::scene::DriveModel;
 use crate::arithmetic::Phase;
 use crate::arithmetic::sine_cosine_single;
-use crate::control::{SAMPLE_RATE, SecondTone, phase_of};
+use crate::control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
 
 /// A resonator driven by an output that is held between samples: exact at the samples, in the
 /// rotating pair (x, v / w0), where the step is a decay and a turn.
@@ -91,8 +94,8 @@ pub struct Swing {
     pub amplitude: f32,
     /// Phase of the track, 0 where it passes its middle upwards.
     pub phase: Phase,
-    /// The second tone.
-    pub second: SecondTone,
+    /// The shape of its motion.
+    pub shape: Shape,
 }
 
 impl Swing {
@@ -104,28 +107,38 @@ impl Swing {
         Self {
             amplitude: libm::sqrtf(x * x + quadrature * quadrature),
             phase: phase_of(libm::atan2f(x, quadrature)),
-            second: SecondTone::NONE,
+            shape: Shape::SINE,
         }
     }
 
-    /// This swing with a second tone that passes through a displacement (m) and a velocity (m/s) of its own.
+    /// This swing with tones above the first that pass through a displacement (m) and a velocity (m/s) of their own.
     #[must_use]
-    pub fn with(self, motion: [f32; 2], angular: f32) -> Self {
-        let second = Self::through(motion, 2.0 * angular);
-        let apart = second.phase - self.phase - self.phase;
+    pub fn with(self, motions: [[f32; 2]; UPPER], angular: f32) -> Self {
+        let tone = |motion: [f32; 2], harmonic: u32| {
+            if motion == [0.0; 2] {
+                return UpperTone::NONE;
+            }
+            let own = Self::through(motion, harmonic as f32 * angular);
+            let first = Phase::from_bits(self.phase.bits().wrapping_mul(harmonic));
+            UpperTone {
+                ratio: own.amplitude / self.amplitude,
+                phase: (own.phase - first).bits() as i32 as f32 * (TAU / Phase::TURN as f32),
+            }
+        };
+        let [second, third] = motions;
         Self {
-            second: SecondTone {
-                ratio: second.amplitude / self.amplitude,
-                phase: apart.bits() as i32 as f32 * (TAU / Phase::TURN as f32),
+            shape: Shape {
+                second: tone(second, 2),
+                third: tone(third, 3),
             },
             ..self
         }
     }
 }
 
-/// Which mode, beside the resonance, makes the track answer at twice the drive's frequency as a model says.
+/// A mode that, beside the resonance, makes the track answer at a multiple of the drive's frequency as a model says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SecondMode {
+pub struct UpperMode {
     /// Its frequency in Hz.
     pub frequency: f64,
     /// Its quality factor.
@@ -134,20 +147,48 @@ pub struct SecondMode {
     pub force: f64,
 }
 
-impl SecondMode {
-    /// The mode of a model for a drive frequency in Hz; `None` where the resonance alone makes it so.
+/// Rounds in which two modes are fitted to each other: each answers the other's tone by a few hundredths.
+const ROUNDS: usize = 12;
+
+impl UpperMode {
+    /// The modes of a model for a drive frequency in Hz; none where the resonance alone makes the track answer so.
     #[must_use]
-    pub fn of(model: &DriveModel, frequency: f64) -> Option<Self> {
-        if model.second_gain <= 0.0 {
-            return None;
+    pub fn of(model: &DriveModel, frequency: f64) -> Vec<Self, UPPER> {
+        let told = [
+            (2.0, model.second_gain, model.second_lag),
+            (3.0, model.third_gain, model.third_lag),
+        ];
+        let mut modes = [None::<Self>; UPPER];
+        let several = told.iter().filter(|(_, gain, _)| *gain > 0.0).count() > 1;
+        for _ in 0..if several { ROUNDS } else { 1 } {
+            for (n, (harmonic, gain, lag)) in told.into_iter().enumerate() {
+                if gain <= 0.0 {
+                    continue;
+                }
+                // The output is held between samples: half of one more, which no mode makes.
+                let held = PI64 * harmonic * frequency / f64::from(SAMPLE_RATE);
+                let lag = f64::from(lag).to_radians() - held;
+                let (sine, cosine) = libm::sincos(lag);
+                let told = Complex64::new(cosine, -sine) * (f64::from(gain) * 1e-3);
+                let at = harmonic * frequency;
+                let mut missing = told - response(model, at);
+                for (other, mode) in modes.iter().enumerate() {
+                    if other != n
+                        && let Some(mode) = mode
+                    {
+                        missing -= mode.answer(at);
+                    }
+                }
+                if let Some(own) = modes.get_mut(n) {
+                    *own = Self::fitted(missing, at, f64::from(model.second_quality));
+                }
+            }
         }
-        let quality = f64::from(model.second_quality);
-        // The output is held between samples: half of one more, which no mode makes.
-        let held = core::f64::consts::TAU * frequency / f64::from(SAMPLE_RATE);
-        let lag = f64::from(model.second_lag).to_radians() - held;
-        let (sine, cosine) = libm::sincos(lag);
-        let told = Complex64::new(cosine, -sine) * (f64::from(model.second_gain) * 1e-3);
-        let missing = told - response(model, 2.0 * frequency);
+        modes.into_iter().flatten().collect()
+    }
+
+    /// The mode of a quality that answers to full output by `missing` m at a frequency in Hz.
+    fn fitted(missing: Complex64, at: f64, quality: f64) -> Option<Self> {
         // A mode lags by less than half a turn; what lags by more moves against the output.
         let against = missing.im > 0.0;
         let missing = if against { -missing } else { missing };
@@ -161,10 +202,16 @@ impl SecondMode {
         let stiffness = Complex64::new(1.0 - x * x, x / quality);
         let force = size * libm::sqrt(stiffness.norm_sqr());
         Some(Self {
-            frequency: 2.0 * frequency / x,
+            frequency: at / x,
             quality,
             force: if against { -force } else { force },
         })
+    }
+
+    /// What it answers to full output at a frequency in Hz, in m.
+    fn answer(&self, frequency: f64) -> Complex64 {
+        let x = frequency / self.frequency;
+        Complex64::new(1.0 - x * x, x / self.quality).inv() * self.force
     }
 }
 
@@ -178,68 +225,75 @@ fn response(model: &DriveModel, frequency: f64) -> Complex64 {
     Complex64::new(1.0 - x * x, x / quality).inv() * force
 }
 
-/// Tells the second tone of the track's motion from the first: it finds the tones of the output, and lets copies of the
-/// drive's modes answer the second one alone.
+/// Tells the tones of the track's motion apart: it finds the tones of the output, and lets copies of the
+/// drive's modes answer each one above the first alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TonesApart {
-    first: Resonator,
-    mode: Option<Resonator>,
-    /// The output along sine and cosine of the phase and of its double.
-    output: [f32; 4],
+    /// Copies of the drive's modes for each tone above the first.
+    modes: [[Option<Resonator>; 1 + UPPER]; UPPER],
+    /// Tones above the first that the drive makes.
+    upper: usize,
+    /// The output along sine and cosine of the phase and of its multiples.
+    output: [[f32; 2]; 1 + UPPER],
 }
 
 impl TonesApart {
-    /// Of a drive at rest.
+    /// Of a drive at rest that makes so many tones above the first.
     #[must_use]
-    pub fn new(first: Resonator, mode: Option<Resonator>) -> Self {
+    pub fn new(first: Resonator, modes: &[Resonator], upper: usize) -> Self {
+        let mut copies = [None; 1 + UPPER];
+        let all = core::iter::once(&first).chain(modes);
+        for (copy, mode) in copies.iter_mut().zip(all) {
+            *copy = Some(*mode);
+        }
         Self {
-            first,
-            mode,
-            output: [0.0; 4],
+            modes: [copies; UPPER],
+            upper,
+            output: [[0.0; 2]; 1 + UPPER],
         }
     }
 
     /// Takes an output that is held for a sample, at a phase that advances by `step` a sample.
     ///
-    /// Four numbers describe the output over a cycle; each sample corrects them by its share of what they do not
+    /// Two numbers for each tone describe the output over a cycle; each sample corrects them by its share of what they do not
     /// explain (a projection of Kaczmarz), which is exact once nothing is left, and forgets a change in a quarter of
     /// a cycle.
     #[inline]
     pub fn step(&mut self, output: f32, phase: Phase, step: u32) {
         let (sine, cosine) = sine_cosine_single(phase);
-        let tones = [
-            sine,
-            cosine,
-            2.0 * sine * cosine,
-            (cosine - sine) * (cosine + sine),
-        ];
-        let explained: f32 = tones.iter().zip(&self.output).map(|(t, o)| t * o).sum();
+        let (sine2, cosine2) = (2.0 * sine * cosine, (cosine - sine) * (cosine + sine));
+        let third = [2.0 * cosine * sine2 - sine, 2.0 * cosine * cosine2 - cosine];
+        let tones = [[sine, cosine], [sine2, cosine2], third];
+        let numbers = 2 * (1 + self.upper);
+        let explained: f32 = (tones.as_flattened().iter())
+            .zip(self.output.as_flattened())
+            .take(numbers)
+            .map(|(t, o)| t * o)
+            .sum();
         let rate = (8.0 * step as f32 / Phase::TURN as f32).min(0.5);
         let error = rate * (output - explained);
-        for (own, tone) in self.output.iter_mut().zip(tones) {
+        let own = self.output.as_flattened_mut().iter_mut();
+        for (own, tone) in own.zip(tones.as_flattened()).take(numbers) {
             *own += error * tone;
         }
-        let second = self.output[2] * tones[2] + self.output[3] * tones[3];
-        self.first.step(second);
-        if let Some(mode) = &mut self.mode {
-            mode.step(second);
+        let above = tones.iter().zip(&self.output).skip(1).take(self.upper);
+        for ((tone, output), modes) in above.zip(&mut self.modes) {
+            let driven = output[0] * tone[0] + output[1] * tone[1];
+            for mode in modes.iter_mut().flatten() {
+                mode.step(driven);
+            }
         }
     }
 
-    /// Displacement in m and velocity in m/s of the second tone.
+    /// Displacement in m and velocity in m/s of each tone above the first; 0 of those that it does not make.
     #[must_use]
-    pub fn motion(&self) -> [f32; 2] {
-        sum(self.first.motion(), self.mode.as_ref())
+    pub fn motions(&self) -> [[f32; 2]; UPPER] {
+        self.modes.map(|modes| {
+            let mut moved = modes.into_iter().flatten().map(|mode| mode.motion());
+            let first = moved.next().unwrap_or_default();
+            moved.fold(first, |[x, v], [dx, dv]| [x + dx, v + dv])
+        })
     }
-}
-
-/// A motion with that of a second mode.
-pub fn sum(motion: [f32; 2], mode: Option<&Resonator>) -> [f32; 2] {
-    let Some(mode) = mode else {
-        return motion;
-    };
-    let [x, v] = mode.motion();
-    [motion[0] + x, motion[1] + v]
 }
 
 /// Ringing of the track under impacts: a damped oscillator that the accelerometer hears.

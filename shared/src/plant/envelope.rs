@@ -15,8 +15,8 @@ use super::part::{Part, Strike, Track, WaveCache, turned};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
-use super::second::SecondEnvelope;
 use super::sense::Sense;
+use super::upper::UpperEnvelope;
 use crate::arithmetic::Phase;
 use crate::control::{
     Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, SECTORS_HANDED, Standard,
@@ -39,10 +39,11 @@ const WAITING: usize = 2 * HEARD_PER_CYCLE;
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
     drive: Recurrence,
-    /// Where the drive has a second tone or a second mode: these, and the shape that they make.
-    second: Option<SecondEnvelope>,
+    /// Where the drive has tones above the first or modes above the resonance: these, and the shape that they make.
+    upper: Option<UpperEnvelope>,
     waves: WaveCache,
-    two_toned: bool,
+    /// Tones above the first that the drive affords.
+    tones: usize,
     gain: f32,
     sensor: SensorModel,
     sense: Sense,
@@ -89,13 +90,13 @@ impl EnvelopePlant {
         };
         let mut plant = Self {
             drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
-            second: SecondEnvelope::build(
+            upper: UpperEnvelope::build(
                 &scene.drive,
                 f64::from(settings.frequency),
-                settings.second_tone > 0.0,
+                settings.upper_tones(),
             ),
             waves: WaveCache::default(),
-            two_toned: settings.second_tone > 0.0,
+            tones: settings.upper_tones(),
             gain: 1.0,
             sensor: scene.sensor,
             readings: Readings::new(&scene.sensor, &sense),
@@ -149,16 +150,16 @@ impl EnvelopePlant {
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         let driven = self.output(f64::from(output), step, middle);
         self.drive.begin(driven, step);
-        if let Some(second) = &mut self.second {
-            let overtone = Complex::new(
-                f64::from(told.overtone.sine),
-                f64::from(told.overtone.cosine),
-            );
-            second.begin(driven, overtone * f64::from(self.gain), step.max(1));
+        if let Some(upper) = &mut self.upper {
+            let gain = f64::from(self.gain);
+            let overtones = told
+                .overtones
+                .map(|tone| Complex::new(f64::from(tone.sine), f64::from(tone.cosine)) * gain);
+            upper.begin(driven, overtones, step.max(1));
         }
         let samples = self.drive.samples();
         self.move_parts();
-        let added = self.second.as_ref().map_or(0.0, SecondEnvelope::loudest);
+        let added = self.upper.as_ref().map_or(0.0, UpperEnvelope::loudest);
         let loudest = self.drive.loudest();
         let clipped =
             loudest + added + self.ringing() + 4.0 * self.sense.noise > self.sense.headroom;
@@ -173,12 +174,14 @@ impl EnvelopePlant {
         let swing = self.drive.steady_swing() * self.sense.factor;
         cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
         let mut found = self.drive.end();
-        if let Some(second) = &mut self.second {
-            let [[cosine, sine], double] = second.end(samples);
+        if let Some(upper) = &mut self.upper {
+            let ([cosine, sine], above) = upper.end(samples);
             found.in_phase += cosine;
             found.quadrature += sine;
-            if self.two_toned && !self.lost {
-                cycle.second = double.map(|part| part as f32);
+            if !self.lost {
+                for (parts, found) in cycle.upper.iter_mut().zip(above).take(self.tones) {
+                    *parts = found.map(|part| part as f32);
+                }
             }
         }
         let heeded = 1.0 - self.onset.blanked(samples);
@@ -228,11 +231,11 @@ impl EnvelopePlant {
     fn swing(&self, time: u64) -> Swing {
         let ticks = time as i64 - self.time;
         let swing = self.drive.swing(ticks);
-        let Some(second) = &self.second else {
+        let Some(upper) = &self.upper else {
             return swing;
         };
         let phase = Phase::from_bits(self.drive.phase().wrapping_add(ticks as u32));
-        second.complete(swing, ticks as f64 * self.drive.per_step(), phase)
+        upper.complete(swing, ticks as f64 * self.drive.per_step(), phase)
     }
 
     /// Time up to which this cycle moves the parts.
@@ -257,7 +260,7 @@ impl EnvelopePlant {
                 let Some(next) = part.next() else {
                     match self.thrown(&track, &mut waves, from, end) {
                         Some((swing, time)) => {
-                            let wave = waves.shape(swing.second);
+                            let wave = waves.shape(swing.shape);
                             part.throw(swing, &Track { wave, ..track }, time);
                         }
                         None => break,
@@ -272,7 +275,7 @@ impl EnvelopePlant {
                 }
                 from = next;
                 let swing = self.swing(next);
-                let wave = waves.shape(swing.second);
+                let wave = waves.shape(swing.shape);
                 if let Some(strike) = part.event(swing, &Track { wave, ..track }) {
                     // Strikes for which there is no room are not remembered.
                     let _ = self.strikes.push(Strike {
@@ -283,7 +286,7 @@ impl EnvelopePlant {
             }
             if let Some(Law::Friction(_)) = track.law {
                 let swing = self.swing(end);
-                let wave = waves.shape(swing.second);
+                let wave = waves.shape(swing.shape);
                 part.slide(swing, &Track { wave, ..track }, end);
             }
             self.parts[index] = part;
@@ -306,10 +309,10 @@ impl EnvelopePlant {
             track.normal_gravity / (f64::from(swing.amplitude) * track.angular * track.angular)
         };
         let began = self.swing(from);
-        if self.two_toned {
+        if self.tones > 0 {
             let after = |swing: Swing, waves: &mut WaveCache| {
                 let phase = began.phase.radians();
-                let wait = throw(waves.shape(swing.second), k(&swing), phase)?;
+                let wait = throw(waves.shape(swing.shape), k(&swing), phase)?;
                 let time = from + (wait / TAU * Phase::TURN) as u64;
                 (time <= end).then_some(time)
             };
@@ -422,11 +425,9 @@ impl EnvelopePlant {
         let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
         cycle.in_phase = (in_phase * turned) as f32;
         cycle.quadrature = (quadrature * turned) as f32;
-        if self.two_toned {
-            for part in &mut cycle.second {
-                let found = f64::from(*part) + scatter * f64::from(self.noise.gauss());
-                *part = (found * turned) as f32;
-            }
+        for part in cycle.upper.iter_mut().take(self.tones).flatten() {
+            let found = f64::from(*part) + scatter * f64::from(self.noise.gauss());
+            *part = (found * turned) as f32;
         }
         if cycle.saturated == 0 {
             let code = |acceleration: f64| {
@@ -460,7 +461,7 @@ impl EnvelopePlant {
     fn read_each(&mut self, cycle: &mut Cycle) -> Demodulated {
         let of = Read {
             drive: &self.drive,
-            second: self.second.as_ref(),
+            upper: self.upper.as_ref(),
             sensor: &self.sensor,
             sense: &self.sense,
             strikes: &self.strikes,

@@ -87,7 +87,7 @@ impl EnvelopeLoop {
         self.pending = self.controller.command();
         if self.pending.immediate {
             self.running.amplitude = self.pending.amplitude;
-            self.running.overtone = self.pending.overtone;
+            self.running.overtones = self.pending.overtones;
         }
         for _ in 0..PLAN_SLICES {
             if !self.controller.plan_step() {

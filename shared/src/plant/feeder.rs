@@ -4,13 +4,13 @@ use core::f64::consts::TAU;
 
 use heapless::Vec;
 
-use super::drive::{Resonator, Ringing, SecondMode, Swing, TonesApart, sum};
+use super::drive::{Resonator, Ringing, Swing, TonesApart, UpperMode};
 use super::law::Law;
 use super::noise::Noise;
 use super::part::{Part, Strike, Track, WaveCache};
 use super::scene::{PARTS, Scene, SensorModel};
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::control::{AdcCode, SAMPLE_RATE, SecondTone, phase_step};
+use crate::control::{AdcCode, SAMPLE_RATE, Shape, UPPER, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::Scatter;
 
@@ -26,9 +26,9 @@ pub struct Plant {
     drive: Resonator,
     /// Static displacement for full output in m.
     force: f32,
-    /// A second mode and its static displacement.
-    mode: Option<(Resonator, f32)>,
-    /// Where the drive affords a second tone: what of the motion that is, and the shape that it makes.
+    /// Modes above the resonance and their static displacements.
+    modes: Vec<(Resonator, f32), UPPER>,
+    /// Where the drive affords tones above the first: what of the motion these are.
     apart: Option<TonesApart>,
     waves: WaveCache,
     gain: f32,
@@ -66,17 +66,16 @@ impl Plant {
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
         let volts = settings.converter_reference / (full + 1.0);
         let drive = Resonator::new(&scene.drive);
-        let mode = SecondMode::of(&scene.drive, f64::from(settings.frequency)).map(|mode| {
-            (
-                Resonator::of(mode.frequency, mode.quality, mode.force),
-                mode.force as f32,
-            )
-        });
-        let tones = settings.second_tone > 0.0;
+        let modes = UpperMode::of(&scene.drive, f64::from(settings.frequency));
+        let own = |mode: &UpperMode| Resonator::of(mode.frequency, mode.quality, mode.force);
+        let copies: Vec<Resonator, UPPER> = modes.iter().map(own).collect();
+        let upper = settings.upper_tones();
         Ok(Self {
-            apart: tones.then(|| TonesApart::new(drive, mode.map(|(mode, _)| mode))),
+            apart: (upper > 0).then(|| TonesApart::new(drive, &copies, upper)),
             waves: WaveCache::default(),
-            mode,
+            modes: (copies.iter().zip(&modes))
+                .map(|(copy, mode)| (*copy, mode.force as f32))
+                .collect(),
             drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
             gain: 1.0,
@@ -115,7 +114,7 @@ impl Plant {
         let mut acceleration = self.drive.acceleration(self.gain * self.output, self.force)
             + self.ringing.acceleration()
             + noise;
-        if let Some((mode, force)) = &self.mode {
+        for (mode, force) in &self.modes {
             acceleration += mode.acceleration(self.gain * self.output, *force);
         }
         if self.sensor.hum > 0.0 {
@@ -144,7 +143,7 @@ impl Plant {
         self.step = step;
         let now = self.time + u64::from(step);
         self.drive.step(self.gain * output);
-        if let Some((mode, _)) = &mut self.mode {
+        for (mode, _) in &mut self.modes {
             mode.step(self.gain * output);
         }
         if let Some(apart) = &mut self.apart {
@@ -157,8 +156,8 @@ impl Plant {
         // Downward acceleration of the track over gravity, as the harmonic motion has it.
         let mut pushed = f64::from(x);
         if let Some(apart) = &self.apart {
-            let [second, _] = apart.motion();
-            pushed += 3.0 * f64::from(second);
+            let [[second, _], [third, _]] = apart.motions();
+            pushed += 3.0 * f64::from(second) + 8.0 * f64::from(third);
         }
         let thrown = pushed * angular * angular > self.normal_gravity;
         if let Law::Friction(_) = self.law
@@ -184,7 +183,7 @@ impl Plant {
             normal_gravity: self.normal_gravity,
             angular,
             law: Some(self.law),
-            wave: self.waves.shape(swing.second),
+            wave: self.waves.shape(swing.shape),
         };
         for part in &mut self.parts {
             part.slide(swing, &track, now);
@@ -197,7 +196,7 @@ impl Plant {
             normal_gravity: self.normal_gravity,
             angular,
             law: Some(self.law),
-            wave: self.waves.shape(swing.second),
+            wave: self.waves.shape(swing.shape),
         };
         let part = &mut self.parts[index];
         if part.next().is_none() {
@@ -228,10 +227,10 @@ impl Plant {
     /// Displacement of the track in m and its velocity in m/s.
     #[must_use]
     pub fn motion(&self) -> [f32; 2] {
-        sum(
-            self.drive.motion(),
-            self.mode.as_ref().map(|(mode, _)| mode),
-        )
+        (self.modes.iter()).fold(self.drive.motion(), |[x, v], (mode, _)| {
+            let [dx, dv] = mode.motion();
+            [x + dx, v + dv]
+        })
     }
 
     /// The track's swing at an angular frequency in rad/s that makes this motion.
@@ -239,16 +238,17 @@ impl Plant {
         let Some(apart) = &self.apart else {
             return Swing::through([x, v], angular);
         };
-        let [second_x, second_v] = apart.motion();
-        Swing::through([x - second_x, v - second_v], angular).with([second_x, second_v], angular)
+        let motions = apart.motions();
+        let first = (motions.iter()).fold([x, v], |[x, v], [dx, dv]| [x - dx, v - dv]);
+        Swing::through(first, angular).with(motions, angular)
     }
 
-    /// Amplitude b of the track's first tone in m, and its second tone.
+    /// Amplitude b of the track's first tone in m, and the shape of its motion.
     #[must_use]
-    pub fn tones(&self) -> (f32, SecondTone) {
+    pub fn tones(&self) -> (f32, Shape) {
         let angular = f64::from(self.step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
         let swing = self.swing(self.motion(), angular as f32);
-        (swing.amplitude, swing.second)
+        (swing.amplitude, swing.shape)
     }
 
     /// Impacts since [`Plant::forget_strikes`], at most 96.

@@ -28,11 +28,11 @@ mod powers;
 mod readings;
 mod recurrence;
 mod scene;
-mod second;
 mod sense;
 mod timeline;
 #[cfg(test)]
-mod two_tones;
+mod tones;
+mod upper;
 
 pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Moment, Sample};

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use super::drive::Swing;
 use super::law::Law;
 use crate::arithmetic::Phase;
-use crate::control::SecondTone;
+use crate::control::{Shape, UpperTone};
 use crate::feeder::OutOfRange;
 use crate::impact::{
     AlongLaw, Contact, Event, Friction, Impact, Kernel, Map, Next, Release, Scatter, State,
@@ -81,40 +81,44 @@ pub struct Track<'a> {
 /// The shape of the track's motion, kept while it changes too little to matter.
 #[derive(Clone, Copy, Debug)]
 pub struct WaveCache {
-    tone: SecondTone,
+    shape: Shape,
     wave: Wave,
 }
 
-/// Change of a second tone that matters to no part, in the first tone's amplitude: a tenth of what the impacts of a locked
+/// Change of a tone above the first that matters to no part, in the first tone's amplitude: a tenth of what the impacts of a locked
 /// part scatter by in phase where its restitution scatters by 0.001.
 const SAME: f32 = 2e-4;
-/// Second tone below which there is none: nothing but rounding.
+/// Tones below this are none: nothing but rounding.
 const NO_TONE: f32 = 1e-6;
 
 impl Default for WaveCache {
     fn default() -> Self {
         Self {
-            tone: SecondTone::NONE,
+            shape: Shape::SINE,
             wave: Wave::sine(),
         }
     }
 }
 
 impl WaveCache {
-    /// The shape with this second tone; `None` where that is none, and the track moves as a sine.
-    pub fn shape(&mut self, tone: SecondTone) -> Option<&Wave> {
-        if tone.ratio < NO_TONE {
+    /// The wave of this shape; `None` where the track moves as a sine.
+    pub fn shape(&mut self, shape: Shape) -> Option<&Wave> {
+        if shape.tones().iter().all(|tone| tone.ratio < NO_TONE) {
             return None;
         }
-        let turned = (tone.phase - self.tone.phase).abs();
-        if (tone.ratio - self.tone.ratio).abs() > SAME || turned * tone.ratio > SAME {
-            let second = Tone {
-                // Only a track whose first tone has hardly begun is shaken more by its second.
+        let moved = |(now, was): (UpperTone, UpperTone)| {
+            let turned = (now.phase - was.phase).abs();
+            (now.ratio - was.ratio).abs() > SAME || turned * now.ratio > SAME
+        };
+        let pairs = shape.tones().into_iter().zip(self.shape.tones());
+        if pairs.into_iter().any(moved) {
+            let [second, third] = shape.tones().map(|tone| Tone {
+                // Only a track whose first tone has hardly begun is shaken more by the others.
                 amplitude: f64::from(tone.ratio.min(0.5)),
                 angle: f64::from(tone.phase),
-            };
-            self.wave = Wave::build(second, Tone::default()).ok()?;
-            self.tone = tone;
+            });
+            self.wave = Wave::build(second, third).ok()?;
+            self.shape = shape;
         }
         Some(&self.wave)
     }
@@ -514,7 +518,7 @@ mod tests {
         let swing = |time: u64| Swing {
             amplitude: amplitude as f32,
             phase: Phase::from_bits(time as u32),
-            second: SecondTone::NONE,
+            shape: Shape::SINE,
         };
         let mut part = Part::at_rest(Scatter::build(restitution, 0.0, 1).unwrap());
         let mut begun = 0.0;

@@ -8,8 +8,8 @@ use super::noise::Noise;
 use super::part::Strike;
 use super::recurrence::{Demodulated, Recurrence};
 use super::scene::SensorModel;
-use super::second::SecondEnvelope;
 use super::sense::Sense;
+use super::upper::UpperEnvelope;
 use crate::arithmetic::Phase;
 use crate::control::{Cycle, Fold, OnsetDetector};
 
@@ -28,7 +28,7 @@ pub(super) struct Readings {
 /// A cycle to be read.
 pub(super) struct Read<'a> {
     pub drive: &'a Recurrence,
-    pub second: Option<&'a SecondEnvelope>,
+    pub upper: Option<&'a UpperEnvelope>,
     pub sensor: &'a SensorModel,
     pub sense: &'a Sense,
     pub strikes: &'a [Strike],
@@ -89,8 +89,8 @@ impl Readings {
             let mut reading = drive.acceleration(n)
                 + f64::from(self.ringing.acceleration())
                 + sense.noise * f64::from(noise.gauss());
-            if let Some(second) = of.second {
-                reading += second.acceleration(f64::from(n), drive.phase_at(n).radians());
+            if let Some(upper) = of.upper {
+                reading += upper.acceleration(f64::from(n), drive.phase_at(n).radians());
             }
             self.ringing.step();
             let code = sense.zero + reading * codes + 0.5;

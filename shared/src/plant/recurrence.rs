@@ -7,7 +7,7 @@ use num_complex::Complex64 as Complex;
 use super::drive::Swing;
 use super::scene::DriveModel;
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::control::{SAMPLE_RATE, SecondTone, phase_of};
+use crate::control::{SAMPLE_RATE, Shape, phase_of};
 
 /// `e^(i angle)`.
 pub(super) fn turn(angle: f64) -> Complex {
@@ -370,7 +370,7 @@ impl Recurrence {
         Swing {
             amplitude: libm::sqrt(apart.norm_sqr()) as f32,
             phase: Phase::from_bits(phase) + tuning.lead + angle(apart),
-            second: SecondTone::NONE,
+            shape: Shape::SINE,
         }
     }
 

@@ -31,7 +31,11 @@ pub struct DriveModel {
     pub second_gain: f32,
     /// Lag of the track behind the output there, in degrees.
     pub second_lag: f32,
-    /// Quality factor of the mode that makes it so.
+    /// The same at three times the drive's frequency, in mm.
+    pub third_gain: f32,
+    /// Lag of the track behind the output there, in degrees.
+    pub third_lag: f32,
+    /// Quality factor of the modes that make it so.
     pub second_quality: f32,
     /// Frequency of the mains in Hz, whose second harmonic ripples on the drive's bus.
     pub mains: f32,
@@ -47,6 +51,8 @@ impl Default for DriveModel {
             gain: 1.0,
             second_gain: 0.0,
             second_lag: 90.0,
+            third_gain: 0.0,
+            third_lag: 90.0,
             second_quality: 25.0,
             mains: 50.0,
             ripple: 0.0,
@@ -234,6 +240,20 @@ impl Scene {
         within(
             "drive second_lag",
             drive.second_lag,
+            -180.0,
+            180.0,
+            "-180..180 degrees",
+        )?;
+        within(
+            "drive third_gain",
+            drive.third_gain,
+            0.0,
+            100.0,
+            "0..100 mm",
+        )?;
+        within(
+            "drive third_lag",
+            drive.third_lag,
             -180.0,
             180.0,
             "-180..180 degrees",

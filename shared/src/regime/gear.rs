@@ -28,6 +28,8 @@ pub(crate) use limits::{GearLimits, peaks};
 #[cfg(feature = "control")]
 pub(crate) use plan::{GearPlan, GearPlanSettings, GearPlanner};
 #[cfg(feature = "control")]
+pub(crate) use rider::Tones;
+#[cfg(feature = "control")]
 pub(crate) use strikes::{PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.

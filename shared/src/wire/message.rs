@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::report::{Identification, Margin, Report, SecondTone};
+use super::report::{Identification, Margin, Report, Shape};
 use crate::control;
 
 /// What the desk asks of the board.
@@ -266,8 +266,8 @@ pub enum Target {
     Identify,
     /// In gear, one flight every so many cycles.
     Gear(u8),
-    /// A value of k, with a second tone of the track: its amplitude over the first tone's, and its phase in rad.
-    Tones(f32, SecondTone),
+    /// A value of k, with tones of the track above the first.
+    Tones(f32, Shape),
 }
 
 impl From<control::Target> for Target {
@@ -280,7 +280,7 @@ impl From<control::Target> for Target {
             control::Target::Speed(speed) => Self::Speed(speed),
             control::Target::Identify => Self::Identify,
             control::Target::Gear { order } => Self::Gear(order),
-            control::Target::Tones { k, second } => Self::Tones(k, second.into()),
+            control::Target::Tones { k, shape } => Self::Tones(k, shape.into()),
         }
     }
 }
@@ -295,9 +295,9 @@ impl From<Target> for control::Target {
             Target::Speed(speed) => Self::Speed(speed),
             Target::Identify => Self::Identify,
             Target::Gear(order) => Self::Gear { order },
-            Target::Tones(k, second) => Self::Tones {
+            Target::Tones(k, shape) => Self::Tones {
                 k,
-                second: second.into(),
+                shape: shape.into(),
             },
         }
     }
@@ -353,12 +353,10 @@ pub struct Telemetry {
     pub lead: f32,
     /// Output of the drive as a share of full output.
     pub output: f32,
-    /// Measured amplitude of the track's second tone over its first (symbol e).
-    pub second_ratio: f32,
-    /// Measured phase of the second tone against the track's (symbol th), in rad.
-    pub second_phase: f32,
-    /// Second tone of the output along the sine and the cosine of its doubled phase, as shares of full output.
-    pub overtone: [f32; 2],
+    /// Measured shape of the track's motion: its tones above the first.
+    pub shape: Shape,
+    /// Second and third tone of the output along the sine and the cosine of as many times its phase, as shares of full output.
+    pub overtones: [[f32; 2]; control::UPPER],
     /// Impacts heard per cycle.
     pub rate: f32,
     /// Mean phase of the track at the impacts heard, in rad.
@@ -369,6 +367,8 @@ pub struct Telemetry {
     pub in_gear: f32,
     /// Standard error of that share; infinite where it is only a least.
     pub in_gear_error: f32,
+    /// Share of time in gear to expect of the lot at the setpoint, 0..1; 0 for a target other than gear.
+    pub expected_in_gear: f32,
     /// How far the parts are from losing gear; `None` where that is not heard.
     pub margin: Option<Margin>,
     /// Number of the state ([`control::State`]).
@@ -388,14 +388,14 @@ impl From<&control::Report> for Telemetry {
             setpoint: report.setpoint,
             lead: report.lead,
             output: report.command.amplitude,
-            second_ratio: report.second.ratio,
-            second_phase: report.second.phase,
-            overtone: [report.command.overtone.sine, report.command.overtone.cosine],
+            shape: report.shape.into(),
+            overtones: (report.command.overtones).map(|tone| [tone.sine, tone.cosine]),
             rate: report.rate,
             phase: report.phase,
             confidence: report.confidence,
             in_gear: report.in_gear,
             in_gear_error: report.in_gear_error,
+            expected_in_gear: report.expected_in_gear,
             margin: report.margin.map(Into::into),
             state: report.state.number(),
             fault: report.fault.map_or(0, control::Fault::number),

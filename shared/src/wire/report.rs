@@ -10,24 +10,41 @@ use crate::arithmetic::Phase;
 use crate::control;
 use crate::regime::classify;
 
-/// A second tone of the track; [`control::SecondTone`] on the line.
+/// A tone of the track above the first; [`control::UpperTone`] on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SecondTone {
+pub struct UpperTone {
     /// Amplitude over that of the first tone (symbol e).
     pub ratio: f32,
     /// Phase angle (symbol th) in rad.
     pub phase: f32,
 }
 
-impl From<control::SecondTone> for SecondTone {
-    fn from(control::SecondTone { ratio, phase }: control::SecondTone) -> Self {
-        Self { ratio, phase }
+/// The shape of the track's motion; [`control::Shape`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Shape {
+    /// The second tone.
+    pub second: UpperTone,
+    /// The third tone.
+    pub third: UpperTone,
+}
+
+impl From<control::Shape> for Shape {
+    fn from(control::Shape { second, third }: control::Shape) -> Self {
+        let tone = |control::UpperTone { ratio, phase }| UpperTone { ratio, phase };
+        Self {
+            second: tone(second),
+            third: tone(third),
+        }
     }
 }
 
-impl From<SecondTone> for control::SecondTone {
-    fn from(SecondTone { ratio, phase }: SecondTone) -> Self {
-        Self { ratio, phase }
+impl From<Shape> for control::Shape {
+    fn from(Shape { second, third }: Shape) -> Self {
+        let tone = |UpperTone { ratio, phase }| control::UpperTone { ratio, phase };
+        Self {
+            second: tone(second),
+            third: tone(third),
+        }
     }
 }
 
@@ -42,8 +59,8 @@ pub struct Report {
     amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
     lead: f32,
-    /// Second tone of the track as it was measured.
-    second: SecondTone,
+    /// Shape of the track's motion as it was measured.
+    shape: Shape,
     /// Amplitude that the loop follows at the end of the next cycle but one, in m.
     reference: f32,
     /// Amplitude chosen for the target, in m; 0 where there is none.
@@ -98,7 +115,7 @@ impl From<&control::Report> for Report {
             k: report.k,
             amplitude: report.amplitude,
             lead: report.lead,
-            second: report.second.into(),
+            shape: report.shape.into(),
             reference: report.reference,
             setpoint: report.setpoint,
             rate: report.rate,
@@ -140,7 +157,7 @@ impl TryFrom<Report> for control::Report {
             k: report.k,
             amplitude: report.amplitude,
             lead: report.lead,
-            second: report.second.into(),
+            shape: report.shape.into(),
             reference: report.reference,
             setpoint: report.setpoint,
             rate: report.rate,
@@ -186,8 +203,8 @@ fn item<T: Copy>(list: &[T], at: u8) -> Result<T, Unreadable> {
 struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     amplitude: f32,
-    /// Second tone of the output along the sine and the cosine of its doubled phase, as shares of full output.
-    overtone: [f32; 2],
+    /// Second and third tone of the output along the sine and the cosine of as many times its phase, as shares of full output.
+    overtones: [[f32; 2]; control::UPPER],
     /// Advance of the phase per sample ([`control::phase_step`]).
     step: u32,
     /// Whether the output changes at once instead of at the next cycle.
@@ -200,7 +217,7 @@ impl From<control::Command> for Command {
     fn from(command: control::Command) -> Self {
         Self {
             amplitude: command.amplitude,
-            overtone: [command.overtone.sine, command.overtone.cosine],
+            overtones: command.overtones.map(|tone| [tone.sine, tone.cosine]),
             step: command.step,
             immediate: command.immediate,
             fold: command.fold.map(Phase::bits),
@@ -210,10 +227,10 @@ impl From<control::Command> for Command {
 
 impl From<Command> for control::Command {
     fn from(command: Command) -> Self {
-        let [sine, cosine] = command.overtone;
+        let overtone = |[sine, cosine]: [f32; 2]| control::Overtone { sine, cosine };
         Self {
             amplitude: command.amplitude,
-            overtone: control::Overtone { sine, cosine },
+            overtones: command.overtones.map(overtone),
             step: command.step,
             immediate: command.immediate,
             fold: command.fold.map(Phase::from_bits),
@@ -476,9 +493,15 @@ mod tests {
             k: 0.41,
             amplitude: 1.5e-3,
             lead: -1.5,
-            second: control::SecondTone {
-                ratio: 0.125,
-                phase: 2.25,
+            shape: control::Shape {
+                second: control::UpperTone {
+                    ratio: 0.125,
+                    phase: 2.25,
+                },
+                third: control::UpperTone {
+                    ratio: 0.0625,
+                    phase: -1.25,
+                },
             },
             reference: 1.4e-3,
             setpoint: 1.6e-3,
@@ -515,10 +538,16 @@ mod tests {
             events,
             command: control::Command {
                 amplitude: 0.3,
-                overtone: control::Overtone {
-                    sine: 0.25,
-                    cosine: -0.5,
-                },
+                overtones: [
+                    control::Overtone {
+                        sine: 0.25,
+                        cosine: -0.5,
+                    },
+                    control::Overtone {
+                        sine: 0.125,
+                        cosine: 0.0625,
+                    },
+                ],
                 step: 10_737_418,
                 immediate: true,
                 fold: Some(Phase::from_bits(1 << 30)),
@@ -530,15 +559,16 @@ mod tests {
     /// Postcard of [`report`] as derived from the controller's own types, by another program.
     const SENT: &[u8] = &[
         0xf0, 0xa2, 0x04, 0x85, 0xeb, 0xd1, 0x3e, 0xa6, 0x9b, 0xc4, 0x3a, 0x00, 0x00, 0xc0, 0xbf,
-        0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x10, 0x40, 0x34, 0x80, 0xb7, 0x3a, 0x17, 0xb7, 0xd1,
-        0x3a, 0x00, 0x00, 0xa0, 0x3f, 0x33, 0x33, 0x33, 0x3f, 0x66, 0x66, 0x66, 0x3f, 0x01, 0x03,
-        0x02, 0x01, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00, 0x48, 0x42, 0x33, 0x33, 0x73, 0x3f, 0x00,
-        0x00, 0x40, 0x3f, 0x00, 0x00, 0x00, 0x3d, 0x01, 0x00, 0x00, 0xfa, 0x43, 0x01, 0x00, 0x00,
-        0x00, 0xbf, 0x00, 0x00, 0x80, 0x3e, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x00,
-        0x00, 0x00, 0x3f, 0x00, 0x00, 0x7a, 0x44, 0x9a, 0x99, 0x59, 0x3f, 0x02, 0x03, 0x02, 0x07,
-        0x01, 0x08, 0x82, 0x01, 0x01, 0x00, 0x01, 0x14, 0x01, 0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a,
-        0x99, 0x99, 0x3e, 0x00, 0x00, 0x80, 0x3e, 0x00, 0x00, 0x00, 0xbf, 0x8a, 0xae, 0x8f, 0x05,
-        0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
+        0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x10, 0x40, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00, 0xa0,
+        0xbf, 0x34, 0x80, 0xb7, 0x3a, 0x17, 0xb7, 0xd1, 0x3a, 0x00, 0x00, 0xa0, 0x3f, 0x33, 0x33,
+        0x33, 0x3f, 0x66, 0x66, 0x66, 0x3f, 0x01, 0x03, 0x02, 0x01, 0x00, 0x00, 0x40, 0x3f, 0x00,
+        0x00, 0x48, 0x42, 0x33, 0x33, 0x73, 0x3f, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00, 0x00, 0x3d,
+        0x01, 0x00, 0x00, 0xfa, 0x43, 0x01, 0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x80, 0x3e, 0x00,
+        0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00, 0x00, 0x3f, 0x00, 0x00, 0x7a, 0x44,
+        0x9a, 0x99, 0x59, 0x3f, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01, 0x00, 0x01,
+        0x14, 0x01, 0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x00, 0x00, 0x80, 0x3e,
+        0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x8a, 0xae, 0x8f,
+        0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
     ];
 
     #[test]
@@ -579,7 +609,7 @@ mod tests {
             },
             Report { limits: 1, ..sound },
             Report {
-                events: [Some(23); 6],
+                events: [Some(25); 6],
                 ..sound
             },
         ] {

@@ -27,9 +27,15 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::Gear(1)),
         Request::Target(Target::Tones(
             0.35,
-            SecondTone {
-                ratio: 0.15,
-                phase: 2.356,
+            Shape {
+                second: UpperTone {
+                    ratio: 0.15,
+                    phase: 2.356,
+                },
+                third: UpperTone {
+                    ratio: 0.05,
+                    phase: 5.3,
+                },
             },
         )),
         Request::Enable(true),
@@ -124,14 +130,23 @@ fn responses() -> Vec<Response<'static>> {
             setpoint: 0.000_25,
             lead: -1.5,
             output: 0.3,
-            second_ratio: 0.15,
-            second_phase: 2.356,
-            overtone: [0.1, -0.2],
+            shape: Shape {
+                second: UpperTone {
+                    ratio: 0.15,
+                    phase: 2.356,
+                },
+                third: UpperTone {
+                    ratio: 0.05,
+                    phase: 5.3,
+                },
+            },
+            overtones: [[0.1, -0.2], [0.3, 0.05]],
             rate: 1.0,
             phase: 0.7,
             confidence: 0.95,
             in_gear: 0.75,
             in_gear_error: 0.03125,
+            expected_in_gear: 0.85,
             margin: Some(Margin {
                 trace: -0.5,
                 restitution: 0.25,

@@ -117,21 +117,23 @@ fn count_speed(station: &Station) {
 #[inline(never)]
 fn count_gear(station: &Station) {
     let (settings, target) = (station.settings(), station.target());
-    for (name, lot, scatter, second_tone) in [
+    for (name, lot, scatter, [second_tone, third_tone]) in [
         (
             "the lot of the trial",
             (settings.restitution_low, settings.restitution_high),
             0.05,
-            0.0,
+            [0.0; 2],
         ),
-        ("lively parts", (0.5, 0.7), 0.1, 0.0),
-        ("lively parts on two tones", (0.5, 0.7), 0.1, 0.25),
+        ("lively parts", (0.5, 0.7), 0.1, [0.0; 2]),
+        ("lively parts on two tones", (0.5, 0.7), 0.1, [0.25, 0.0]),
+        ("lively parts on three tones", (0.5, 0.7), 0.1, [0.3, 0.06]),
     ] {
         let taken = station.set_settings(&Settings {
             restitution_low: lot.0,
             restitution_high: lot.1,
             scatter,
             second_tone,
+            third_tone,
             ..settings
         });
         let asked = station.set_target(Target::Gear { order: 1 });
@@ -222,26 +224,28 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
         control / u64::from(cycles),
         instructions(dearest) / 100
     );
-    let Some(path) = two_toned(station) else {
-        return;
-    };
     count_samples("", signal, &mut bench);
-    count_samples(" of two tones", path, &mut bench);
+    for (name, third_tone) in [(" of two tones", 0.0), (" of three tones", 0.05)] {
+        if let Some(path) = toned(station, third_tone) {
+            count_samples(name, path, &mut bench);
+        }
+    }
 }
 
-/// A signal path of two tones that makes both.
-fn two_toned(station: &Station) -> Option<Signal> {
+/// A signal path of two tones, or three, that makes them all.
+fn toned(station: &Station, third_tone: f32) -> Option<Signal> {
     let settings = Settings {
         second_tone: 0.15,
+        third_tone,
         ..station.settings()
     };
     let mut path = Signal::build(&settings).ok()?;
     path.command(Command {
         amplitude: 0.25,
-        overtone: Overtone {
+        overtones: [Overtone {
             sine: 0.05,
             cosine: 0.05,
-        },
+        }; 2],
         step: phase_step(settings.frequency),
         ..Command::default()
     });

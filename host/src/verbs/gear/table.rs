@@ -1,6 +1,6 @@
 //! How much of the time the product's controller keeps parts in gear, by the plant's true motion.
 
-use kband::control::{Controller, SecondTone, StartCause, Target};
+use kband::control::{Controller, Shape, StartCause, Target, UpperTone};
 use kband::feeder::STANDARD_GRAVITY;
 use kband::impact::TangentialSettings;
 use kband::plant::Scene;
@@ -18,32 +18,39 @@ struct Row {
     scatter: f32,
     /// Parts on the track.
     parts: u8,
-    /// Largest second tones that the drive affords; 0: none.
-    second_tones: &'static [f32],
+    /// Largest second and third tones that the drive affords, and the hard limit of the acceleration in g; 0: none.
+    drives: &'static [[f32; 3]],
 }
 
-const fn row(restitution: f32, scatter: f32, second_tones: &'static [f32]) -> Row {
+/// A drive of one tone, and one of two.
+const ONE: [f32; 3] = [0.0; 3];
+const TWO: [f32; 3] = [0.15, 0.0, 0.0];
+/// The tones that need more, and at most 5 g.
+const MORE: [f32; 3] = [0.25, 0.0, 0.0];
+const THREE: [f32; 3] = [0.3, 0.06, 5.0];
+
+const fn row(restitution: f32, scatter: f32, drives: &'static [[f32; 3]]) -> Row {
     Row {
         restitution: (restitution, restitution),
         scatter,
         parts: 1,
-        second_tones,
+        drives,
     }
 }
 
 /// The lots, and what the drive affords.
 const ROWS: [Row; 7] = [
-    row(0.2, 0.05, &[0.0, 0.15]),
-    row(0.3, 0.05, &[0.0, 0.15]),
-    row(0.4, 0.05, &[0.0, 0.15]),
-    row(0.5, 0.05, &[0.0, 0.15]),
-    row(0.3, 0.10, &[0.0, 0.15, 0.25]),
-    row(0.5, 0.10, &[0.0, 0.25]),
+    row(0.2, 0.05, &[ONE, TWO]),
+    row(0.3, 0.05, &[ONE, TWO]),
+    row(0.4, 0.05, &[ONE, TWO]),
+    row(0.5, 0.05, &[ONE, TWO]),
+    row(0.3, 0.10, &[ONE, TWO, MORE]),
+    row(0.5, 0.10, &[ONE, MORE, THREE]),
     Row {
         restitution: (0.1, 0.3),
         scatter: 0.03,
         parts: 12,
-        second_tones: &[0.0, 0.15],
+        drives: &[ONE, TWO],
     },
 ];
 
@@ -57,23 +64,25 @@ pub(super) fn run(count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Print
         Column::new("scatter", ""),
         Column::new("target", "").words(),
         Column::new("second_tone", ""),
+        Column::new("third_tone", ""),
         Column::new("in_gear", "").digits(3),
         Column::new("in_gear_heard", "").digits(3),
         Column::new("expected", "").digits(3),
         Column::new("k", "").digits(4),
         Column::new("e", "").digits(3),
         Column::new("th", "rad").digits(3),
+        Column::new("e3", "").digits(3),
+        Column::new("th3", "rad").digits(3),
         Column::new("peak", "g").digits(3),
         Column::new("speed_mm_s", "").digits(4),
         Column::new("lock_mm_s", "").digits(4),
     ]);
     for row in &ROWS {
-        let locked = std::iter::once((Target::Locked { order: 1 }, 0.0));
-        let gear = row.second_tones.iter();
-        for (target, second_tone) in
-            locked.chain(gear.map(|&second| (Target::Gear { order: 1 }, second)))
-        {
-            let file = scene(row, target, second_tone)?;
+        let locked = std::iter::once((Target::Locked { order: 1 }, ONE));
+        let gear = row.drives.iter();
+        for (target, drive) in locked.chain(gear.map(|&drive| (Target::Gear { order: 1 }, drive))) {
+            let file = scene(row, target, drive)?;
+            let [second_tone, third_tone, _] = drive;
             let runs = Runs::run("gear", &file, count, fidelity, desk)?;
             let planned = planned(&file.scene)?;
             let (low, high) = row.restitution;
@@ -87,12 +96,15 @@ pub(super) fn run(count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Print
                 f64::from(row.scatter).into(),
                 crate::simulate::describe(target).into(),
                 f64::from(second_tone).into(),
+                f64::from(third_tone).into(),
                 runs.in_gear().into(),
                 runs.in_gear_heard().into(),
                 planned.expected.into(),
                 planned.k.into(),
-                f64::from(planned.second.ratio).into(),
-                f64::from(planned.second.phase).into(),
+                f64::from(planned.shape.second.ratio).into(),
+                f64::from(planned.shape.second.phase).into(),
+                f64::from(planned.shape.third.ratio).into(),
+                f64::from(planned.shape.third.phase).into(),
                 planned.peak.into(),
                 runs.speed().map(|speed| 1e3 * speed).into(),
                 lock_speed(&file.scene).into(),
@@ -106,7 +118,7 @@ pub(super) fn run(count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Print
 }
 
 /// The built-in scene with a lot, a target and a drive.
-fn scene(row: &Row, target: Target, second_tone: f32) -> Result<SceneFile, Refusal> {
+fn scene(row: &Row, target: Target, drive: [f32; 3]) -> Result<SceneFile, Refusal> {
     let mut file = SceneFile::parse(DEFAULT)?;
     file.duration = DURATION;
     let (low, high) = row.restitution;
@@ -115,9 +127,18 @@ fn scene(row: &Row, target: Target, second_tone: f32) -> Result<SceneFile, Refus
     scene.settings.restitution_low = low;
     scene.settings.restitution_high = high;
     scene.settings.scatter = row.scatter;
+    let [second_tone, third_tone, limit] = drive;
     scene.settings.second_tone = second_tone;
+    scene.settings.third_tone = third_tone;
+    if limit > 0.0 {
+        scene.settings.acceleration_limit = limit * STANDARD_GRAVITY as f32;
+    }
     scene.drive.second_gain = scene.settings.second_gain;
     scene.drive.second_lag = scene.settings.second_lag;
+    if third_tone > 0.0 {
+        scene.drive.third_gain = scene.settings.third_gain;
+        scene.drive.third_lag = scene.settings.third_lag;
+    }
     scene.parts = (0..row.parts).map(|_| 0.5 * (low + high)).collect();
     scene.scatter = scene.parts.iter().map(|_| row.scatter).collect();
     file.distribution = Some(Distribution::Uniform { low, high });
@@ -129,7 +150,7 @@ fn scene(row: &Row, target: Target, second_tone: f32) -> Result<SceneFile, Refus
 struct Planned {
     expected: Option<f64>,
     k: f64,
-    second: SecondTone,
+    shape: Shape,
     /// Largest acceleration of the track in g.
     peak: f64,
 }
@@ -138,17 +159,17 @@ fn planned(scene: &Scene) -> Result<Planned, Refusal> {
     let mut controller = Controller::build(&scene.settings, scene.target, StartCause::Ordinary)?;
     while !matches!(scene.target, Target::Locked { .. }) && controller.plan_step() {}
     let plan = controller.gear();
-    let second = plan.map_or(SecondTone::NONE, |plan| {
-        let [ratio, phase] = plan.second;
-        SecondTone { ratio, phase }
+    let shape = plan.map_or(Shape::SINE, |plan| {
+        let [second, third] = plan.tones.map(|[ratio, phase]| UpperTone { ratio, phase });
+        Shape { second, third }
     });
     let setpoint = controller.setpoint();
     let angular = std::f64::consts::TAU * f64::from(scene.settings.frequency);
-    let [_, peak] = second.peaks();
+    let [_, peak] = shape.peaks();
     Ok(Planned {
         expected: plan.map(|plan| f64::from(plan.share)),
         k: f64::from(controller.k(setpoint)),
-        second,
+        shape,
         peak: f64::from(setpoint) * angular * angular * f64::from(peak) / STANDARD_GRAVITY,
     })
 }
@@ -170,24 +191,25 @@ mod tests {
     #[test]
     fn a_few_runs_of_the_table_are_in_gear_as_it_says() {
         let desk = Desk::new(Some(2)).unwrap();
-        for (row, second_tone, least) in [(&ROWS[1], 0.0, 0.75), (&ROWS[1], 0.15, 0.98)] {
-            let mut file = scene(row, Target::Gear { order: 1 }, second_tone).unwrap();
+        for (row, drive, least) in [
+            (&ROWS[1], ONE, 0.75),
+            (&ROWS[1], TWO, 0.98),
+            (&ROWS[5], THREE, 0.95),
+        ] {
+            let mut file = scene(row, Target::Gear { order: 1 }, drive).unwrap();
             file.duration = 30.0;
             let runs = Runs::run("gear", &file, 4, Fidelity::Envelope, &desk).unwrap();
             let expected = planned(&file.scene).unwrap().expected.unwrap();
             let (share, heard) = (runs.in_gear().unwrap(), runs.in_gear_heard().unwrap());
-            assert!(share > least, "{second_tone}: {share}");
+            assert!(share > least, "{drive:?}: {share}");
             assert!(
                 (share - expected).abs() < 0.08,
-                "{second_tone}: {share} {expected}"
+                "{drive:?}: {share} {expected}"
             );
-            assert!(
-                (share - heard).abs() < 0.08,
-                "{second_tone}: {share} {heard}"
-            );
+            assert!((share - heard).abs() < 0.08, "{drive:?}: {share} {heard}");
         }
         // What was aimed for before: the middle of the band.
-        let mut file = scene(&ROWS[1], Target::Locked { order: 1 }, 0.0).unwrap();
+        let mut file = scene(&ROWS[1], Target::Locked { order: 1 }, ONE).unwrap();
         file.duration = 30.0;
         let runs = Runs::run("lock", &file, 4, Fidelity::Envelope, &desk).unwrap();
         assert!(runs.in_gear().unwrap() < 0.4);

@@ -3,7 +3,7 @@
 use std::io::{Stdout, stdout};
 
 use kband::control::{Event, Fault, Limits, State};
-use kband::wire::{Record, Telemetry};
+use kband::wire::{Record, Telemetry, UpperTone};
 
 use super::watch::Watch;
 use crate::board::{Clock, Said};
@@ -33,12 +33,15 @@ impl Rows {
             (Column::new("b", "mm").digits(4), 8),
             (Column::new("e", "").digits(3), 5),
             (Column::new("th", "rad").digits(3), 8),
+            (Column::new("e3", "").digits(3), 5),
+            (Column::new("th3", "rad").digits(3), 8),
             (Column::new("output", "%").digits(3), 10),
             (Column::new("impacts", "1/cycle").digits(3), 17),
             (Column::new("phase", "rad").digits(3), 11),
             (Column::new("confidence", "").digits(2), 10),
             (Column::new("in_gear", "").digits(2), 7),
             (Column::new("in_gear_error", "").digits(1), 13),
+            (Column::new("expected", "").digits(2), 8),
             (Column::new("margin", "").digits(2), 6),
             (Column::new("event", ""), 0),
         ];
@@ -92,7 +95,7 @@ impl Rows {
     /// Prints what is new in a log; whether there is still somebody who reads.
     pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
         for words in watch.lines()? {
-            let mut row = vec![Value::Missing; 14];
+            let mut row = vec![Value::Missing; 17];
             row.push(words.into());
             if !self.stream.row(&row)? {
                 return Ok(false);
@@ -103,7 +106,7 @@ impl Rows {
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
         let mut row = self.when(self.clock.then(cycle));
-        row.resize(14, Value::Missing);
+        row.resize(17, Value::Missing);
         row.push(words.into());
         self.stream.row(&row)
     }
@@ -114,8 +117,11 @@ impl Rows {
             .find(|state| state.number() == telemetry.state);
         let held = held(telemetry);
         // Only where one is made: what noise looks like without one says nothing.
-        let second = (telemetry.overtone != [0.0; 2])
-            .then_some((telemetry.second_ratio, telemetry.second_phase));
+        let made = |n: usize, tone: UpperTone| (telemetry.overtones[n] != [0.0; 2]).then_some(tone);
+        let [second, third] = [
+            made(0, telemetry.shape.second),
+            made(1, telemetry.shape.third),
+        ];
         let cycles = self.clock.now(telemetry.cycle);
         let mut row = self.when(cycles);
         row.extend([
@@ -123,8 +129,10 @@ impl Rows {
             // At rest k is beyond all bounds.
             Some(telemetry.k).filter(|k| *k < 1e4).map(shortest).into(),
             (shortest(telemetry.amplitude) * 1e3).into(),
-            second.map(|(ratio, _)| shortest(ratio)).into(),
-            second.map(|(_, phase)| shortest(phase)).into(),
+            second.map(|tone| shortest(tone.ratio)).into(),
+            second.map(|tone| shortest(tone.phase)).into(),
+            third.map(|tone| shortest(tone.ratio)).into(),
+            third.map(|tone| shortest(tone.phase)).into(),
             (shortest(telemetry.output) * 100.0).into(),
             shortest(telemetry.rate).into(),
             shortest(telemetry.phase).into(),
@@ -132,6 +140,10 @@ impl Rows {
             shortest(telemetry.in_gear).into(),
             Some(telemetry.in_gear_error)
                 .filter(|error| error.is_finite())
+                .map(shortest)
+                .into(),
+            Some(telemetry.expected_in_gear)
+                .filter(|share| *share > 0.0)
                 .map(shortest)
                 .into(),
             telemetry.margin.map(|margin| shortest(margin.flip)).into(),

@@ -56,7 +56,7 @@ pub(super) fn run(
             .map_or(String::new(), |share| format!(": in gear {share:.3}"));
         draw(outcome).map(|picture| picture.titled(format!("{title}{share}")).width(720.0))
     };
-    let second = two.last().second;
+    let second = two.last().shape.second;
     let title = if f64::from(second.ratio) < LEAST {
         "The drive affords no second tone".into()
     } else {
@@ -82,7 +82,7 @@ pub(super) fn run(
         Column::new("speed", "mm/s").digits(4),
     ]);
     for (most, outcome) in [(0.0, &one), (most, &two)] {
-        let second = outcome.last().second;
+        let second = outcome.last().shape.second;
         let sounds = f64::from(second.ratio) >= LEAST;
         rows.push([
             most.into(),
@@ -114,7 +114,7 @@ pub(super) fn run(
 fn peak(outcome: &Outcome) -> f64 {
     let settings = &outcome.file().scene.settings;
     let rate = std::f64::consts::TAU * f64::from(settings.frequency);
-    let [_, peak] = outcome.last().second.peaks();
+    let [_, peak] = outcome.last().shape.peaks();
     outcome.amplitude() * rate * rate * f64::from(peak) / STANDARD_GRAVITY
 }
 
@@ -126,8 +126,8 @@ fn json_of(outcome: &Outcome) -> Json {
         "in_gear_expected": last.expected_in_gear,
         "b_mm": outcome.amplitude() * 1e3,
         "k": outcome.k(),
-        "e": last.second.ratio,
-        "th": last.second.phase,
+        "e": last.shape.second.ratio,
+        "th": last.shape.second.phase,
         "peak_acceleration_g": peak(outcome),
         "speed_mm_s": outcome.speed() * 1e3,
     })

@@ -57,7 +57,7 @@ impl Seen {
         let rate = std::f64::consts::TAU * frequency;
         Self {
             amplitude: amplitude * 1e3,
-            peak: amplitude * rate * rate * f64::from(last.second.peaks()[1])
+            peak: amplitude * rate * rate * f64::from(last.shape.peaks()[1])
                 / kband::feeder::STANDARD_GRAVITY,
             target: outcome.target(),
             state: last.state,

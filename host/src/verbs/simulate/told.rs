@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use kband::control::{Event, Report, SecondTone, State, Target};
+use kband::control::{Event, Report, State, Target, UpperTone};
 use kband::regime::classify::Regime;
 use serde_json::json;
 
@@ -28,7 +28,7 @@ pub(super) fn told(
     unmet: Option<&[String]>,
     written: &Written<'_>,
 ) -> Result<Printout, Refusal> {
-    let two = outcome.file().scene.settings.second_tone > 0.0;
+    let upper = outcome.file().scene.settings.upper_tones();
     let mut columns = vec![
         Column::new("time", "s").digits(4),
         Column::new("event", ""),
@@ -36,9 +36,9 @@ pub(super) fn told(
         Column::new("b", "mm").digits(3),
         Column::new("k", "").digits(4),
     ];
-    if two {
-        columns.push(Column::new("e", "").digits(3));
-        columns.push(Column::new("th", "degrees").digits(4));
+    for (e, th) in [("e", "th"), ("e3", "th3")].into_iter().take(upper) {
+        columns.push(Column::new(e, "").digits(3));
+        columns.push(Column::new(th, "degrees").digits(4));
     }
     columns.push(Column::new("in gear", "heard").digits(2));
     columns.push(Column::new("margin", "to the flip").digits(2));
@@ -52,8 +52,7 @@ pub(super) fn told(
             (f64::from(report.amplitude) * 1e3).into(),
             if k < 1e3 { k.into() } else { Value::Missing },
         ];
-        if two {
-            let SecondTone { ratio, phase } = report.second;
+        for UpperTone { ratio, phase } in report.shape.tones().into_iter().take(upper) {
             row.push(f64::from(ratio).into());
             row.push(if ratio > 0.0 {
                 f64::from(phase.to_degrees()).into()

@@ -1,7 +1,7 @@
 //! The amplitude at which the parts stay in gear the longest, planned slice by slice.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
-use crate::control::drive::{Answer, Scale, SecondTone};
+use crate::control::drive::{Answer, Scale, Shape, size};
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::regime::band;
@@ -49,12 +49,12 @@ impl GearSearch {
             amplitude_error: settings.amplitude_error,
             order: u32::from(order),
             k: [reached.max((LOWEST / turns) as f32), high],
-            second_tone: settings.second_tone,
+            most: [settings.second_tone, settings.third_tone],
             limits: GearLimits {
                 displacement: scale.k(settings.amplitude_limit * 1e-3),
                 acceleration: scale.normal_gravity / settings.acceleration_limit,
                 output: scale.k(settings.output_maximum * scale.strength),
-                overtone: scale.strength / libm::sqrtf(Answer::at(settings).second.norm_sqr()),
+                overtones: (Answer::at(settings).upper).map(|answer| scale.strength / size(answer)),
             },
         };
         Ok(Ok(Self {
@@ -90,9 +90,8 @@ impl GearSearch {
         let Some(plan) = self.plan() else {
             return Choice::level(Level::Sought);
         };
-        let [ratio, phase] = plan.second;
         Choice {
-            second: SecondTone { ratio, phase },
+            shape: Shape::of(plan.tones),
             ..Choice::level(Level::K(f64::from(plan.k)))
         }
     }

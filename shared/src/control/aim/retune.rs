@@ -1,5 +1,7 @@
-//! Whether the plan for gear is to be made anew: for parts that are heard to be others, or without the second tone.
+//! Whether the plan for gear is to be made anew: for parts that are heard to be others, or without a tone that the drive
+//! does not make.
 
+use crate::control::drive::UPPER;
 use crate::control::hear::Margin;
 use crate::control::settings::Settings;
 use crate::regime::gear::GearPlanSettings;
@@ -29,13 +31,13 @@ pub struct Retuning {
 }
 
 impl Retuning {
-    /// Takes a cycle at the setpoint of a settled plan: what is heard of the parts, and whether the drive makes less of the
-    /// second tone than is wanted. The settings to plan with, once it is to be made anew.
+    /// Takes a cycle at the setpoint of a settled plan: what is heard of the parts, and of which tones above the
+    /// first the drive makes less than is wanted. The settings to plan with, once it is to be made anew.
     pub fn cycle(
         &mut self,
         planned: &GearPlanSettings,
         margin: Option<&Margin>,
-        lacks: bool,
+        lacks: [bool; UPPER],
         settings: &Settings,
     ) -> Option<Settings> {
         self.since = self.since.saturating_add(1);
@@ -43,10 +45,15 @@ impl Retuning {
         wanted.restitution_low = planned.restitution.low() as f32;
         wanted.restitution_high = planned.restitution.high() as f32;
         wanted.scatter = planned.scatter;
-        wanted.second_tone = planned.second_tone;
+        [wanted.second_tone, wanted.third_tone] = planned.most;
         let mut wrong = false;
-        if lacks && planned.second_tone > 0.0 {
-            wanted.second_tone = 0.0;
+        let [second, third] = planned.most;
+        if lacks[0] && second > 0.0 {
+            // A third tone is none without a second.
+            (wanted.second_tone, wanted.third_tone) = (0.0, 0.0);
+            wrong = true;
+        } else if lacks[1] && third > 0.0 {
+            wanted.third_tone = 0.0;
             wrong = true;
         } else if self.since >= APART
             && let Some(heard) = margin.filter(|margin| margin.error <= SURE)
@@ -78,6 +85,8 @@ mod tests {
     use crate::feeder::Restitution;
     use crate::regime::gear::GearLimits;
 
+    const NONE: [bool; UPPER] = [false; UPPER];
+
     fn planned() -> GearPlanSettings {
         GearPlanSettings {
             restitution: Restitution::interval(0.28, 0.32).unwrap(),
@@ -85,13 +94,13 @@ mod tests {
             amplitude_error: 0.02,
             order: 1,
             k: [0.28, 0.6],
-            second_tone: 0.15,
+            most: [0.15, 0.05],
             limits: GearLimits::NONE,
         }
     }
 
     /// Cycles until the plan is made anew, and with what.
-    fn anew(margin: Option<Margin>, lacks: bool) -> Option<(u32, Settings)> {
+    fn anew(margin: Option<Margin>, lacks: [bool; UPPER]) -> Option<(u32, Settings)> {
         let mut retuning = Retuning::default();
         let settings = Settings::default();
         (1..5000).find_map(|n| {
@@ -111,15 +120,15 @@ mod tests {
 
     #[test]
     fn only_what_is_surely_heard_to_be_other_is_planned_for() {
-        assert!(anew(None, false).is_none());
-        assert!(anew(heard(0.31, 0.01, 0.06), false).is_none());
-        assert!(anew(heard(0.40, 0.03, 0.05), false).is_none());
-        let (cycles, wanted) = anew(heard(0.34, 0.01, 0.05), false).unwrap();
+        assert!(anew(None, NONE).is_none());
+        assert!(anew(heard(0.31, 0.01, 0.06), NONE).is_none());
+        assert!(anew(heard(0.40, 0.03, 0.05), NONE).is_none());
+        let (cycles, wanted) = anew(heard(0.34, 0.01, 0.05), NONE).unwrap();
         assert_eq!(cycles, u32::from(APART) + u32::from(PATIENCE) - 1);
         assert!((wanted.restitution_low - 0.32).abs() < 1e-6);
         assert!((wanted.restitution_high - 0.36).abs() < 1e-6);
         assert_eq!(wanted.second_tone, 0.15);
-        let (_, wanted) = anew(heard(0.3, 0.01, 0.08), false).unwrap();
+        let (_, wanted) = anew(heard(0.3, 0.01, 0.08), NONE).unwrap();
         assert_eq!(wanted.scatter, 0.08);
     }
 
@@ -134,7 +143,7 @@ mod tests {
             let mut retuning = Retuning::default();
             let heard = heard(restitution, 0.008, 0.05);
             (1..5000).any(|_| {
-                let wanted = retuning.cycle(&of_one, heard.as_ref(), false, &settings);
+                let wanted = retuning.cycle(&of_one, heard.as_ref(), NONE, &settings);
                 wanted.is_some()
             })
         };
@@ -143,9 +152,12 @@ mod tests {
     }
 
     #[test]
-    fn a_second_tone_that_the_drive_does_not_make_is_planned_without() {
-        let (cycles, wanted) = anew(None, true).unwrap();
-        assert_eq!((cycles, wanted.second_tone), (u32::from(PATIENCE), 0.0));
+    fn tones_that_the_drive_does_not_make_are_planned_without() {
+        let (cycles, wanted) = anew(None, [true, false]).unwrap();
+        assert_eq!(cycles, u32::from(PATIENCE));
+        assert_eq!((wanted.second_tone, wanted.third_tone), (0.0, 0.0));
+        let (_, wanted) = anew(None, [false, true]).unwrap();
+        assert_eq!((wanted.second_tone, wanted.third_tone), (0.15, 0.0));
         assert!((wanted.restitution_high - 0.32).abs() < 1e-6);
     }
 }

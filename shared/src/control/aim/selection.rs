@@ -6,7 +6,7 @@ use super::kicks::Search;
 use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint};
 use super::speed::SpeedSearch;
-use crate::control::drive::{Scale, SecondTone};
+use crate::control::drive::{Scale, Shape, UPPER};
 use crate::control::hear::{LockWindow, Margin};
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
@@ -14,13 +14,16 @@ use crate::control::target::Target;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::regime::gear::GearPlan;
 
+/// Share of time in gear to expect below which a lot counts as served by nothing, which is said; the best is held all the same.
+pub const POOR: f32 = 0.7;
+
 /// The target, with what was chosen for it and what is still searched for.
 #[derive(Clone, Debug)]
 pub struct Selection {
     target: Target,
     level: Level,
     lock: Option<LockWindow>,
-    second: SecondTone,
+    shape: Shape,
     speed: Option<SpeedSearch>,
     /// The search for the k at which the lot stays in gear, where that is the target.
     pub gear: Option<GearSearch>,
@@ -48,7 +51,7 @@ impl Selection {
             target,
             level: choice.level,
             lock: choice.lock,
-            second: choice.second,
+            shape: choice.shape,
             speed: match target {
                 Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
                 _ => None,
@@ -75,9 +78,9 @@ impl Selection {
         self.lock.as_ref()
     }
 
-    /// The second tone that is wanted of the track.
-    pub fn second_tone(&self) -> SecondTone {
-        self.second
+    /// The shape that is wanted of the track's motion.
+    pub fn shape(&self) -> Shape {
+        self.shape
     }
 
     /// Whether the setpoint is known, or that there is none.
@@ -140,11 +143,11 @@ impl Selection {
     }
 
     /// Takes a cycle at the setpoint: plans anew where the parts are heard to be others than those planned for, or the
-    /// drive does not make the second tone. The setpoint stays until that plan is settled.
+    /// drive does not make a tone of its motion. The setpoint stays until that plan is settled.
     pub fn retune(
         &mut self,
         margin: Option<&Margin>,
-        lacks: bool,
+        lacks: [bool; UPPER],
         settings: &Settings,
         scale: &Scale,
     ) {
@@ -183,8 +186,14 @@ impl Selection {
                 .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
             if better.is_some() {
                 self.plan = better.copied();
+                if self
+                    .plan
+                    .is_some_and(|plan| plan.settled && plan.share < POOR)
+                {
+                    news.push(Event::GearPoor);
+                }
                 let choice = gear.choice();
-                (self.level, self.second) = (choice.level, choice.second);
+                (self.level, self.shape) = (choice.level, choice.shape);
             }
             return more;
         }
@@ -193,7 +202,7 @@ impl Selection {
 
     /// Takes the choice that was searched for.
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
-        (self.level, self.lock, self.second) = (choice.level, choice.lock, choice.second);
+        (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
         match kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock whose kicks cannot be planned is none to go to.

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::control::angle::phase_of;
-use crate::control::drive::SecondTone;
+use crate::control::drive::Shape;
 use crate::control::hear::LockWindow;
 use crate::control::identify;
 use crate::control::settings::Settings;
@@ -71,8 +71,8 @@ pub struct Choice {
     pub level: Level,
     /// The lock that is wanted at it, if one is.
     pub lock: Option<LockWindow>,
-    /// The second tone that is wanted with it.
-    pub second: SecondTone,
+    /// The shape of the motion that is wanted with it.
+    pub shape: Shape,
 }
 
 /// Half width of the phases that a lock is heard at, beyond those that the interval of restitution explains, in
@@ -113,17 +113,24 @@ impl Choice {
                 within("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 Ok(Self::level(Level::K(f64::from(k))))
             }
-            Target::Tones { k, second } => {
+            Target::Tones { k, shape } => {
                 within("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
-                second.check()?;
+                shape.check()?;
+                let [second, third] = shape.tones().map(|tone| tone.ratio);
                 within(
                     "target second tone, ratio",
-                    second.ratio,
-                    second.ratio <= settings.second_tone,
+                    second,
+                    second <= settings.second_tone,
                     "0..second_tone, which is what the drive affords",
                 )?;
+                within(
+                    "target third tone, ratio",
+                    third,
+                    third <= settings.third_tone,
+                    "0..third_tone, which is what the drive affords",
+                )?;
                 Ok(Self {
-                    second,
+                    shape,
                     ..Self::level(Level::K(f64::from(k)))
                 })
             }
@@ -150,7 +157,7 @@ impl Choice {
         Self {
             level,
             lock: None,
-            second: SecondTone::NONE,
+            shape: Shape::SINE,
         }
     }
 
@@ -179,7 +186,7 @@ impl Choice {
         Ok(Self {
             level: Level::K(k),
             lock,
-            second: SecondTone::NONE,
+            shape: Shape::SINE,
         })
     }
 }

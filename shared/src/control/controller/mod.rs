@@ -14,7 +14,7 @@ use crate::control::target::Target;
 use num_complex::Complex32 as Complex;
 
 use crate::control::drive::{
-    AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, SecondLoop, SecondTone, size,
+    AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, Shape, Tones, UPPER, size,
 };
 use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound, Tuned};
 use crate::control::identify::{self, Driven, Identifier, Step};
@@ -39,8 +39,8 @@ const AT_REST: f32 = 0.02;
 /// Amplitude in m over the safe one in mm from which on the lead is followed, 30 % of it: less does not tell the
 /// phase from noise. From 0 to 1e-3 every scene passes.
 const FOLLOWED: f32 = 0.3e-3;
-/// Amplitude over what the converter tells from rest from which on a second tone is held to the first one's phase.
-const SECOND_TELLS: f32 = 4.0;
+/// Amplitude over what the converter tells from rest from which on the upper tones are held to the first one's phase.
+const FIRST_TELLS: f32 = 4.0;
 
 /// The controller of one drive.
 ///
@@ -110,7 +110,7 @@ pub struct Controller {
     limits: LimitMonitor,
     reference: Reference,
     output: f32,
-    second: SecondLoop,
+    tones: Tones,
     /// Envelope that the outputs should give at the ends of cycles, over the one that full output comes to hold: of the one that
     /// the last output will drive, the one before, and the two that the last reading is the mean of.
     expected: [Complex; 3],
@@ -126,8 +126,8 @@ struct Seen {
     amplitude: f32,
     /// Phase lead of the track before the output.
     lead: Phase,
-    /// Second tone of the track.
-    second: SecondTone,
+    /// Shape of the track's motion.
+    shape: Shape,
     events: Events,
 }
 
@@ -156,7 +156,7 @@ impl Controller {
             limits: LimitMonitor::default(),
             reference: Reference::default(),
             output: 0.0,
-            second: SecondLoop::build(settings)?,
+            tones: Tones::build(settings)?,
             expected: [Complex::default(); 3],
             faults: FaultDetector::default(),
             count: 0,
@@ -239,7 +239,7 @@ impl Controller {
                     lead,
                     order: self.order().unwrap_or(1),
                     k: self.scale.k(measured),
-                    second: self.seen.second,
+                    shape: self.seen.shape,
                 };
                 let stands = self.machine.kick().is_none()
                     && self.reference.now == goal
@@ -249,14 +249,14 @@ impl Controller {
                     lead,
                     order: heard_with.order,
                     k: heard_with.k,
-                    second: heard_with.second,
+                    shape: heard_with.shape,
                     step: self.scale.step,
                     stands,
                 };
                 self.listener
                     .cycle(cycle, &heard_with, self.selection.lock(), &tuned, wanted);
                 self.follow_resonance(measured);
-                self.make_second_tone(&motion, &mut events);
+                self.make_tones(&motion, &mut events);
             }
             self.listen(cycle, goal, measured);
             self.progress(goal, measured, &mut events);
@@ -276,10 +276,10 @@ impl Controller {
         self.seen = Seen {
             amplitude: measured,
             lead,
-            second: if self.second.allowed() {
-                motion.tone()
+            shape: if self.tones.allowed() {
+                motion.shape()
             } else {
-                SecondTone::NONE
+                Shape::SINE
             },
             events,
         };
@@ -287,17 +287,19 @@ impl Controller {
 
     /// What the demodulators found of the track's motion.
     fn motion(&self, cycle: &Cycle, first: Complex) -> Motion {
-        let [cosine, sine] = cycle.second;
-        Motion {
-            first,
-            second: Complex::new(sine, cosine) * (-0.25 / self.scale.square),
+        // Displacement for an acceleration at twice and three times the frequency.
+        let scales = [-1.0 / 4.0, -1.0 / 9.0];
+        let mut upper = [Complex::default(); UPPER];
+        for ((tone, [cosine, sine]), scale) in upper.iter_mut().zip(cycle.upper).zip(scales) {
+            *tone = Complex::new(sine, cosine) * (scale / self.scale.square);
         }
+        Motion { first, upper }
     }
 
-    /// A cycle of the second tone, where the drive affords one. It is made at the chosen setpoint alone: not while the link is
-    /// lost, no setpoint serves the target, or the drive stops.
-    fn make_second_tone(&mut self, motion: &Motion, events: &mut Events) {
-        if !self.second.allowed() {
+    /// A cycle of the tones above the first, where the drive affords any. They are made at the chosen setpoint alone: not while
+    /// the link is lost, no setpoint serves the target, or the drive stops.
+    fn make_tones(&mut self, motion: &Motion, events: &mut Events) {
+        if !self.tones.allowed() {
             return;
         }
         let limits = self.limits.limits();
@@ -308,17 +310,20 @@ impl Controller {
         let asked = Asked {
             motion: *motion,
             wanted: if sound {
-                self.selection.second_tone()
+                self.selection.shape()
             } else {
-                SecondTone::NONE
+                Shape::SINE
             },
             reference: self.reference.now,
             square: self.scale.square,
             room: self.settings.output_maximum - self.output,
-            least: SECOND_TELLS * self.scale.least,
+            least: FIRST_TELLS * self.scale.least,
         };
-        if self.second.cycle(&asked) {
-            events.push(Event::SecondToneUnlike);
+        let unlike = [Event::SecondToneUnlike, Event::ThirdToneUnlike];
+        for (event, happened) in unlike.into_iter().zip(self.tones.cycle(&asked)) {
+            if happened {
+                events.push(event);
+            }
         }
     }
 
@@ -384,7 +389,7 @@ impl Controller {
             }
             Some(EnableResponse::Started) => {
                 self.expected = [Complex::default(); 3];
-                self.second.restart();
+                self.tones.restart();
                 if self.selection.target() == Target::Identify {
                     self.identifier.begin();
                     self.selection.go(identify::FIRST);
@@ -441,7 +446,7 @@ impl Controller {
             ceiling_limit: self.scale.ceiling_limit,
             deaf: self.deafness.is_deaf(),
             saturated: self.amplitude.saturated(),
-            second_tone: self.second.held_back(),
+            tones: self.tones.held_back() != [false; UPPER],
         });
     }
 
@@ -479,7 +484,7 @@ impl Controller {
         self.output = 0.0;
         self.reference.now = 0.0;
         self.amplitude.reset();
-        self.second.rest();
+        self.tones.rest();
         self.listener.forget();
         self.deafness = Deafness::default();
         self.limits.rest();
@@ -528,7 +533,7 @@ impl Controller {
             near: self.selection.chosen()
                 && self.reference.now == goal
                 && (measured - goal).abs() < NEAR * goal
-                && self.second.arrived(),
+                && self.tones.arrived(),
             limits: self.limits.limits(),
             lock: self
                 .selection
@@ -547,7 +552,7 @@ impl Controller {
         if self.machine.settled() {
             self.selection.retune(
                 self.listener.margin().as_ref(),
-                self.second.held_back(),
+                self.tones.held_back(),
                 &self.settings,
                 &self.scale,
             );

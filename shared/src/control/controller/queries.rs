@@ -21,7 +21,7 @@ impl Controller {
             k: self.k(seen.amplitude),
             amplitude: seen.amplitude,
             lead: radians_of(seen.lead),
-            second: seen.second,
+            shape: seen.shape,
             reference: self.reference.now,
             setpoint: self.setpoint(),
             rate: hearing.rate(),
@@ -49,10 +49,10 @@ impl Controller {
     /// What the drive is to do.
     #[must_use]
     pub(crate) fn command(&self) -> Command {
-        let [sine, cosine] = self.second.output();
+        let overtones = self.tones.output();
         Command {
             amplitude: self.output,
-            overtone: Overtone { sine, cosine },
+            overtones: overtones.map(|[sine, cosine]| Overtone { sine, cosine }),
             step: self.scale.step,
             immediate: !self.machine.running(),
             fold: self.identifier.fold(),

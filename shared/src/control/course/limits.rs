@@ -25,8 +25,8 @@ pub struct LimitInputs {
     pub saturated: bool,
     /// Whether nothing is heard where parts must be heard.
     pub deaf: bool,
-    /// Whether less is made of the second tone than is wanted.
-    pub second_tone: bool,
+    /// Whether less is made of a tone above the first than is wanted.
+    pub tones: bool,
 }
 
 /// The limits that hold the drive back, and how long their causes have lasted.
@@ -67,7 +67,7 @@ impl LimitMonitor {
         self.limits.set(inputs.ceiling_limit, running && inputs.cut);
         self.limits.set(Limits::DEAF, running && inputs.deaf);
         self.limits
-            .set(Limits::SECOND_TONE, running && inputs.second_tone);
+            .set(Limits::SECOND_TONE, running && inputs.tones);
         self.limits
             .set(Limits::OUTPUT, running && self.saturated_for > SATURATION);
     }

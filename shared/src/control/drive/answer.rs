@@ -1,29 +1,38 @@
-//! What the drive answers to an output: the track's motion at its frequency and at twice of it.
+//! What the drive answers to an output: the track's motion at its frequency and at the multiples of it.
 
 use core::f32::consts::PI;
 
 use num_complex::Complex32 as Complex;
 
+use super::shape::UPPER;
 use crate::control::angle::SAMPLE_RATE;
 use crate::control::settings::Settings;
 
 /// The track's displacement in m for full output, against the output's phase: `x = Im(answer e^(i phi))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// At twice the drive's frequency, against its doubled phase.
-    pub second: Complex,
+    /// At twice and three times the drive's frequency, against as many times its phase.
+    pub upper: [Complex; UPPER],
 }
 
 impl Answer {
     /// The answer that the settings tell of.
     pub fn at(settings: &Settings) -> Self {
-        let second = if settings.second_gain > 0.0 {
-            let lag = settings.second_lag * (PI / 180.0);
-            Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (settings.second_gain * 1e-3)
-        } else {
-            resonant(settings, 2.0 * settings.frequency)
+        let told = |gain: f32, lag: f32, frequency: f32| {
+            if gain > 0.0 {
+                let lag = lag * (PI / 180.0);
+                Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (gain * 1e-3)
+            } else {
+                resonant(settings, frequency)
+            }
         };
-        Self { second }
+        let once = settings.frequency;
+        Self {
+            upper: [
+                told(settings.second_gain, settings.second_lag, 2.0 * once),
+                told(settings.third_gain, settings.third_lag, 3.0 * once),
+            ],
+        }
     }
 }
 

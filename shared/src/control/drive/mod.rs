@@ -7,8 +7,10 @@
 //! | `envelope` | how the amplitude follows the output from cycle to cycle, at the resonance and off it |
 //! | `amplitude` | the loop that holds the amplitude |
 //! | `margins` | the margins of that loop |
-//! | `answer` | what the drive answers at its frequency and at twice of it |
-//! | `second` | the second tone of the motion: what it is, and the loop that holds it |
+//! | `answer` | what the drive answers at its frequency and at the multiples of it |
+//! | `shape` | the tones of the motion above the first |
+//! | `tone` | the loop that holds one of them |
+//! | `tones` | these loops together, and what output and hard limits leave them |
 //! | `resonance` | the drive's frequency: a sweep that finds the resonance, a loop that follows it |
 
 mod amplitude;
@@ -19,7 +21,9 @@ mod margins;
 mod reference;
 mod resonance;
 mod scale;
-mod second;
+mod shape;
+mod tone;
+mod tones;
 
 pub use amplitude::AmplitudeLoop;
 pub use answer::Answer;
@@ -29,4 +33,5 @@ pub use margins::Margins;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;
-pub use second::{Asked, Motion, SecondLoop, SecondTone, affordable_second_tone};
+pub use shape::{Motion, Shape, UPPER, UpperTone};
+pub use tones::{Asked, Tones, affordable_tones};

@@ -12,7 +12,7 @@ use super::onset::Heard;
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::angle::{phase_of, radians_of};
-use crate::control::drive::SecondTone;
+use crate::control::drive::{Shape, UPPER};
 
 /// Drive cycles that the share of time in gear remembers.
 pub const GEAR_WINDOW: f32 = 64.0;
@@ -59,31 +59,37 @@ const MOVED: f32 = 0.003;
 /// The track's motion over its first tone's amplitude: displacement S, velocity C and -acceleration A, at a phase.
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
-    /// `e cos th` and `e sin th` of the second tone.
-    tone: [f32; 2],
+    /// `e cos th` and `e sin th` of each tone above the first.
+    tones: [[f32; 2]; UPPER],
 }
 
 impl Track {
-    fn of(second: SecondTone) -> Self {
-        if second.ratio == 0.0 {
-            return Self::default();
-        }
-        let (sine, cosine) = sine_cosine_single(phase_of(second.phase));
+    fn of(shape: &Shape) -> Self {
         Self {
-            tone: [second.ratio * cosine, second.ratio * sine],
+            tones: shape.mixed(),
         }
     }
 
     fn at(&self, phase: Phase) -> [f32; 3] {
         let (sine, cosine) = sine_cosine_single(phase);
-        let [straight, across] = self.tone;
+        let [[straight, across], third] = self.tones;
         let (sine2, cosine2) = (2.0 * sine * cosine, 1.0 - 2.0 * sine * sine);
         let second = straight * sine2 + across * cosine2;
-        [
+        let mut motion = [
             sine + second,
             cosine + 2.0 * (straight * cosine2 - across * sine2),
             sine + 4.0 * second,
-        ]
+        ];
+        if third != [0.0; 2] {
+            let [straight, across] = third;
+            let twice = 2.0 * cosine;
+            let (sine, cosine) = (twice * sine2 - sine, twice * cosine2 - cosine);
+            let third = straight * sine + across * cosine;
+            motion[0] += third;
+            motion[1] += 3.0 * (straight * cosine - across * sine);
+            motion[2] += 9.0 * third;
+        }
+        motion
     }
 }
 
@@ -203,8 +209,8 @@ pub struct HeardWith {
     pub order: u8,
     /// Measured k.
     pub k: f32,
-    /// Measured second tone of the track.
-    pub second: SecondTone,
+    /// Measured shape of the track's motion.
+    pub shape: Shape,
 }
 
 /// What is heard of parts in gear.
@@ -285,20 +291,21 @@ impl GearHearing {
 
     /// Follows the track's motion.
     fn tune(&mut self, with: &HeardWith) {
-        if with.second.ratio == 0.0 {
+        if with.shape.is_sine() {
             self.track = Track::default();
         } else {
-            let now = Track::of(with.second);
-            for (tone, now) in self.track.tone.iter_mut().zip(now.tone) {
-                *tone += (now - *tone) * 0.1;
+            let now = Track::of(&with.shape);
+            for (tone, now) in self.track.tones.iter_mut().zip(now.tones) {
+                for (part, now) in tone.iter_mut().zip(now) {
+                    *part += (now - *part) * 0.1;
+                }
             }
         }
-        let [straight, across] = self.track.tone;
-        let was = self.thrown.track.tone;
+        let is = self.track.tones.as_flattened();
+        let was = self.thrown.track.tones.as_flattened();
         let apart = |a: f32, b: f32| (a - b > MOVED) | (b - a > MOVED);
         if apart(with.k / self.thrown.k.max(1e-6), 1.0)
-            || apart(straight, was[0])
-            || apart(across, was[1])
+            || is.iter().zip(was).any(|(is, was)| apart(*is, *was))
         {
             self.thrown = Thrown::at(with.k, self.track);
         }

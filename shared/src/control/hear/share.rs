@@ -9,7 +9,7 @@ use super::onset::{Onset, Standard};
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
-use crate::control::drive::SecondTone;
+use crate::control::drive::{Shape, UPPER};
 use crate::feeder::Restitution;
 use crate::regime::gear::{PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
 
@@ -22,7 +22,7 @@ const BEFORE: f32 = 64.0;
 const AGAIN: u32 = 16;
 /// Impacts that a slice of the profile follows.
 const SLICE: u32 = 64;
-/// Change of k and of the second tone, as shares of the first, after which the profiles are other ones.
+/// Change of k and of the tones above the first, as shares of it, after which the profiles are other ones.
 const MOVED: f32 = 0.01;
 /// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track.
 const RINGS: f32 = 0.5e-3;
@@ -72,8 +72,8 @@ pub struct Tuned {
     pub order: u8,
     /// Measured k.
     pub k: f32,
-    /// Measured second tone of the track.
-    pub second: SecondTone,
+    /// Measured shape of the track's motion.
+    pub shape: Shape,
     /// Advance of the phase per sample.
     pub step: u32,
     /// Restitutions of the lot, as told or as it was found to be, and their scatter from impact to impact.
@@ -87,9 +87,9 @@ type Row = [f32; SECTORS];
 /// What is heard of all parts together.
 #[derive(Clone, Debug)]
 pub struct ShareHearing {
-    /// Mean k and second tone (`e cos th`, `e sin th`) since the amplitude stands.
+    /// Mean k and tones above the first (`e cos th`, `e sin th`) since the amplitude stands.
     k: f32,
-    tone: [f32; 2],
+    tones: [[f32; 2]; UPPER],
     cycles: f32,
     profiler: Option<StrikeProfiler>,
     /// Energy by the phase of the output, and the cycles that it is the sum of.
@@ -144,7 +144,7 @@ impl ShareHearing {
     pub fn new() -> Self {
         Self {
             k: 0.0,
-            tone: [0.0; 2],
+            tones: [[0.0; 2]; UPPER],
             cycles: 0.0,
             profiler: None,
             energy: [0.0; SECTORS],
@@ -216,24 +216,18 @@ impl ShareHearing {
 
     /// Follows the track's motion, and has its profiles counted anew where it has moved.
     fn follow(&mut self, tuned: &Tuned) {
-        let tone = if tuned.second.ratio == 0.0 {
-            [0.0; 2]
-        } else {
-            let (sine, cosine) = sine_cosine_single(phase_of(tuned.second.phase));
-            [tuned.second.ratio * cosine, tuned.second.ratio * sine]
-        };
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
         self.k += (tuned.k - self.k) * share;
-        for (mean, tone) in self.tone.iter_mut().zip(tone) {
-            *mean += (tone - *mean) * share;
+        let means = self.tones.as_flattened_mut().iter_mut();
+        for (mean, part) in means.zip(tuned.shape.mixed().as_flattened()) {
+            *mean += (part - *mean) * share;
         }
         if self.cycles < 8.0 {
             return;
         }
         let order = u32::from(tuned.order.max(1));
         let apart = |a: f32, b: f32, most: f32| a - b > most || b - a > most;
-        let [straight, across] = self.tone;
         let Some((restitution, scatter)) = tuned.lot else {
             return;
         };
@@ -241,14 +235,14 @@ impl ShareHearing {
             let StrikeSettings {
                 order: was,
                 k,
-                second,
+                tones,
                 ..
             } = *profiler.settings();
-            let (sine, cosine) = sine_cosine_single(phase_of(second[1]));
+            let was_mixed = Shape::of(tones).mixed();
+            let tones = self.tones.as_flattened().iter();
             let same = was == order
                 && !apart(k, self.k, MOVED * k)
-                && !apart(second[0] * cosine, straight, MOVED)
-                && !apart(second[0] * sine, across, MOVED);
+                && (tones.zip(was_mixed.as_flattened())).all(|(is, was)| !apart(*was, *is, MOVED));
             let settings = profiler.settings();
             if same && settings.restitution == restitution && settings.scatter == scatter {
                 return;
@@ -262,19 +256,21 @@ impl ShareHearing {
             }
         }
         self.fitting = None;
-        let ratio = libm::sqrtf(straight * straight + across * across);
-        let second = if ratio < 1e-3 {
-            [0.0; 2]
-        } else {
-            [ratio, libm::atan2f(across, straight)]
-        };
+        let tones = self.tones.map(|[straight, across]| {
+            let ratio = libm::sqrtf(straight * straight + across * across);
+            if ratio < 1e-3 {
+                [0.0; 2]
+            } else {
+                [ratio, libm::atan2f(across, straight)]
+            }
+        });
         // Beyond what the map takes, nothing is told.
         self.profiler = StrikeProfiler::new(StrikeSettings {
             restitution,
             scatter,
             order,
             k: self.k,
-            second,
+            tones,
         })
         .ok();
     }

@@ -7,6 +7,7 @@ use super::fold::{Fold, Folded, HANDED};
 use super::onset::{HEARD_PER_CYCLE, Heard, OnsetDetector};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::angle::phase_step;
+use crate::control::drive::UPPER;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
@@ -17,17 +18,17 @@ pub const MOST_BLANKED: f64 = 1.0 / 3.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AdcCode(pub u16);
 
-/// The second tone of an output, as shares of full output: `sine sin 2x + cosine cos 2x` for the phase x of the output.
+/// The nth tone of an output, as shares of full output: `sine sin nx + cosine cos nx` for the phase x of the output.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overtone {
-    /// Along the sine of the doubled phase, -1..1.
+    /// Along the sine of the multiple of the phase, -1..1.
     pub sine: f32,
     /// Along its cosine, -1..1.
     pub cosine: f32,
 }
 
 impl Overtone {
-    /// No second tone.
+    /// No tone.
     pub const NONE: Self = Self {
         sine: 0.0,
         cosine: 0.0,
@@ -39,8 +40,8 @@ impl Overtone {
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
-    /// Second tone of the output; with the amplitude at most full output.
-    pub overtone: Overtone,
+    /// Second and third tone of the output; with the amplitude at most full output.
+    pub overtones: [Overtone; UPPER],
     /// Advance of the phase per sample (see [`phase_step`](crate::control::phase_step)).
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
@@ -62,9 +63,9 @@ pub struct Cycle {
     pub in_phase: f32,
     /// Sine part of it, in m/s^2.
     pub quadrature: f32,
-    /// Cosine and sine part of it at twice the drive's frequency, against the output's doubled phase, in m/s^2; 0 where
-    /// the drive affords no second tone.
-    pub second: [f32; 2],
+    /// Cosine and sine part of it at twice and three times the drive's frequency, against as many times the output's phase, in
+    /// m/s^2; 0 where the drive affords no such tone.
+    pub upper: [[f32; 2]; UPPER],
     /// Mean acceleration in m/s^2.
     pub mean: f32,
     /// Lowest reading.
@@ -155,16 +156,16 @@ pub struct Signal {
     step: u32,
     inverse_step: f32,
     amplitude: f32,
-    /// Second tone of the output, where the drive affords one: then the demodulator looks for it too.
-    overtone: Overtone,
-    two_toned: bool,
+    /// Tones of the output above the first, and how many the drive affords: for these the demodulator looks too.
+    overtones: [Overtone; UPPER],
+    upper: usize,
     pending: Command,
     /// Mean of the last cycle, taken off before demodulation so that gravity does not leak into it.
     mean: f32,
     cosines: f32,
     sines: f32,
-    /// The same at twice the drive's frequency.
-    doubled: [f32; 2],
+    /// The same at multiples of the drive's frequency.
+    multiples: [[f32; 2]; UPPER],
     accelerations: f32,
     weight: f32,
     /// Samples of the cycle that were blanked, and how many may be.
@@ -193,11 +194,11 @@ impl Signal {
             step,
             inverse_step: 1.0 / step as f32,
             amplitude: 0.0,
-            overtone: Overtone::NONE,
-            two_toned: settings.second_tone > 0.0,
+            overtones: [Overtone::NONE; UPPER],
+            upper: settings.upper_tones(),
             pending: Command {
                 amplitude: 0.0,
-                overtone: Overtone::NONE,
+                overtones: [Overtone::NONE; UPPER],
                 step,
                 immediate: false,
                 fold: None,
@@ -206,7 +207,7 @@ impl Signal {
             mean: 0.0,
             cosines: 0.0,
             sines: 0.0,
-            doubled: [0.0; 2],
+            multiples: [[0.0; 2]; UPPER],
             accelerations: 0.0,
             weight: 0.0,
             blanked: 0.0,
@@ -223,7 +224,7 @@ impl Signal {
         samples: 0,
         in_phase: 0.0,
         quadrature: 0.0,
-        second: [0.0; 2],
+        upper: [[0.0; 2]; UPPER],
         mean: 0.0,
         low: u16::MAX,
         high: 0,
@@ -243,20 +244,34 @@ impl Signal {
     /// Takes the reading of one sample, gives the output to hold until the next.
     #[inline]
     pub fn sample(&mut self, code: AdcCode) -> Sampled {
+        // One path for each number of tones, so that a tone that is not made costs nothing.
+        match self.upper {
+            0 => self.take::<0>(code),
+            1 => self.take::<1>(code),
+            _ => self.take::<UPPER>(code),
+        }
+    }
+
+    /// As [`Signal::sample`], with so many tones above the first.
+    #[inline(always)]
+    fn take<const TONES: usize>(&mut self, code: AdcCode) -> Sampled {
         let before = self.phase;
         self.phase += Phase::from_bits(self.step);
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
-        // The second tone's acceleration is four times as large, and the detector's high-passes leave four times as
-        // much of it: what the cycle before had of it is taken off before them.
-        let (mut double, mut explained, mut surprising) = ([0.0; 2], 0.0, acceleration);
-        if self.two_toned {
-            double = [(cosine - sine) * (cosine + sine), 2.0 * sine * cosine];
-            let [by_cosine, by_sine] = self.finished.second;
-            explained = by_cosine * double[0] + by_sine * double[1];
-            surprising -= explained;
+        // The nth tone's acceleration is n^2 times as large, and the detector's high-passes leave n^2 times as
+        // much of it: what the cycle before had of them is taken off before them.
+        let turns: [[f32; 2]; TONES] = multiples(sine, cosine);
+        let mut explained = 0.0;
+        for ([cosine, sine], [by_cosine, by_sine]) in turns.iter().zip(&self.finished.upper) {
+            explained += by_cosine * cosine + by_sine * sine;
         }
+        let surprising = if TONES > 0 {
+            acceleration - explained
+        } else {
+            acceleration
+        };
         let residual = self.detector.residual(surprising);
         self.fold.add(self.phase, residual);
         self.energy.add(self.phase, residual);
@@ -266,7 +281,7 @@ impl Signal {
         if blanked {
             // What was found before stands for it, and has no say in what is found.
             swing = self.finished.in_phase * cosine + self.finished.quadrature * sine;
-            if self.two_toned {
+            if TONES > 0 {
                 swing += explained;
             }
             self.blanked += 1.0;
@@ -276,9 +291,7 @@ impl Signal {
             // The sample stands for the interval that it ends; the wrap parts it between two cycles.
             let share = self.phase.bits() as f32 * self.inverse_step;
             let rest = 1.0 - share;
-            if self.two_toned {
-                self.double(double, rest * swing);
-            }
+            self.add(&turns, rest * swing);
             self.cosines += rest * by_cosine;
             self.sines += rest * by_sine;
             self.accelerations += rest * swing;
@@ -291,13 +304,9 @@ impl Signal {
             self.sines = share * by_sine;
             self.accelerations = share * swing;
             self.weight = share;
-            if self.two_toned {
-                self.double(double, share * swing);
-            }
+            self.add(&turns, share * swing);
         } else {
-            if self.two_toned {
-                self.double(double, swing);
-            }
+            self.add(&turns, swing);
             self.cosines += by_cosine;
             self.sines += by_sine;
             self.accelerations += swing;
@@ -322,17 +331,20 @@ impl Signal {
             });
         }
         let mut output = self.amplitude * sine;
-        if self.two_toned {
-            output += self.overtone.cosine * double[0] + self.overtone.sine * double[1];
+        for ([cosine, sine], tone) in turns.iter().zip(&self.overtones) {
+            output += tone.cosine * cosine + tone.sine * sine;
         }
         Sampled { output, wrapped }
     }
 
-    /// Adds a share of a sample to what is found at twice the drive's frequency.
+    /// Adds a share of a sample to what is found at multiples of the drive's frequency.
     #[inline(always)]
-    fn double(&mut self, [cosine, sine]: [f32; 2], swing: f32) {
-        self.doubled[0] += swing * cosine;
-        self.doubled[1] += swing * sine;
+    fn add(&mut self, turns: &[[f32; 2]], swing: f32) {
+        for (sums, turn) in self.multiples.iter_mut().zip(turns) {
+            for (sum, part) in sums.iter_mut().zip(turn) {
+                *sum += swing * part;
+            }
+        }
     }
 
     fn finish(&mut self) {
@@ -340,8 +352,9 @@ impl Signal {
         let (running, finished) = (&mut self.running, &mut self.finished);
         finished.in_phase = (2.0 * self.cosines - self.blanked * finished.in_phase) * inverse;
         finished.quadrature = (2.0 * self.sines - self.blanked * finished.quadrature) * inverse;
-        if self.two_toned {
-            for (found, sum) in finished.second.iter_mut().zip(&mut self.doubled) {
+        let upper = finished.upper.iter_mut().zip(&mut self.multiples);
+        for (found, sum) in upper.take(self.upper) {
+            for (found, sum) in found.iter_mut().zip(sum) {
                 *found = (2.0 * *sum - self.blanked * *found) * inverse;
                 *sum = 0.0;
             }
@@ -364,7 +377,7 @@ impl Signal {
         running.saturated = 0;
         running.heard.clear();
         self.amplitude = self.pending.amplitude;
-        self.overtone = self.pending.overtone;
+        self.overtones = self.pending.overtones;
         if self.step != self.pending.step {
             self.step = self.pending.step;
             self.inverse_step = 1.0 / self.step as f32;
@@ -387,16 +400,16 @@ impl Signal {
         self.pending = command;
         if command.immediate {
             self.amplitude = command.amplitude;
-            self.overtone = command.overtone;
+            self.overtones = command.overtones;
         }
     }
 
     /// Switches the output off at once.
     pub fn off(&mut self) {
         self.amplitude = 0.0;
-        self.overtone = Overtone::NONE;
+        self.overtones = [Overtone::NONE; UPPER];
         self.pending.amplitude = 0.0;
-        self.pending.overtone = Overtone::NONE;
+        self.pending.overtones = [Overtone::NONE; UPPER];
     }
 
     /// Phase of the output at the last sample.
@@ -410,4 +423,22 @@ impl Signal {
     pub fn resolution(&self) -> f32 {
         self.scale
     }
+}
+
+/// Cosine and sine of twice a phase, three times, and so on, from those of the phase (Chebyshev's recurrence).
+#[inline(always)]
+fn multiples<const TONES: usize>(sine: f32, cosine: f32) -> [[f32; 2]; TONES] {
+    let mut turns = [[0.0; 2]; TONES];
+    let (mut before, mut now) = ([1.0, 0.0], [cosine, sine]);
+    for (n, turn) in turns.iter_mut().enumerate() {
+        let next = if n == 0 {
+            [(cosine - sine) * (cosine + sine), 2.0 * sine * cosine]
+        } else {
+            let twice = 2.0 * cosine;
+            [twice * now[0] - before[0], twice * now[1] - before[1]]
+        };
+        (before, now) = (now, next);
+        *turn = next;
+    }
+    turns
 }

@@ -72,7 +72,7 @@ impl Limits {
     pub const ACCELERATION: Self = Self(1 << 3);
     /// 4: no amplitude serves the target for the whole interval of restitution; at the safe amplitude.
     pub const NO_SETPOINT: Self = Self(1 << 4);
-    /// 5: less is made of the second tone than is wanted: the drive affords less, or does not answer as told.
+    /// 5: less is made of the second or third tone than is wanted: the drive affords less, or does not answer as told.
     pub const SECOND_TONE: Self = Self(1 << 5);
     /// 7: the link was silent for `link_timeout`; at the safe amplitude.
     pub const LINK_LOST: Self = Self(1 << 7);
@@ -196,6 +196,10 @@ pub enum Event {
     LockedOut = 22,
     /// The track does not answer at twice the drive's frequency as the settings say.
     SecondToneUnlike = 23,
+    /// The track does not answer at three times the drive's frequency as the settings say.
+    ThirdToneUnlike = 24,
+    /// No amplitude holds the lot in gear; the best one is held, with the share of time that is expected there.
+    GearPoor = 25,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -253,7 +257,8 @@ named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetS
     Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped",
     ResonanceFound = "resonance found", Identified = "restitution identified",
     NotIdentified = "restitution not identified", LockedOut = "locked out",
-    SecondToneUnlike = "second tone not as told");
+    SecondToneUnlike = "second tone not as told", ThirdToneUnlike = "third tone not as told",
+    GearPoor = "gear poor for the lot");
 
 #[cfg(test)]
 mod tests {
@@ -264,7 +269,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..24));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..26));
         let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         names.sort_unstable();
         names.dedup();

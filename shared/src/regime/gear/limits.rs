@@ -1,9 +1,9 @@
-//! What a drive affords of a second tone.
+//! What a drive affords of the tones above the first.
 
-use super::rider::Second;
+use super::rider::Tones;
 use crate::arithmetic::{Phase, sine_cosine_single};
 
-/// The lowest k that each of a drive's limits allows with one tone, and what a second tone takes of its output.
+/// The lowest k that each of a drive's limits allows with one tone, and what the tones above it take of its output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearLimits {
     /// k of one tone at the hard limit of displacement; 0: no limit.
@@ -12,8 +12,8 @@ pub struct GearLimits {
     pub acceleration: f32,
     /// k of one tone at the largest output; 0: no limit.
     pub output: f32,
-    /// Output that a second tone of e = 1 takes, over that of the first.
-    pub overtone: f32,
+    /// Output that a second and a third tone of e = 1 take, over that of the first.
+    pub overtones: [f32; 2],
 }
 
 impl GearLimits {
@@ -23,44 +23,55 @@ impl GearLimits {
         displacement: 0.0,
         acceleration: 0.0,
         output: 0.0,
-        overtone: 0.0,
+        overtones: [0.0; 2],
     };
 
-    /// Whether the drive affords a second tone at a k.
+    /// Whether the drive affords these tones at a k.
     #[must_use]
-    pub fn afford(&self, k: f32, second: Second) -> bool {
-        k >= self.least(second)
+    pub fn afford(&self, k: f32, tones: Tones) -> bool {
+        k >= self.least(tones)
     }
 
-    /// The least k at which the drive affords a second tone.
+    /// The least k at which the drive affords these tones.
     #[must_use]
-    pub fn least(&self, second: Second) -> f32 {
-        let [displacement, acceleration] = peaks(second);
+    pub fn least(&self, tones: Tones) -> f32 {
+        let [displacement, acceleration] = peaks(tones);
+        let [second, third] = self.overtones;
+        let [[of_second, _], [of_third, _]] = tones;
         (self.displacement * displacement)
             .max(self.acceleration * acceleration)
-            .max(self.output * (1.0 + self.overtone * second[0]))
+            .max(self.output * (1.0 + second * of_second + third * of_third))
     }
 }
 
 /// Largest displacement of a track over b, and largest acceleration over b w^2: max |S| and max |S''|, from 64 places of
 /// the turn, with what may lie between them.
 #[must_use]
-pub fn peaks([ratio, angle]: Second) -> [f32; 2] {
+pub fn peaks(tones: Tones) -> [f32; 2] {
     const PLACES: u32 = 64;
+    let [[ratio, angle], [third, _]] = tones;
+    let [_, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
     let angle = Phase::from_radians(f64::from(angle));
     let (mut displacement, mut acceleration) = (0.0_f32, 0.0_f32);
     for n in 0..PLACES {
         let (sine, _) = sine_cosine_single(Phase::from_bits(n << 26));
         let (second, _) = sine_cosine_single(Phase::from_bits(n << 27) + angle);
-        displacement = displacement.max((sine + ratio * second).abs());
-        acceleration = acceleration.max((sine + 4.0 * ratio * second).abs());
+        let (mut height, mut push) = (sine + ratio * second, sine + 4.0 * ratio * second);
+        if third > 0.0 {
+            let (sine, _) =
+                sine_cosine_single(Phase::from_bits((n << 26).wrapping_mul(3)) + of_third);
+            height += third * sine;
+            push += 9.0 * third * sine;
+        }
+        displacement = displacement.max(height.abs());
+        acceleration = acceleration.max(push.abs());
     }
     // Half a step from the nearest place, squared, times half the largest second derivative.
     let half = core::f32::consts::PI / PLACES as f32;
     let between = 0.5 * half * half;
     [
-        displacement + between * (1.0 + 4.0 * ratio),
-        acceleration + between * (1.0 + 16.0 * ratio),
+        displacement + between * (1.0 + 4.0 * ratio + 9.0 * third),
+        acceleration + between * (1.0 + 16.0 * ratio + 81.0 * third),
     ]
 }
 
@@ -70,31 +81,39 @@ mod tests {
 
     #[test]
     fn peaks_are_those_of_a_fine_grid_and_no_less() {
-        for (ratio, angle) in [(0.0, 0.0), (0.15, 2.356), (0.25, 2.6), (0.5, -1.0)] {
-            let [displacement, acceleration] = peaks([ratio, angle]).map(f64::from);
-            let (e, th) = (f64::from(ratio), f64::from(angle));
+        for tones in [
+            [[0.0; 2]; 2],
+            [[0.15, 2.356], [0.0; 2]],
+            [[0.25, 2.6], [0.0; 2]],
+            [[0.5, -1.0], [0.0; 2]],
+            [[0.274, 2.57], [0.058, 5.3]],
+            [[0.2, 2.57], [0.1, 1.0]],
+        ] {
+            let [displacement, acceleration] = peaks(tones).map(f64::from);
+            let [[e, th], [e3, th3]] = tones.map(|tone| tone.map(f64::from));
             let (mut most, mut hardest) = (0.0_f64, 0.0_f64);
             for n in 0..20_000 {
                 let t = f64::from(n) * core::f64::consts::TAU / 20_000.0;
                 let (first, second) = (libm::sin(t), e * libm::sin(2.0 * t + th));
-                most = most.max((first + second).abs());
-                hardest = hardest.max((first + 4.0 * second).abs());
+                let third = e3 * libm::sin(3.0 * t + th3);
+                most = most.max((first + second + third).abs());
+                hardest = hardest.max((first + 4.0 * second + 9.0 * third).abs());
             }
             assert!(
                 (most - 1e-6..most + 0.01).contains(&displacement),
-                "{ratio} {angle}"
+                "{tones:?}"
             );
             assert!(
-                (hardest - 1e-6..hardest + 0.012).contains(&acceleration),
-                "{ratio} {angle}"
+                (hardest - 1e-6..hardest + 0.015).contains(&acceleration),
+                "{tones:?}"
             );
         }
     }
 
     #[test]
     fn a_tone_is_afforded_up_to_each_limit() {
-        let second = [0.15, 2.356];
-        let [displacement, acceleration] = peaks(second);
+        let tones = [[0.15, 2.356], [0.05, 5.3]];
+        let [displacement, acceleration] = peaks(tones);
         for (limits, k) in [
             (
                 GearLimits {
@@ -113,14 +132,14 @@ mod tests {
             (
                 GearLimits {
                     output: 0.2,
-                    overtone: 4.0,
+                    overtones: [4.0, 10.0],
                     ..GearLimits::NONE
                 },
-                0.2 * 1.6,
+                0.2 * 2.1,
             ),
         ] {
-            assert!(limits.afford(k * 1.001, second) && !limits.afford(k * 0.999, second));
+            assert!(limits.afford(k * 1.001, tones) && !limits.afford(k * 0.999, tones));
         }
-        assert!(GearLimits::NONE.afford(0.01, [0.5, 0.0]));
+        assert!(GearLimits::NONE.afford(0.01, [[0.5, 0.0], [0.0; 2]]));
     }
 }

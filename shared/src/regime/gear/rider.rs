@@ -6,31 +6,31 @@ use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::OutOfRange;
 use crate::impact::{LATE, Landing, SingleState, Tone, WaveKernel, WaveSingle};
 
-/// A second tone as its amplitude over the first (symbol e) and its angle (symbol th) in rad.
-pub type Second = [f32; 2];
+/// The second and the third tone, each as its amplitude over the first (symbol e) and its angle (symbol th) in rad.
+pub type Tones = [[f32; 2]; 2];
 
 /// A track in single precision, as a part that is followed on it meets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     map: WaveSingle,
     k: f32,
-    /// Amplitude of the second tone, and its angle.
-    ratio: f32,
-    angle: Phase,
+    /// Amplitudes of the tones above the first, and their angles.
+    ratios: [f32; 2],
+    angles: [Phase; 2],
 }
 
 impl Surface {
-    /// The track of a second tone at a k; the refusal names what is out of range.
-    pub fn at(k: f32, [ratio, angle]: Second) -> Result<Self, OutOfRange> {
-        let second = Tone {
+    /// The track of these tones at a k; the refusal names what is out of range.
+    pub fn at(k: f32, tones: Tones) -> Result<Self, OutOfRange> {
+        let built = tones.map(|[ratio, angle]| Tone {
             amplitude: f64::from(ratio),
             angle: f64::from(angle),
-        };
+        });
         Ok(Self {
-            map: WaveSingle::on_tones([second, Tone::default()], f64::from(k), 1.0)?,
+            map: WaveSingle::on_tones(built, f64::from(k), 1.0)?,
             k,
-            ratio,
-            angle: Phase::from_radians(f64::from(angle)),
+            ratios: tones.map(|[ratio, _]| ratio),
+            angles: tones.map(|[_, angle]| Phase::from_radians(f64::from(angle))),
         })
     }
 
@@ -39,15 +39,22 @@ impl Surface {
     #[inline]
     fn pull(&self, phase: Phase) -> (f32, f32) {
         let (sine, cosine) = sine_cosine_single(phase);
-        if self.ratio == 0.0 {
+        let ([second, third], [of_second, of_third]) = (self.ratios, self.angles);
+        if second == 0.0 {
             return (self.k - sine, cosine);
         }
-        let twice = Phase::from_bits(phase.bits().wrapping_mul(2)) + self.angle;
-        let (second, slope) = sine_cosine_single(twice);
-        (
-            self.k - (sine + 4.0 * self.ratio * second),
-            cosine + 8.0 * self.ratio * slope,
-        )
+        let tone = |times: u32, angle: Phase| {
+            sine_cosine_single(Phase::from_bits(phase.bits().wrapping_mul(times)) + angle)
+        };
+        let (push, slope) = tone(2, of_second);
+        let mut pushed = sine + 4.0 * second * push;
+        let mut surge = cosine + 8.0 * second * slope;
+        if third > 0.0 {
+            let (push, slope) = tone(3, of_third);
+            pushed += 9.0 * third * push;
+            surge += 27.0 * third * slope;
+        }
+        (self.k - pushed, surge)
     }
 
     /// Steps of the phase until the track throws a part that rests at a phase; `None` where it never does.

@@ -3,7 +3,7 @@
 use core::f32::consts::TAU;
 
 use super::draw::Draw;
-use super::rider::{Rider, Second, Span, Surface};
+use super::rider::{Rider, Span, Surface, Tones};
 use super::{Gear, ROW};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, Restitution};
@@ -30,8 +30,8 @@ pub struct StrikeSettings {
     pub order: u32,
     /// k of the track.
     pub k: f32,
-    /// Second tone of the track: its amplitude over the first's, and its angle in rad.
-    pub second: Second,
+    /// Tones of the track above the first.
+    pub tones: Tones,
 }
 
 /// Squares of the speeds of arrival, in `(b w)^2`, summed by the phase of the track and divided by the drive periods.
@@ -102,7 +102,7 @@ impl StrikeProfiler {
     pub fn new(settings: StrikeSettings) -> Result<Self, OutOfRange> {
         Ok(Self {
             settings,
-            surface: Surface::at(settings.k, settings.second)?,
+            surface: Surface::at(settings.k, settings.tones)?,
             gear: Gear::in_steps(settings.order)?,
             rider: None,
             part: 0,
@@ -255,19 +255,23 @@ impl StrikeProfiler {
     /// Phase and launch velocity of the lock of a restitution (docs/theory-real-parts.md#t10.3); `None` where there is none.
     fn lock(&self, restitution: f32) -> Option<(Phase, f32)> {
         let StrikeSettings {
-            order, k, second, ..
+            order, k, tones, ..
         } = self.settings;
         let turns = TAU * order as f32 * k / (1.0 + restitution);
         let wanted = 0.5 * turns * (1.0 - restitution);
-        let [ratio, angle] = second;
-        let angle = Phase::from_radians(f64::from(angle));
+        let [[ratio, _], [third, _]] = tones;
+        let [angle, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
         let rises = |phase: Phase| {
-            let (_, cosine) = sine_cosine_single(phase);
-            if ratio == 0.0 {
-                return cosine;
+            let (_, mut speed) = sine_cosine_single(phase);
+            if ratio != 0.0 {
+                let twice = Phase::from_bits(phase.bits().wrapping_mul(2)) + angle;
+                speed += 2.0 * ratio * sine_cosine_single(twice).1;
             }
-            let twice = Phase::from_bits(phase.bits().wrapping_mul(2)) + angle;
-            cosine + 2.0 * ratio * sine_cosine_single(twice).1
+            if third != 0.0 {
+                let thrice = Phase::from_bits(phase.bits().wrapping_mul(3)) + of_third;
+                speed += 3.0 * third * sine_cosine_single(thrice).1;
+            }
+            speed
         };
         let step = Phase::from_bits(1 << 26);
         let (mut fastest, mut most, mut phase) = (Phase::ZERO, -1.0, Phase::ZERO);

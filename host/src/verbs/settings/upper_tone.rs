@@ -1,0 +1,298 @@
+//! `kband settings commission --second-tone`, `--third-tone`: what the track answers at twice or three times the drive's
+//! frequency, measured by the board.
+
+use std::time::{Duration, Instant};
+
+use num_complex::Complex64 as Complex;
+use serde_json::json;
+
+use kband::wire::{Request, Shape, Target, Telemetry, UpperTone};
+
+use super::drive::why_off;
+use super::offer::{Offer, print};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::desk::{Desk, Progress};
+use crate::refusal::Refusal;
+use crate::report::{Column, Format, Table};
+
+/// k of the trial: the track throws no part.
+const K: f32 = 1.3;
+/// Tones of the trial, where the drive affords as much.
+const RATIO: f32 = 0.05;
+/// Phases of them in rad: where the map wants them.
+const PHASES: [f32; 2] = [2.356, 5.3];
+/// Cycles that the answer stands on.
+const CYCLES: usize = 50;
+/// Cycles from an output to the reading that shows it.
+const LATE: usize = 2;
+/// Cycles after which a tone has settled, or was given up.
+const SETTLED: usize = 300;
+/// Time between two looks at what came.
+const LOOK: Duration = Duration::from_millis(300);
+
+/// Which tone above the first is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Upper {
+    /// That at twice the frequency.
+    Second,
+    /// That at three times it.
+    Third,
+}
+
+impl Upper {
+    /// Its name, and the settings of what it may be and of what the track answers.
+    fn names(self) -> (&'static str, &'static str, [&'static str; 2]) {
+        match self {
+            Self::Second => ("second tone", "second_tone", ["second_gain", "second_lag"]),
+            Self::Third => ("third tone", "third_tone", ["third_gain", "third_lag"]),
+        }
+    }
+
+    /// What the output had of it in a cycle.
+    fn told(self, telemetry: &Telemetry) -> [f32; 2] {
+        let [second, third] = telemetry.overtones;
+        match self {
+            Self::Second => second,
+            Self::Third => third,
+        }
+    }
+
+    /// What the track had of it in a cycle, against the output's phase, in m.
+    fn seen(self, telemetry: &Telemetry) -> Complex {
+        let (tone, times) = match self {
+            Self::Second => (telemetry.shape.second, 2.0),
+            Self::Third => (telemetry.shape.third, 3.0),
+        };
+        let size = f64::from(telemetry.amplitude) * f64::from(tone.ratio);
+        let angle = f64::from(tone.phase) + times * f64::from(telemetry.lead);
+        Complex::new(angle.cos(), angle.sin()) * size
+    }
+}
+
+/// The track's answer at a multiple of the frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Answer {
+    /// Track amplitude for full output in mm.
+    gain: f64,
+    /// Lag of the track in degrees.
+    lag: f64,
+    /// Standard deviation of a cycle's answer, over the answer.
+    scatter: f64,
+}
+
+/// The answer in the last cycles in which there was such a tone; `None` where they are too few.
+fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
+    let pairs: Vec<(Complex, Complex)> = cycles
+        .windows(LATE + 1)
+        .filter_map(|window| {
+            let (told, seen) = (window.first()?, window.last()?);
+            let output = upper.told(told).map(f64::from);
+            let output = Complex::new(output[0], output[1]);
+            (output.norm_sqr() > 1e-6).then_some((output, upper.seen(seen)))
+        })
+        .collect();
+    let last = pairs.get(pairs.len().checked_sub(CYCLES)?..)?;
+    let square: f64 = last.iter().map(|(output, _)| output.norm_sqr()).sum();
+    let product: Complex = last.iter().map(|(output, seen)| seen * output.conj()).sum();
+    let answer = product / square;
+    let size = answer.norm_sqr().sqrt();
+    let left: f64 = last
+        .iter()
+        .map(|(output, seen)| (seen - answer * output).norm_sqr())
+        .sum();
+    Some(Answer {
+        gain: size * 1e3,
+        lag: -answer.im.atan2(answer.re).to_degrees(),
+        scatter: (left / square).sqrt() / size,
+    })
+}
+
+/// Has the board make a small tone above the first and prints what the track answered; with `apply` the board takes and keeps
+/// it.
+pub(super) fn run(
+    upper: Upper,
+    address: &Address,
+    apply: bool,
+    within: f64,
+    format: Format,
+    desk: &Desk,
+) -> Result<(), Refusal> {
+    let mut link = address.open(Emulated::Running)?;
+    let mut settings = BoardSettings::read(&mut link)?;
+    let (name, key, keys) = upper.names();
+    let known = settings.known();
+    let affords = match upper {
+        Upper::Second => known.second_tone,
+        Upper::Third => known.third_tone,
+    };
+    if affords <= 0.0 {
+        return Err(Refusal::value(
+            key,
+            "0",
+            "0.01..0.5",
+            format!(
+                "set the largest {name} that the drive affords first: kband settings set {key} {} --save",
+                if upper == Upper::Second { 0.15 } else { 0.05 }
+            ),
+        ));
+    }
+    let [second, third] = PHASES.map(|phase| UpperTone {
+        ratio: RATIO,
+        phase,
+    });
+    let within_reach = |tone: UpperTone, most: f32| UpperTone {
+        ratio: tone.ratio.min(most),
+        ..tone
+    };
+    let shape = Shape {
+        second: within_reach(second, known.second_tone),
+        third: match upper {
+            Upper::Second => UpperTone::default(),
+            Upper::Third => within_reach(third, known.third_tone),
+        },
+    };
+    let held = link.held()?;
+    link.tell(&Request::Target(Target::Tones(K, shape)))?;
+    let cycles = follow(upper, &mut link, Duration::from_secs_f64(within), desk);
+    link.tell(&Request::Telemetry(0))?;
+    link.tell(&Request::Target(held))?;
+    let Some(found) = answer(upper, &cycles?) else {
+        return Err(Refusal::new(
+            format!("no {name} was made for {CYCLES} cycles"),
+            "see with kband monitor what holds the drive back; give it longer with --within S",
+        ));
+    };
+    let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
+    let (gain, lag) = (digits(found.gain, 1e4), digits(found.lag, 10.0));
+    let [of_gain, of_lag] = keys;
+    let mut notes = vec![
+        format!("offered: {of_gain} = {gain}, {of_lag} = {lag}"),
+        "measured anew with these it is more exact: what was told before is the beginning".into(),
+    ];
+    let offer = Offer {
+        keys,
+        values: [gain, lag],
+    };
+    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
+    let mut table = Table::new(&[
+        Column::new(of_gain, "mm").digits(4),
+        Column::new(of_lag, "degrees").digits(4),
+        Column::new("scatter", "%").digits(2),
+    ]);
+    table.push([
+        found.gain.into(),
+        found.lag.into(),
+        (found.scatter * 100.0).into(),
+    ]);
+    let document = json!({
+        of_gain: found.gain,
+        of_lag: found.lag,
+        "scatter": found.scatter,
+        "applied": apply,
+    });
+    print(table, &notes, &document, format)
+}
+
+/// The cycles from now on, until the tone has settled or was given up.
+fn follow(
+    upper: Upper,
+    link: &mut Link,
+    within: Duration,
+    desk: &Desk,
+) -> Result<Vec<Telemetry>, Refusal> {
+    let (name, _, _) = upper.names();
+    let progress = Progress::new(name, SETTLED as u64);
+    let begun = Instant::now();
+    let mut cycles: Vec<Telemetry> = Vec::new();
+    let made = |cycle: &&Telemetry| upper.told(cycle) != [0.0; 2];
+    if let Some(off) = why_off(link)? {
+        return Err(off);
+    }
+    link.tell(&Request::Telemetry(1))?;
+    while begun.elapsed() < within {
+        desk.go_on()?;
+        let before = cycles.len();
+        for said in link.listen(LOOK)? {
+            if let Unasked::Telemetry(telemetry) = said {
+                cycles.push(telemetry);
+            }
+        }
+        progress.advance((cycles.len() - before) as u64);
+        let count = cycles.iter().filter(made).count();
+        // A tone that was given up comes no more.
+        let silent = cycles.iter().rev().take_while(|cycle| !made(cycle)).count();
+        if count >= SETTLED || (count >= CYCLES && silent > CYCLES) {
+            break;
+        }
+        link.tell(&Request::Alive)?;
+    }
+    progress.finish();
+    Ok(cycles)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::control::{self, Settings};
+    use kband::plant::{EnvelopeLoop, Scene};
+
+    use super::*;
+
+    #[test]
+    fn the_answer_of_a_drive_is_measured_also_where_it_was_told_wrong() {
+        let tone = |phase: f32| control::UpperTone {
+            ratio: RATIO,
+            phase,
+        };
+        let [second, third] = PHASES.map(tone);
+        for (upper, gain, lag, told, exact) in [
+            (Upper::Second, 0.5, 60.0, (0.5, 60.0), 0.02),
+            (Upper::Second, 0.3, 120.0, (0.5, 90.0), 0.02),
+            (Upper::Second, 0.05, 170.0, (0.5, 90.0), 0.15),
+            (Upper::Third, 0.25, 60.0, (0.25, 60.0), 0.02),
+            (Upper::Third, 0.2, 120.0, (0.25, 90.0), 0.02),
+        ] {
+            let mut scene = Scene {
+                settings: Settings {
+                    second_tone: 0.15,
+                    ..Settings::default()
+                },
+                target: control::Target::Tones {
+                    k: K,
+                    shape: control::Shape::of_two(second),
+                },
+                ..Scene::default()
+            };
+            let settings = &mut scene.settings;
+            match upper {
+                Upper::Second => {
+                    (settings.second_gain, settings.second_lag) = told;
+                    (scene.drive.second_gain, scene.drive.second_lag) = (gain, lag);
+                }
+                Upper::Third => {
+                    settings.third_tone = 0.06;
+                    (settings.third_gain, settings.third_lag) = told;
+                    scene.drive.second_gain = settings.second_gain;
+                    scene.drive.second_lag = settings.second_lag;
+                    (scene.drive.third_gain, scene.drive.third_lag) = (gain, lag);
+                    scene.target = control::Target::Tones {
+                        k: K,
+                        shape: control::Shape { second, third },
+                    };
+                }
+            }
+            let mut closed = EnvelopeLoop::build(&scene).unwrap();
+            let cycles: Vec<Telemetry> = (0..SETTLED)
+                .map(|_| Telemetry::from(&closed.cycle().report))
+                .collect();
+            let found = answer(upper, &cycles).unwrap();
+            assert!(
+                (found.gain / f64::from(gain) - 1.0).abs() < exact,
+                "{found:?}"
+            );
+            assert!(
+                (found.lag - f64::from(lag)).abs() < 60.0 * exact,
+                "{found:?}"
+            );
+        }
+    }
+}

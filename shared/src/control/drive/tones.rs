@@ -1,0 +1,320 @@
+//! The tones of the track's motion above the first: a loop for each, and what output and hard limits leave them.
+
+use num_complex::Complex32 as Complex;
+
+use super::answer::Answer;
+use super::envelope::size;
+use super::scale::Scale;
+use super::shape::{Motion, Shape, UPPER, UpperTone};
+use super::tone::ToneLoop;
+use crate::control::settings::Settings;
+use crate::feeder::{OutOfRange, accept};
+
+/// Acceleration over the hard limit at which the upper tones are given up at once, as the first tone's fault.
+const EXCESS: f32 = 1.15;
+/// Least share of the wanted tones: where less is made, they count as held back. The noise of an amplitude at its hard
+/// limit takes off less than the rest.
+const LEAST: f32 = 0.95;
+/// Cycles of that before it counts as a limit, as of the output's own.
+const SHORT: u16 = 25;
+
+/// What a cycle asks of the upper tones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// What the demodulators found.
+    pub motion: Motion,
+    /// The shape wanted.
+    pub wanted: Shape,
+    /// Amplitude b in m that the first tone goes to.
+    pub reference: f32,
+    /// Square of the angular frequency of the first tone in 1/s^2.
+    pub square: f32,
+    /// Output that the first tone leaves, as a share of full output.
+    pub room: f32,
+    /// Amplitude of the first tone in m that tells its phase.
+    pub least: f32,
+}
+
+/// Largest second and third tone (symbols e and e3) that the output leaves room for at a k, where the settings' drive makes the
+/// first tone too, and for the third the second tone that the settings tell of; 0..0.5.
+///
+/// ```
+/// use kband::control::{Settings, affordable_tones};
+/// let mut settings = Settings { second_tone: 0.15, ..Settings::default() };
+/// // Modes at two and three times the frequency make a half and a quarter of what the resonance does.
+/// assert_eq!(affordable_tones(&settings, 0.35), [0.5, 0.5]);
+/// // One resonance alone: the force grows like 3 Q e, and like 8 Q e3.
+/// settings.second_gain = 0.0;
+/// settings.third_gain = 0.0;
+/// settings.second_tone = 0.01;
+/// let [second, third] = affordable_tones(&settings, 0.35);
+/// assert!((0.030..0.032).contains(&second), "{second}");
+/// assert!((0.007..0.009).contains(&third), "{third}");
+/// ```
+#[must_use]
+pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
+    let scale = Scale::at(settings, settings.frequency);
+    let amplitude = scale.amplitude(k);
+    let mut room = settings.output_maximum - amplitude / scale.strength;
+    let answers = Answer::at(settings).upper.map(size);
+    let told = [settings.second_tone, settings.third_tone];
+    let mut affords = [0.0; UPPER];
+    for ((affords, answer), told) in affords.iter_mut().zip(answers).zip(told) {
+        let most = room * answer / amplitude;
+        // No amplitude at all (k infinite) leaves nothing to measure a tone against: none.
+        *affords = if most.is_nan() {
+            0.0
+        } else {
+            most.clamp(0.0, 0.5)
+        };
+        room -= told * amplitude / answer;
+    }
+    affords
+}
+
+/// The loops that hold the tones above the first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tones {
+    loops: [ToneLoop; UPPER],
+    acceleration_limit: f32,
+    amplitude_limit: f32,
+    /// The shape that the loops go to, and its [peaks](Shape::peaks).
+    shape: Shape,
+    peaks: [f32; 2],
+    output: [Complex; UPPER],
+    /// Cycles in which less was made than is wanted, and whether the output was short in the last one.
+    cut_for: u16,
+    short: bool,
+    /// Share of the wanted tones that the hard limits leave.
+    share: f32,
+}
+
+impl Tones {
+    /// The loops for these settings, at rest. Refused where the drive cannot make the tones even on a track that
+    /// only just throws parts (k = 1).
+    pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
+        let told = [settings.second_tone, settings.third_tone];
+        let names = [
+            (
+                "second_tone",
+                "0..what output_maximum leaves for it at k = 1 by second_gain",
+            ),
+            (
+                "third_tone",
+                "0..what output_maximum and second_tone leave for it at k = 1 by third_gain",
+            ),
+        ];
+        let affords = affordable_tones(settings, 1.0);
+        for (((name, accepted), told), affords) in names.into_iter().zip(told).zip(affords) {
+            accept(name, f64::from(told), told <= affords, accepted)?;
+        }
+        let [second, third] = Answer::at(settings).upper;
+        Ok(Self {
+            loops: [
+                ToneLoop::new(settings, 2, settings.second_tone, second),
+                ToneLoop::new(settings, 3, settings.third_tone, third),
+            ],
+            acceleration_limit: settings.acceleration_limit,
+            amplitude_limit: settings.amplitude_limit * 1e-3,
+            shape: Shape::SINE,
+            peaks: [1.0; 2],
+            output: [Complex::default(); UPPER],
+            cut_for: 0,
+            short: false,
+            share: 1.0,
+        })
+    }
+
+    /// Whether the drive affords a tone above the first at all.
+    #[inline]
+    pub fn allowed(&self) -> bool {
+        let [second, _] = &self.loops;
+        second.allowed()
+    }
+
+    fn loops(&mut self) -> impl Iterator<Item = &mut ToneLoop> {
+        self.loops.iter_mut().filter(|tone| tone.allowed())
+    }
+
+    /// Silence, with what was learnt of the track's answers kept.
+    pub fn rest(&mut self) {
+        self.loops().for_each(ToneLoop::rest);
+        self.output = [Complex::default(); UPPER];
+        self.cut_for = 0;
+        self.short = false;
+        self.share = 1.0;
+    }
+
+    /// Silence, and a new try with the answers as told.
+    pub fn restart(&mut self) {
+        self.rest();
+        self.loops().for_each(ToneLoop::restart);
+    }
+
+    /// The output's tones above the first along the sine and the cosine of their multiples of its phase, as shares of full
+    /// output.
+    pub fn output(&self) -> [[f32; 2]; UPPER] {
+        self.output.map(|output| [output.re, output.im])
+    }
+
+    /// Of which tones less is made than is wanted: one that was given up; where output or hard limits leave less of all, the
+    /// highest.
+    pub fn held_back(&self) -> [bool; UPPER] {
+        let cut = self.cut_for > SHORT;
+        let [second, third] = &self.loops;
+        let highest = self.shape.third.ratio > 0.0 && third.allowed();
+        [
+            second.is_given_up() || cut && !highest,
+            third.is_given_up() || cut && highest,
+        ]
+    }
+
+    /// Whether they have reached their goals.
+    pub fn arrived(&self) -> bool {
+        self.loops.iter().all(ToneLoop::arrived)
+    }
+
+    /// A cycle on; which tones the track was found not to answer as told, which is said once of each.
+    pub fn cycle(&mut self, asked: &Asked) -> [bool; UPPER] {
+        if asked.wanted != self.shape {
+            self.shape = asked.wanted;
+            self.peaks = self.shape.peaks();
+        }
+        let Motion { first, upper } = asked.motion;
+        let long = size(first);
+        self.share = self.left(asked, long);
+        let short = self.short;
+        let mut news = [false; UPPER];
+        let wanted = self.shape.tones();
+        for (((tone, wanted), seen), news) in
+            (self.loops.iter_mut().zip(wanted).zip(upper)).zip(&mut news)
+        {
+            if tone.allowed() {
+                tone.aim(&wanted, self.share);
+                *news = !short && tone.learn(first, seen);
+            }
+        }
+        self.watch(asked, long);
+        // An amplitude too small to tell the first tone's phase gives none to hold the others to.
+        let told = (long > asked.least).then_some(long);
+        let mut all = 0.0;
+        for (tone, output) in self.loops.iter_mut().zip(&mut self.output) {
+            if tone.allowed() {
+                *output = tone.advance(first, told);
+                all += size(*output);
+            }
+        }
+        let room = asked.room.max(0.0);
+        self.short = all > asked.room;
+        let mut made = self.share;
+        if self.short {
+            made = self.share * room / all;
+            for output in &mut self.output {
+                *output *= room / all;
+            }
+        }
+        self.cut_for = if made < LEAST {
+            self.cut_for.saturating_add(1)
+        } else {
+            0
+        };
+        news
+    }
+
+    /// The share of the wanted tones that the hard limits leave. max |S| and max |S''| are convex in the tones and 1 without
+    /// any: a chord bounds them.
+    fn left(&self, asked: &Asked, first: f32) -> f32 {
+        let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
+        if !self.loops.iter().zip(self.shape.tones()).any(wanted) {
+            return 1.0;
+        }
+        let amplitude = first.max(asked.reference);
+        let mut share = 1.0_f32;
+        let limits = [self.amplitude_limit, self.acceleration_limit / asked.square];
+        for (peak, limit) in self.peaks.into_iter().zip(limits) {
+            let (room, needed) = (limit / amplitude - 1.0, peak - 1.0);
+            if needed > 0.0 && needed > room {
+                share = share.min((room / needed).max(0.0));
+            }
+        }
+        share
+    }
+
+    /// Gives the upper tones up where the track is accelerated beyond the hard limit with them.
+    fn watch(&mut self, asked: &Asked, first: f32) {
+        let mut excess = 0.0_f32;
+        for ((tone, wanted), seen) in
+            (self.loops.iter().zip(self.shape.tones())).zip(asked.motion.phasors())
+        {
+            if wanted.ratio > 0.0 && !tone.is_silent() {
+                excess = excess.max(size(seen) / wanted.ratio);
+            }
+        }
+        if excess <= 0.0 {
+            return;
+        }
+        let peak = 1.0 + (self.peaks[1] - 1.0) * excess;
+        let alone = first * asked.square;
+        if alone * peak > EXCESS * self.acceleration_limit && alone <= self.acceleration_limit {
+            self.loops().for_each(ToneLoop::give_up);
+            self.rest();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_chord_bounds_the_peaks() {
+        for n in 0..48 {
+            let scaled = |by: f32| Shape {
+                second: UpperTone {
+                    ratio: by * (0.01 * (n % 25) as f32 + 0.01),
+                    phase: 0.13 * n as f32 - 3.1,
+                },
+                third: UpperTone {
+                    ratio: by * 0.01 * (n % 6) as f32,
+                    phase: 0.17 * n as f32 - 3.1,
+                },
+            };
+            let pairs = scaled(0.5).peaks().into_iter().zip(scaled(1.0).peaks());
+            for (half, whole) in pairs {
+                assert!(half <= 0.5 * (1.0 + whole) + 1e-2, "{:?}", scaled(1.0));
+            }
+        }
+    }
+
+    fn refused(settings: &Settings) -> Option<&'static str> {
+        Tones::build(settings)
+            .err()
+            .map(|refused| refused.parameter)
+    }
+
+    #[test]
+    fn tones_that_the_drive_cannot_make_are_refused() {
+        let mut settings = Settings {
+            second_tone: 0.15,
+            ..Settings::default()
+        };
+        assert_eq!(refused(&settings), None);
+        // One resonance alone: 0.11 at k = 1, and 8/3 less of a third tone.
+        settings.second_gain = 0.0;
+        assert_eq!(refused(&settings), Some("second_tone"));
+        settings.second_tone = 0.11;
+        assert_eq!(refused(&settings), None);
+        settings = Settings {
+            second_tone: 0.25,
+            third_tone: 0.06,
+            ..Settings::default()
+        };
+        assert_eq!(refused(&settings), None);
+        settings.third_gain = 0.0;
+        assert_eq!(refused(&settings), Some("third_tone"));
+        settings.third_tone = 0.03;
+        assert_eq!(refused(&settings), None);
+        settings.second_tone = 0.0;
+        assert_eq!(settings.check().unwrap_err().parameter, "third_tone");
+    }
+}
