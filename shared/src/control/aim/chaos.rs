@@ -6,7 +6,7 @@ use crate::impact::{Hybrid, Kernel};
 use crate::regime::classify::{Classifier, HearingSettings, Regime};
 use crate::regime::{Lock, band};
 
-/// Impacts that one slice computes. At 331 instructions an impact 42 000.
+/// Impacts that one slice computes. At 300 instructions an impact 38 000.
 const SLICE: u32 = 128;
 /// Step in k, as a share of it: both ends of a stretch are then known to 0.4 %, its middle to 0.2 %, a fifth of the 1 %
 /// that an amplitude may be off. With 0.05 `what_it_finds_is_chaotic_by_the_exponent_too` fails.

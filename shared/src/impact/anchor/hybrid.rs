@@ -70,7 +70,7 @@ const FASTEST: Fixed<26, u32> = Fixed::<26, u32>::of(TOP + 3.0);
 impl Hybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
         let state = state.held_below(TOP_VELOCITY);
         let (sine, fine) = sine_cosine_fine(state.phase);

@@ -63,7 +63,7 @@ pub(super) const TOP: f64 = 60.0;
 impl Single {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn land(&self, state: SingleState) -> Landing<SingleState> {
         let state = SingleState {
             velocity: smaller(state.velocity, TOP as f32),

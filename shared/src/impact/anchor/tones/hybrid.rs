@@ -5,10 +5,10 @@ use super::harmonics::{Harmonic, Harmonics, Parts};
 use super::launch::Launch;
 use super::search::{Candidate, Edged, candidate, halved, has_left, search};
 use super::track::Track;
+use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
 use crate::arithmetic::trigonometry::sine_cosine_fine;
-use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::flight::{self, Flight, Local, STEPS_PER_RADIAN};
@@ -67,7 +67,7 @@ struct Turned([Fixed<31>; 2]);
 impl WaveHybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
         match &self.shape {
             Shape::Sine(hybrid) => hybrid.land(state),
@@ -116,7 +116,7 @@ fn at_launch(harmonic: &Harmonic, phase: u32) -> ([f32; 2], Fixed<30>, Fixed<48,
 }
 
 impl Tones {
-    #[inline]
+    #[inline(always)]
     fn land(&self, state: HybridState, restitution: Fixed<32, u32>) -> Landing<HybridState> {
         let track = &self.track;
         let state = state.held_below(TOP_VELOCITY);
@@ -159,15 +159,24 @@ impl Tones {
                 return landing(phase, steps, speed(&settled, slope), restitution, false);
             }
         }
+        self.low(&flight, psi, &parts, restitution)
+    }
+
+    /// The impact of a flight that is not tall.
+    #[inline(never)]
+    fn low(
+        &self,
+        flight: &Ballistic<'_>,
+        psi: f32,
+        parts: &Parts,
+        restitution: Fixed<32, u32>,
+    ) -> Landing<HybridState> {
+        let (track, phase) = (&self.track, flight.phase);
         let throws = track.throws(phase);
-        if state.velocity == Velocity::ZERO && !throws {
-            return Landing {
-                steps: 0,
-                next: state,
-                grazes: false,
-            };
+        if psi == 0.0 && !throws {
+            return landing(phase, 0, Fixed(0), restitution, false);
         }
-        let launch = Launch::new(track, phase, psi, &parts, throws);
+        let launch = Launch::new(track, phase, psi, parts, throws);
         if let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
             match candidate {
                 Candidate::Hop {
@@ -175,7 +184,7 @@ impl Tones {
                     arrival,
                 } => {
                     let landing = hop(phase, time, arrival, restitution, false);
-                    if limits.hold(landing.steps) {
+                    if limits.hold(track, &launch, landing.steps) {
                         return landing;
                     }
                 }
@@ -184,7 +193,7 @@ impl Tones {
                     let (local, slope) = flight.exact(node);
                     if let Some(settled) = settle::<Ballistic<'_>>(track.k, &local, offset) {
                         let steps = flight.steps_at(node, &settled);
-                        if limits.hold(steps) {
+                        if limits.hold(track, &launch, steps) {
                             let speed = speed(&settled, slope);
                             return landing(phase, steps, speed, restitution, false);
                         }
@@ -192,11 +201,22 @@ impl Tones {
                 }
             }
         }
-        let (found, grazes, bracket) = search(track, &launch, &flight);
-        let found_impact = settled(track.k, restitution, &flight, found, grazes);
+        self.searched(flight, &launch, restitution)
+    }
+
+    #[inline(never)]
+    fn searched(
+        &self,
+        flight: &Ballistic<'_>,
+        launch: &Launch,
+        restitution: Fixed<32, u32>,
+    ) -> Landing<HybridState> {
+        let (track, phase) = (&self.track, flight.phase);
+        let (found, grazes, bracket) = search(track, launch, flight);
+        let found_impact = settled(track.k, restitution, flight, found, grazes);
         let speed = found_impact.next.velocity.fixed().single();
         if matches!(found, Found::Near { .. }) && has_left(&bracket, found_impact.steps, speed) {
-            let (time, speed) = halved(track, &launch, &flight, &bracket);
+            let (time, speed) = halved(track, launch, flight, &bracket);
             let steps = (time * STEPS_PER_RADIAN) as i64;
             let speed = Fixed::<26, u32>::from_single(speed);
             return landing(phase, steps, speed, restitution, true);

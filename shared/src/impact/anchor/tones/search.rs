@@ -3,12 +3,12 @@
 use core::f32::consts::TAU;
 
 use super::launch::{Launch, Short};
-use super::track::{Edge, Hump, Track};
+use super::track::{Edge, Hump, Limit, Track};
 use crate::arithmetic::fixed::Fixed;
 use crate::impact::anchor::approach::{Approach, approach, fall_at, householder};
-use crate::impact::anchor::candidate::{BEYOND, LEAST, NEARLY_REAL};
+use crate::impact::anchor::candidate::{LEAST, NEARLY_REAL};
 use crate::impact::anchor::flight::{
-    Flight, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
+    self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::short::{LAST, QUADRATIC};
@@ -40,6 +40,13 @@ const LEVEL: f32 = 1e-7;
 /// No start near launch is farther, in rad: there the quadratic does not tell.
 const FAR: f32 = 2.0;
 
+/// Where a flight starts that the track pushes off and that falls through height 0 sooner, in rad: the track is lower
+/// by then.
+const PUSHED: f32 = 2.0;
+
+/// No hump that begins sooner, in rad, is passed: heights lose their digits.
+const SOONEST: f32 = 0.2;
+
 /// Flights up to this many rad start from the quadratic near launch.
 const HOP: f32 = 0.6;
 
@@ -53,7 +60,7 @@ pub(super) enum Candidate {
 
 /// A candidate from the flight near launch or the fall of the parabola through height 0, and between which steps it is
 /// the first impact: not so soon that it may be launch itself or is settled with more digits as a short hop, and within
-/// [`Track::limit`].
+/// [`Track::limit`] or as far as [`Limits::hold`] sees.
 #[inline(always)]
 pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let Launch {
@@ -66,7 +73,7 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
     let limit = track.limit(phase, rise)?;
     let mut limits = Limits {
         first: (F::SHORT * STEPS_PER_RADIAN) as i64,
-        last: limit.last,
+        limit,
     };
     let a1 = 0.5 * launch.pull;
     let a2 = launch.surge * (1.0 / 6.0);
@@ -89,23 +96,25 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
             return Some((Candidate::Hop { flight, arrival }, limits));
         }
         let (node, offset) = F::node_of(phase, near);
-        let approach = approach::<F>(track, node, near - offset, -rise, height)?;
-        return Some((Candidate::Near(approach), limits));
+        if let Some(approach) = approach::<F>(track, node, near - offset, -rise, height) {
+            return Some((Candidate::Near(approach), limits));
+        }
     }
     let square = rise * rise + 2.0 * track.k * height;
     if square <= LEAST {
         return None;
     }
     let speed = root(square);
-    let reach = limit.last as f32 * RADIANS_PER_STEP + BEYOND;
     let origin = rise + speed;
     if origin <= 0.0 {
         return None;
     }
-    if origin > reach * track.k {
-        limits.last = track.limit_from_above(phase, height, rise, limit)?;
-    }
-    let approach = fall_at::<F>(track, phase, rise, speed)?;
+    let approach = if a1 <= 0.0 && origin < PUSHED * track.k {
+        let (node, offset) = F::node_of(phase, PUSHED);
+        approach::<F>(track, node, PUSHED - offset, -rise, height)?
+    } else {
+        fall_at::<F>(track, phase, rise, speed)?
+    };
     Some((Candidate::Near(approach), limits))
 }
 
@@ -113,14 +122,94 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
 #[derive(Clone, Copy)]
 pub(super) struct Limits {
     first: i64,
-    last: i64,
+    limit: Limit,
 }
 
 impl Limits {
+    /// Whether a down-crossing `steps` after launch is the first impact.
     #[inline(always)]
-    pub fn hold(self, steps: i64) -> bool {
-        self.first <= steps && steps <= self.last
+    pub fn hold(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
+        self.first <= steps && (steps <= self.limit.last || self.hold_beyond(track, launch, steps))
     }
+
+    /// The same beyond the hump that [`Track::limit`] sees: where the flight is above the reach of the track or clears
+    /// the humps on its way.
+    #[inline(never)]
+    fn hold_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
+        let Launch {
+            phase,
+            height,
+            rise,
+            ..
+        } = *launch;
+        track
+            .limit_from_above(phase, height, rise, self.limit)
+            .is_some_and(|last| steps <= last)
+            || clears(track, launch, steps)
+    }
+}
+
+/// Humps that are passed before a flight is left to the search.
+const PASSED: usize = 6;
+
+/// Whether a flight clears every hump but the last before `steps` after launch, by more than f32 may take from a height:
+/// over a hump the gap is convex, above its tangents at both ends.
+fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
+    let Launch {
+        phase,
+        height,
+        rise,
+        ..
+    } = *launch;
+    let humps = track.humps();
+    let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
+    let Some((mut place, _)) = humps.iter().enumerate().min_by_key(|(_, hump)| wait(hump)) else {
+        return false;
+    };
+    let mut left = humps.len();
+    let (mut turns, mut turn) = (0.0, 0_i64);
+    for _ in 0..PASSED {
+        let Some(hump) = humps.get(place) else {
+            return false;
+        };
+        let begin = wait(hump) as f32 * RADIANS_PER_STEP + turns;
+        let end = begin + hump.width;
+        let over = |x: f32, edge: &Edge| {
+            let fall = track.k * x;
+            let height = x * (rise - 0.5 * fall) + (height - edge.height);
+            (height, rise - fall - edge.speed)
+        };
+        let noise = NOISE + DRIFT * end;
+        let ((over_begin, falls), (over_end, rises)) =
+            (over(begin, &hump.begin), over(end, &hump.end));
+        if !(begin > SOONEST && over_begin > noise && over_end > noise) {
+            return false;
+        }
+        if falls < 0.0 && rises > 0.0 {
+            let meet = over_begin * rises + falls * (rises * hump.width - over_end);
+            if meet <= noise * (rises - falls) {
+                return false;
+            }
+        }
+        place = if place + 1 < humps.len() {
+            place + 1
+        } else {
+            0
+        };
+        left -= 1;
+        if left == 0 {
+            left = humps.len();
+            turns += TAU;
+            turn += 1 << 32;
+        }
+        let Some(hump) = humps.get(place) else {
+            return false;
+        };
+        if steps <= turn + i64::from(wait(hump)) + i64::from(hump.length) {
+            return true;
+        }
+    }
+    false
 }
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
@@ -390,7 +479,7 @@ impl<F: Edged> Edges<'_, F> {
         let (mut low, mut high) = (begin, end);
         let mut x = begin - share * (end - begin);
         for _ in 0..40 {
-            let (_, slope, half) = self.at(x);
+            let (slope, half) = self.slope(x);
             if slope > 0.0 {
                 high = x;
             } else {
@@ -404,7 +493,8 @@ impl<F: Edged> Edges<'_, F> {
             };
             let moved = abs(next - x);
             x = next;
-            if moved <= 1e-6 * x {
+            // The gap there is found from its slope, to the cube of what is left.
+            if moved <= smaller(1e-3, 1e-2 * x) {
                 break;
             }
         }
@@ -434,6 +524,27 @@ impl<F: Edged> Edges<'_, F> {
             F::ROUNDING + F::DRIFT * x
         };
         (bracket, abs(lowest) < rounding)
+    }
+
+    /// The slope of the gap and half its curvature after `x`, in f32.
+    #[inline(always)]
+    fn slope(&self, x: f32) -> (f32, f32) {
+        if x < self.short {
+            let (_, slope, half) = self.at(x);
+            return (slope, half);
+        }
+        let (track, launch) = (self.track, self.launch);
+        let (node, offset) = node_of(launch.phase, x);
+        let at = flight::Track::at(track, node);
+        let local = Local {
+            height: 0.0,
+            slope: launch.rise - track.k * (x - offset) - at.speed,
+            push: at.push,
+            surge: at.surge,
+            bend: at.bend,
+        };
+        let (_, gain, half) = expand(track.k, &local, offset);
+        (local.slope + gain, half)
     }
 
     /// The gap, its slope and half its curvature after `x`.

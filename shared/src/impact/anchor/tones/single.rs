@@ -1,10 +1,9 @@
 //! The impact map in f32 on a track of several tones.
 
-use super::harmonics::Harmonics;
+use super::harmonics::{Harmonics, Parts};
 use super::launch::Launch;
 use super::search::{Candidate, Edged, candidate, halved, has_left, search};
 use super::track::Track;
-#[cfg(feature = "control")]
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept};
@@ -50,14 +49,14 @@ enum Shape {
 impl WaveSingle {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn land(&self, state: SingleState) -> Landing<SingleState> {
         self.land_at(state, self.restitution)
     }
 
     /// The same with this restitution, 0..=1, at the impact.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub(crate) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         match &self.shape {
             Shape::Sine(single) => single.land_at(state, restitution),
@@ -88,7 +87,7 @@ impl WaveSingle {
 }
 
 /// The impact on a track that is no sine.
-#[inline]
+#[inline(always)]
 fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleState> {
     let velocity = smaller(state.velocity, TOP as f32);
     let phase = state.phase.bits();
@@ -104,37 +103,58 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         let steps = steps_after(phase, &approach);
         return single::landing(phase, steps, approach.arrival(), restitution, false);
     }
+    low(&flight, velocity, &parts, restitution)
+}
+
+/// The impact of a flight that is not tall.
+#[inline(never)]
+fn low(
+    flight: &Ballistic<'_>,
+    velocity: f32,
+    parts: &Parts,
+    restitution: f32,
+) -> Landing<SingleState> {
+    let Ballistic { track, phase, .. } = *flight;
     let throws = track.throws(phase);
     if velocity == 0.0 && !throws {
         return Landing {
             steps: 0,
-            next: state,
+            next: SingleState {
+                phase: Phase::from_bits(phase),
+                velocity,
+            },
             grazes: false,
         };
     }
-    let launch = Launch::new(track, phase, velocity, &parts, throws);
+    let launch = Launch::new(track, phase, velocity, parts, throws);
     if let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
         match candidate {
             Candidate::Hop { flight, arrival } => {
                 let landing = single::hop(phase, flight, arrival, restitution, false);
-                if limits.hold(landing.steps) {
+                if limits.hold(track, &launch, landing.steps) {
                     return landing;
                 }
             }
             Candidate::Near(approach) => {
                 let steps = steps_after(phase, &approach);
-                if limits.hold(steps) {
+                if limits.hold(track, &launch, steps) {
                     return single::landing(phase, steps, approach.arrival(), restitution, false);
                 }
             }
         }
     }
-    let (found, grazes, bracket) = search(track, &launch, &flight);
-    let landing = settled(track.k, restitution, phase, &flight, found, grazes);
+    searched(flight, &launch, restitution)
+}
+
+#[inline(never)]
+fn searched(flight: &Ballistic<'_>, launch: &Launch, restitution: f32) -> Landing<SingleState> {
+    let Ballistic { track, phase, .. } = *flight;
+    let (found, grazes, bracket) = search(track, launch, flight);
+    let landing = settled(track.k, restitution, phase, flight, found, grazes);
     if matches!(found, Found::Near { .. })
         && has_left(&bracket, landing.steps, landing.next.velocity)
     {
-        let (time, speed) = halved(track, &launch, &flight, &bracket);
+        let (time, speed) = halved(track, launch, flight, &bracket);
         let steps = (time * STEPS_PER_RADIAN) as i64;
         return single::landing(phase, steps, speed, restitution, true);
     }

@@ -155,7 +155,7 @@ impl Track {
         let (from, to) = self.above(height, rise);
         // Earlier than it sinks, by more than f32 may take from the time.
         let sinks = to - 1e-3 - 1e-6 * to;
-        if !(from * STEPS_PER_RADIAN < limit.clear as f32 && from < sinks) {
+        if !(from < (limit.clear >> 8) as i32 as f32 * (256.0 * RADIANS_PER_STEP) && from < sinks) {
             return None;
         }
         let sinks = (sinks * STEPS_PER_RADIAN) as i64;
