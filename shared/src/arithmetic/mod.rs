@@ -9,6 +9,7 @@ mod gauss;
 pub(crate) mod lane;
 pub(crate) mod node;
 mod phase;
+pub(crate) mod positive;
 #[allow(unsafe_code)]
 mod root;
 pub(crate) mod trigonometry;
@@ -18,4 +19,5 @@ pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
 pub use phase::Phase;
 pub(crate) use root::{square_root, square_root_single};
+pub(crate) use trigonometry::arcsine_single;
 pub use trigonometry::{sine_cosine_fixed, sine_cosine_single};

@@ -86,6 +86,23 @@ pub(crate) static FIXED: [[Fixed<30>; 2]; COUNT] = {
     table
 };
 
+/// Sine of the nodes of the first quarter turn, both its ends among them, in steps of 2^-63.
+pub(crate) static QUARTER: [u64; COUNT / 4 + 1] = {
+    const STEPS: f64 = (1_u64 << 63) as f64;
+    let mut table = [0; COUNT / 4 + 1];
+    let mut j = 0;
+    while j <= COUNT / 4 {
+        let Twofold { high, low } = NODES[j][0];
+        // Below 1 the first is a whole number of steps or less than a step off.
+        let whole = (high * STEPS) as u64;
+        let rest = (high * STEPS - whole as f64) + low * STEPS;
+        table[j] =
+            whole.wrapping_add_signed(if rest < 0.0 { rest - 0.5 } else { rest + 0.5 } as i64);
+        j += 1;
+    }
+    table
+};
+
 /// A node as the kernel with an FPU and a wide multiplier reads it.
 pub(crate) struct Fine {
     /// Sine and cosine, nearest f32.

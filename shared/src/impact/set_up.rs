@@ -1,57 +1,256 @@
-//! What every kernel for microcontrollers is set up from, in f64.
+//! What every kernel for microcontrollers is set up from, in integers: f64 is slow where it is software.
 
-use crate::arithmetic::Phase;
+use core::f64::consts::{PI, TAU};
+
+use crate::arithmetic::fixed::Fixed;
+use crate::arithmetic::positive::{Positive, product};
+use crate::arithmetic::{Phase, arcsine_single, node};
 use crate::feeder::{OutOfRange, accept};
 
-/// Set-up constants of a track in f64: the one routine all kernels take theirs from.
+/// Set-up constants of a track and a part: the one routine all kernels take theirs from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SetUp {
     /// k.
-    pub k: f64,
+    pub k: Positive,
+    /// What of k is above 1.
+    pub excess: Positive,
+    /// `1 / k`.
+    pub inverse: Positive,
     /// Phase where a hump begins, `arcsin k`; a quarter turn where k >= 1.
     pub lift_off: Phase,
     /// Length of a hump, `pi - 2 arcsin k`, in steps of a phase; 0 where k >= 1.
     pub hump: u32,
     /// Slope of the sine at `lift_off`, `sqrt(1 - k^2)`.
-    pub lift_off_cosine: f64,
+    pub lift_off_cosine: Positive,
+    /// Restitution, 1 as 1 - 2^-32.
+    pub restitution: Fixed<32, u32>,
 }
 
 impl SetUp {
     /// The constants for `k`, with the refusal of a k or a restitution that no kernel for
     /// microcontrollers takes.
     pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        accept("k", k, (0.005..=4.0).contains(&k), "0.005..4")?;
-        accept(
-            "restitution",
+        // The bits of positive numbers are in their order, those of NaN and of negative ones beyond.
+        let within =
+            |x: f64, [from, to]: [f64; 2]| (from.to_bits()..=to.to_bits()).contains(&x.to_bits());
+        if !within(k, [0.005, 4.0]) {
+            accept("k", k, false, "0.005..4")?;
+        }
+        // 0 without its sign.
+        let nothing = restitution.to_bits() << 1 == 0;
+        if !(nothing || within(restitution, [0.0, 1.0])) {
+            accept("restitution", restitution, false, "0..1")?;
+        }
+        let restitution = if nothing {
+            0
+        } else {
+            Positive::of(restitution).nearest(32)
+        };
+        Ok(Self::new(
+            k,
+            Fixed(u32::try_from(restitution).unwrap_or(u32::MAX)),
+        ))
+    }
+
+    fn new(k: f64, restitution: Fixed<32, u32>) -> Self {
+        let k = Positive::of(k);
+        // Every bit of an f64 from 0.005 to 4 is in there.
+        let steps = k.nearest(61);
+        let above = Self {
+            k,
+            excess: Positive::steps(steps.saturating_sub(1 << 61), 61),
+            inverse: k.inverse(),
+            lift_off: Phase::from_bits(1 << 30),
+            hump: 0,
+            lift_off_cosine: Positive::ZERO,
             restitution,
-            (0.0..=1.0).contains(&restitution),
-            "0..1",
-        )?;
-        Ok(Self::new(k))
+        };
+        if steps >= 1 << 61 {
+            return above;
+        }
+        let (less, more) = ((1 << 61) - steps, (1 << 61) + steps);
+        let square = Positive::steps(less, 61).times(Positive::steps(more, 61));
+        let lift_off_cosine = square.root();
+        let lift_off = arcsine(k, lift_off_cosine);
+        Self {
+            lift_off,
+            hump: (1_u32 << 31) - 2 * lift_off.bits(),
+            lift_off_cosine,
+            ..above
+        }
     }
 
     /// The least square of the speed at height 0 of a tall flight, with what rounding may take: from
     /// there on the speed at every height h is above `sqrt(1 - h^2)`, the track's.
-    pub fn tall(&self) -> f64 {
-        let k = self.k;
-        0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k }
+    pub fn tall(&self) -> Positive {
+        const SPARE: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
+        let least = if self.hump > 0 {
+            (1 << 60) + self.k.times(self.k).nearest(60)
+        } else {
+            2 * self.k.nearest(60)
+        };
+        Positive::steps(SPARE + least, 60)
     }
 
-    fn new(k: f64) -> Self {
-        if k >= 1.0 {
-            return Self {
-                k,
-                lift_off: Phase::from_bits(1 << 30),
-                hump: 0,
-                lift_off_cosine: 0.0,
-            };
-        }
-        let lift_off = Phase::from_radians(libm::asin(k));
-        Self {
-            k,
+    /// k pi, as f64 has it.
+    pub fn half_turn_fall(&self) -> Fixed<48, i64> {
+        const PI_: Positive = Positive::of(PI);
+        self.k.times_in_double(PI_).fixed()
+    }
+
+    /// `1 / (2 pi k)`.
+    pub fn turns(&self) -> Positive {
+        const PER_TURN: Positive = Positive::of(1.0 / TAU);
+        self.inverse.times(PER_TURN)
+    }
+}
+
+/// The phase at which the sine is `sine` < 1, from the cosine there: from the nearest node by
+/// `sin(a - b) = sin a cos b - cos a sin b`, less than 1e-8 steps off before it is rounded.
+fn arcsine(sine: Positive, cosine: Positive) -> Phase {
+    /// A number in 0..1 in steps of 2^-64.
+    const fn part(x: f64) -> u64 {
+        Positive::of(x).nearest(64)
+    }
+    const QUARTER: usize = node::COUNT / 4;
+    let times = |a: u64, b: u64| product(a, b).0;
+    let nodes = arcsine_single(sine.single()) * (node::COUNT as f64 / TAU) as f32 + 0.5;
+    let nearest = (nodes as usize).min(QUARTER);
+    let [below, beside] = [node::QUARTER[nearest], node::QUARTER[QUARTER - nearest]];
+    let apart = times(sine.nearest(64), beside) as i64 - times(cosine.nearest(64), below) as i64;
+    let x = 2 * apart.unsigned_abs();
+    let square = times(x, x);
+    let series =
+        part(1.0 / 6.0) + times(square, part(3.0 / 40.0) + times(square, part(15.0 / 336.0)));
+    let turns = times(x + times(times(square, x), series), part(1.0 / TAU));
+    let from = (nearest as u64) << 56;
+    let angle = if apart < 0 {
+        from - turns
+    } else {
+        from + turns
+    };
+    Phase::from_bits(((angle + (1 << 31)) >> 32) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Those of f64, as far as a kernel rounds them.
+    fn expected(k: f64) -> (u32, f32, f32, f32, i64, u32, i32, i32) {
+        let lift_off = if k < 1.0 {
+            Phase::from_radians(libm::asin(k)).bits()
+        } else {
+            1 << 30
+        };
+        let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
+        let tall = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
+        (
             lift_off,
-            hump: (1_u32 << 31) - 2 * lift_off.bits(),
-            lift_off_cosine: libm::sqrt((1.0 - k) * (1.0 + k)),
+            cosine as f32,
+            (1.0 / k) as f32,
+            tall as f32,
+            Fixed::<48, i64>::nearest_positive(k * PI).0,
+            Fixed::<24, u32>::nearest(1.0 / (TAU * k)).0,
+            Fixed::<26>::nearest(cosine).0,
+            Fixed::<27>::nearest(tall).0,
+        )
+    }
+
+    fn is(k: f64) -> (u32, f32, f32, f32, i64, u32, i32, i32) {
+        let set_up = SetUp::build(k, 0.5).unwrap();
+        (
+            set_up.lift_off.bits(),
+            set_up.lift_off_cosine.single(),
+            set_up.inverse.single(),
+            set_up.tall().single(),
+            set_up.half_turn_fall().0,
+            set_up.turns().nearest(24) as u32,
+            set_up.lift_off_cosine.nearest(26) as i32,
+            set_up.tall().nearest(27) as i32,
+        )
+    }
+
+    /// How many k were tried, and of how many a constant is not that of f64: a step of the phase, or a rounding of f32.
+    fn tried(ks: impl Iterator<Item = f64>) -> [u32; 3] {
+        let mut counts = [0; 3];
+        for k in ks {
+            let (expected, is) = (expected(k), is(k));
+            counts[0] += 1;
+            if expected != is {
+                let off = expected.0.abs_diff(is.0);
+                assert!(off <= 1, "{k:e}: {expected:?} {is:?}");
+                counts[1] += off;
+                counts[2] += u32::from((expected.1, expected.2, expected.3) != (is.1, is.2, is.3));
+                assert_eq!(
+                    (expected.4, expected.5, expected.6, expected.7),
+                    (is.4, is.5, is.6, is.7),
+                    "{k:e}"
+                );
+            }
+        }
+        counts
+    }
+
+    #[test]
+    fn the_constants_are_those_of_f64() {
+        let random = (0..200_000_u64).map(|n| {
+            let bits = n.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11;
+            0.005 * libm::exp(6.684 * bits as f64 / (1_u64 << 53) as f64)
+        });
+        let single = (0..200_000_u32).map(|n| f64::from(f32::from_bits(0x3ba3_d70b + 402 * n)));
+        let near_one = (1..1000).flat_map(|n| {
+            [
+                1.0 - f64::EPSILON * f64::from(n),
+                1.0 + f64::EPSILON * f64::from(n),
+            ]
+        });
+        let ends = [0.005, 0.5, 1.0, 2.0, 4.0];
+        let [tried, phases, others] = tried(random.chain(single).chain(near_one).chain(ends));
+        assert_eq!([phases, others], [0, 0]);
+        assert!(tried > 400_000);
+    }
+
+    /// Every f32: minutes.
+    #[test]
+    #[ignore = "81 million k: with --release --ignored"]
+    fn the_constants_of_every_single_k_are_those_of_f64() {
+        let all = (0.005_f32.to_bits() + 1..=4.0_f32.to_bits())
+            .map(|bits| f64::from(f32::from_bits(bits)));
+        let [tried, phases, others] = tried(all);
+        std::println!(
+            "of {tried} k {phases} lift off a step apart, {others} have a constant rounded otherwise"
+        );
+        // What libm's last digit decides.
+        assert!(phases < 40 && others < 40);
+    }
+
+    #[test]
+    fn restitutions_are_rounded_and_refusals_name_them() {
+        for (restitution, steps) in [
+            (0.0, 0),
+            (-0.0, 0),
+            (1e-300, 0),
+            (0.5, 1 << 31),
+            (1.0 - 1e-12, u32::MAX),
+            (1.0, u32::MAX),
+        ] {
+            assert_eq!(SetUp::build(0.5, restitution).unwrap().restitution.0, steps);
+        }
+        for (k, restitution, parameter) in [
+            (0.004_999, 0.5, "k"),
+            (4.000_1, 0.5, "k"),
+            (-0.5, 0.5, "k"),
+            (f64::NAN, 0.5, "k"),
+            (f64::INFINITY, 0.5, "k"),
+            (0.5, -1e-300, "restitution"),
+            (0.5, 1.000_001, "restitution"),
+            (0.5, f64::NAN, "restitution"),
+        ] {
+            assert_eq!(
+                SetUp::build(k, restitution).unwrap_err().parameter,
+                parameter
+            );
         }
     }
 }

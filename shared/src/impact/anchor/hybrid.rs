@@ -459,10 +459,10 @@ impl Kernel for Hybrid {
         let set_up = SetUp::build(k, restitution)?;
         Ok(Self {
             shape: Shape::new(&set_up),
-            threshold: Fixed::<30>::nearest(k.min(1.0)),
-            excess: (k - 1.0).max(0.0) as f32,
-            half_turn_fall: Fixed::<48, i64>::nearest_positive(k * core::f64::consts::PI),
-            restitution: Fixed::<32, u32>::nearest(restitution),
+            threshold: Fixed(set_up.k.nearest(30).min(1 << 30) as i32),
+            excess: set_up.excess.single(),
+            half_turn_fall: set_up.half_turn_fall(),
+            restitution: set_up.restitution,
         })
     }
 

@@ -4,6 +4,7 @@ use super::flight::{
     Flight, Launch, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
 };
 use crate::arithmetic::Phase;
+use crate::arithmetic::positive::Positive;
 use crate::impact::set_up::SetUp;
 
 /// What the search needs to know of the track, in f32.
@@ -26,19 +27,38 @@ pub(crate) struct Shape {
 
 impl Shape {
     pub fn new(set_up: &SetUp) -> Self {
+        const PER_STEP: Positive = Positive::of(Phase::RADIANS_PER_STEP);
         // How far into a hump the cubic of [`Shape::clears`] holds: `k x / (4 c)` is 0.12 and `x^2 / 20` 0.08 there.
-        let reach = (0.48 * set_up.lift_off_cosine / set_up.k).min(1.26);
+        const FARTHEST: Positive = Positive::of(1.26);
+        let SetUp {
+            k,
+            inverse,
+            lift_off_cosine,
+            hump,
+            ..
+        } = *set_up;
+        let reach = Positive::of(0.48).times(lift_off_cosine).times(inverse);
+        let reach = if reach.nearest(56) < FARTHEST.nearest(56) {
+            reach
+        } else {
+            FARTHEST
+        };
+        let single = k.single();
         Self {
-            k: set_up.k as f32,
-            half_k: (0.5 * set_up.k) as f32,
-            inverse: (1.0 / set_up.k) as f32,
-            excess: (set_up.k - 1.0).max(0.0) as f32,
-            lift_off_cosine: set_up.lift_off_cosine as f32,
-            hump_length: (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32,
-            tall: set_up.tall() as f32,
-            skim: (0.4 * set_up.lift_off_cosine * reach * reach) as f32,
+            k: single,
+            half_k: 0.5 * single,
+            inverse: inverse.single(),
+            excess: set_up.excess.single(),
+            lift_off_cosine: lift_off_cosine.single(),
+            hump_length: Positive::steps(u64::from(hump), 0).times(PER_STEP).single(),
+            tall: set_up.tall().single(),
+            skim: Positive::of(0.4)
+                .times(lift_off_cosine)
+                .times(reach)
+                .times(reach)
+                .single(),
             lift_off: set_up.lift_off.bits(),
-            hump: set_up.hump,
+            hump,
         }
     }
 
@@ -129,6 +149,34 @@ impl Track for Shape {
             push: sine,
             surge: cosine,
             bend: sine,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_follows_from_the_set_up_is_as_f64_has_it() {
+        for n in 0..100_000 {
+            let k = 0.005 + 3.995 * (f64::from(n) * 0.618_033_988_749_895).rem_euclid(1.0);
+            let k = if n % 2 == 0 {
+                1.0 / (0.25 + k)
+            } else {
+                f64::from(k as f32)
+            };
+            let set_up = SetUp::build(k, 0.5).unwrap();
+            let shape = Shape::new(&set_up);
+            let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
+            let reach = (0.48 * cosine / k).min(1.26);
+            let skim = (0.4 * cosine * reach * reach) as f32;
+            let length = (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32;
+            assert_eq!((shape.skim, shape.hump_length), (skim, length), "{k:e}");
+            assert_eq!(
+                (shape.half_k, shape.excess),
+                ((0.5 * k) as f32, (k - 1.0).max(0.0) as f32)
+            );
         }
     }
 }

@@ -1,7 +1,5 @@
 //! A track and a part in the integers that a flight is computed from.
 
-use core::f64::consts::{PI, TAU};
-
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, node};
 use crate::impact::set_up::SetUp;
@@ -51,18 +49,17 @@ pub(super) struct Constants {
 
 impl Constants {
     /// Those of a set-up, rounded to their steps.
-    pub fn new(set_up: &SetUp, restitution: f64) -> Self {
-        let k = set_up.k;
+    pub fn new(set_up: &SetUp) -> Self {
         Self {
             lift_off: set_up.lift_off.bits(),
             hump: set_up.hump,
-            k: Fixed::<28>::nearest(k),
-            threshold: Fixed::<30, i64>::nearest(k).narrow(),
-            lift_off_cosine: Fixed::<26>::nearest(set_up.lift_off_cosine),
-            half_turn_fall: Fixed::<48, i64>::nearest(k * PI),
-            inverse: Fixed::<24, u32>::nearest(1.0 / (TAU * k)),
-            tall: Fixed::<27>::nearest(set_up.tall()),
-            restitution: Fixed::<32, u32>::nearest(restitution),
+            k: Fixed(set_up.k.nearest(28) as i32),
+            threshold: Fixed(set_up.k.nearest(30) as i32),
+            lift_off_cosine: Fixed(set_up.lift_off_cosine.nearest(26) as i32),
+            half_turn_fall: set_up.half_turn_fall(),
+            inverse: Fixed(set_up.turns().nearest(24) as u32),
+            tall: Fixed(set_up.tall().nearest(27) as i32),
+            restitution: set_up.restitution,
         }
     }
 

@@ -120,7 +120,7 @@ impl Kernel for Integer {
 
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         let set_up = SetUp::build(k, restitution)?;
-        Ok(Self(Constants::new(&set_up, restitution)))
+        Ok(Self(Constants::new(&set_up)))
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {

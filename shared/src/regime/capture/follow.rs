@@ -3,7 +3,7 @@
 use core::f32::consts::{PI, TAU};
 
 use super::{DriveLag, Envelope, Kick};
-use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
+use crate::arithmetic::{Phase, arcsine_single, sine_cosine_single};
 use crate::feeder::OutOfRange;
 use crate::impact::{Kernel, LATE, State};
 use crate::regime::Lock;
@@ -257,7 +257,7 @@ impl<K: Kernel> Follow<K> {
             }
             amplitude = sampled;
             let k = self.k_at(amplitude);
-            leaves = if k < 1.0 { arcsine(k) } else { PI };
+            leaves = if k < 1.0 { arcsine_single(k) } else { PI };
             phase = phase.max(leaves);
         }
         phase += LATE as f32;
@@ -274,35 +274,10 @@ impl<K: Kernel> Follow<K> {
 /// Steps of a phase in a radian.
 const STEPS_PER_RAD: f32 = Phase::STEPS_PER_RADIAN as f32;
 
-/// Arcsine of 0..=1, error below 3e-7 (Abramowitz & Stegun 4.4.46 in f32).
-fn arcsine(x: f32) -> f32 {
-    const COEFFICIENTS: [f32; 8] = [
-        -0.001_262_491,
-        0.006_670_09,
-        -0.017_088_126,
-        0.030_891_88,
-        -0.050_174_305,
-        0.088_978_98,
-        -0.214_598_8,
-        core::f32::consts::FRAC_PI_2,
-    ];
-    let sum = COEFFICIENTS.iter().fold(0.0, |sum, c| sum * x + c);
-    PI / 2.0 - square_root_single(1.0 - x) * sum
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::DriveLagSettings;
     use super::*;
-
-    #[test]
-    fn arcsine_keeps_its_error() {
-        for step in 0..=10_000 {
-            let x = step as f32 / 10_000.0;
-            let error = f64::from(arcsine(x)) - libm::asin(f64::from(x));
-            assert!(error.abs() < 3e-7, "{x} {error}");
-        }
-    }
 
     use crate::impact::{Hybrid, Map};
 

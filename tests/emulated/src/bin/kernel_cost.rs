@@ -60,6 +60,7 @@ mod cost {
         /// Of the worst orbit that stays locked or chaotic.
         pub worst: u64,
         orbits: u64,
+        set_up: u64,
         high: u64,
         low: u64,
     }
@@ -92,9 +93,16 @@ mod cost {
         say!("instructions {name} orbits {CPU} {orbits}");
         let cost = orbit(counter, begin::<K>(CHATTER));
         say!("instructions {name} chatter {CPU} {cost}");
+        let set_up = counter.count(|| {
+            for k in TRACKS {
+                black_box(track::<K>(black_box(k)));
+            }
+        }) / TRACKS.len() as u64;
+        say!("instructions {name} set-up {CPU} {set_up}");
         Cost {
             worst,
             orbits,
+            set_up,
             high: falls(counter, "high", 20.0, track::<K>),
             low: falls(counter, "low", 3.0, track::<K>),
         }
@@ -115,13 +123,14 @@ mod cost {
         say!("instructions {name} orbits {CPU} {orbits}");
         let cost = orbit(counter, begin_on_tones::<K>(WAVE_CHATTER));
         say!("instructions {name} chatter {CPU} {cost}");
-        let cost = counter.count(|| {
+        let set_up = counter.count(|| {
             black_box(begin_on_tones::<K>(black_box(WAVE_CHATTER)));
         });
-        say!("instructions {name} set-up {CPU} {cost}");
+        say!("instructions {name} set-up {CPU} {set_up}");
         Cost {
             worst,
             orbits,
+            set_up,
             high: falls(counter, "high", 20.0, track_on_tones::<K>),
             low: falls(counter, "low", 3.0, track_on_tones::<K>),
         }

@@ -1,0 +1,239 @@
+//! Positive numbers in 64 bits and an exponent: what kernels are set up from on a CPU without f64.
+
+use super::fixed::Fixed;
+use super::square_root_single;
+
+/// A number above 0 as a mantissa in 2^63..2^64, in steps of 2^-`places`; or 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Positive {
+    mantissa: u64,
+    places: i32,
+}
+
+impl Positive {
+    pub const ZERO: Self = Self {
+        mantissa: 0,
+        places: 0,
+    };
+
+    /// A normal f64 above 0, exactly.
+    #[inline(always)]
+    pub const fn of(value: f64) -> Self {
+        let bits = value.to_bits();
+        Self {
+            mantissa: bits << 11 | 1 << 63,
+            places: 1086 - (bits >> 52) as i32,
+        }
+    }
+
+    /// So many steps of 2^-`places`.
+    #[inline(always)]
+    pub const fn steps(count: u64, places: i32) -> Self {
+        if count == 0 {
+            return Self::ZERO;
+        }
+        let shift = count.leading_zeros();
+        Self {
+            mantissa: count << shift,
+            places: places + shift as i32,
+        }
+    }
+
+    /// The nearest number of steps of 2^-`places`, of which there are below 2^64.
+    #[inline(always)]
+    pub const fn nearest(self, places: i32) -> u64 {
+        let shift = (self.places - places) as u32;
+        match shift {
+            0 => self.mantissa,
+            1..64 => (self.mantissa >> shift) + (self.mantissa >> (shift - 1) & 1),
+            64 => self.mantissa >> 63,
+            _ => 0,
+        }
+    }
+
+    /// The same as fixed point, below 2^63 steps.
+    #[inline(always)]
+    pub const fn fixed<const F: u32>(self) -> Fixed<F, i64> {
+        Fixed(self.nearest(F as i32) as i64)
+    }
+
+    /// The nearest f32 to a number within 2^-100..2^100, ties to even.
+    #[inline(always)]
+    pub const fn single(self) -> f32 {
+        if self.mantissa == 0 {
+            return 0.0;
+        }
+        let kept = (self.mantissa >> 40) as u32;
+        let (rest, half) = ((self.mantissa >> 8) as u32, 1 << 31);
+        // What rounds up to the next power of 2 carries into the exponent, whose last bit is that of 2^23.
+        let below = rest == half && self.mantissa as u8 == 0;
+        let up = rest >= half && !(below && kept & 1 == 0);
+        f32::from_bits((((189 - self.places) as u32) << 23) + kept + up as u32)
+    }
+
+    /// The product, less at most 2^-62 of it.
+    #[inline(always)]
+    pub const fn times(self, other: Self) -> Self {
+        let (high, low) = product(self.mantissa, other.mantissa);
+        self.scaled(other, high, low)
+    }
+
+    /// The product to the 53 bits of an f64, as that rounds it.
+    #[inline(always)]
+    pub const fn times_in_double(self, other: Self) -> Self {
+        let (high, low) = product(self.mantissa, other.mantissa);
+        let Self { mantissa, places } = self.scaled(other, high, low);
+        // What was cut off from it.
+        let lost = if high >> 63 == 1 { low } else { low << 1 } != 0;
+        let kept = mantissa >> 11;
+        let rest = mantissa as u32 & 0x7ff;
+        let up = rest > 0x400 || rest == 0x400 && (lost || kept & 1 == 1);
+        Self::steps(kept + up as u64, places - 11)
+    }
+
+    #[inline(always)]
+    const fn scaled(self, other: Self, high: u64, low: u64) -> Self {
+        let places = self.places + other.places - 64;
+        if high >> 63 == 1 || high == 0 {
+            Self {
+                mantissa: high,
+                places,
+            }
+        } else {
+            Self {
+                mantissa: high << 1 | low >> 63,
+                places: places + 1,
+            }
+        }
+    }
+
+    /// `1 / x` of a number that is not 0, to about 2^-60 of it: f32's, and two Newton steps in integers.
+    #[inline(always)]
+    pub fn inverse(self) -> Self {
+        let x = self.mantissa;
+        // 2^94 / x, of which 23 bits are right.
+        let nearly = 4_611_686_018_427_387_904.0 / (x >> 32) as u32 as f32;
+        let start = nearly as u32;
+        let rate = nearly * (1.0 / 1_073_741_824.0);
+        // 2^94 - x start, over 2^32: below 2^40.
+        let (upper, lower) = (
+            (x >> 32) * u64::from(start),
+            (x & 0xffff_ffff) * u64::from(start),
+        );
+        let miss = (1_u64 << 62).wrapping_sub(upper).wrapping_sub(lower >> 32) as i64;
+        let step = ((miss >> 10) as i32 as f32 * rate) as i32;
+        let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 10);
+        // 2^126 - x better, over 2^64.
+        let miss = (1_u64 << 62).wrapping_sub(product(x, better).0) as i64;
+        let step = (miss as i32 as f32 * rate) as i32;
+        Self::steps(
+            better.wrapping_add_signed(i64::from(step)),
+            126 - self.places,
+        )
+    }
+
+    /// The square root, to about 2^-60 of it: f32's, and two Newton steps in integers.
+    #[inline(always)]
+    pub fn root(self) -> Self {
+        if self.mantissa == 0 {
+            return self;
+        }
+        // Even, and room to round up.
+        let shift = 2 - (self.places & 1);
+        let (x, places) = (self.mantissa >> shift, self.places - shift);
+        // The root of x in 32 bits, of which 23 are right.
+        let nearly = square_root_single((x >> 32) as u32 as f32) * 65_536.0;
+        let start = nearly as u32;
+        let rate = 0.5 / nearly;
+        let square = u64::from(start) * u64::from(start);
+        // Below 2^42; what the root lacks is below 2^10.
+        let miss = x.wrapping_sub(square) as i64;
+        let step = ((miss >> 12) as i32 as f32 * (rate * 4_294_967_296.0)) as i32;
+        let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 12);
+        let miss = x.wrapping_sub(product(better, better).0) as i64;
+        let step = (miss as i32 as f32 * (rate * 4_294_967_296.0)) as i32;
+        Self::steps(better.wrapping_add_signed(i64::from(step)), places / 2 + 32)
+    }
+}
+
+/// The product's upper and lower half.
+#[inline(always)]
+pub(crate) const fn product(a: u64, b: u64) -> (u64, u64) {
+    const LOW: u64 = 0xffff_ffff;
+    let (a_high, a_low) = (a >> 32, a & LOW);
+    let (b_high, b_low) = (b >> 32, b & LOW);
+    let low = a_low * b_low;
+    let one = a_high * b_low + (low >> 32);
+    let two = a_low * b_high + (one & LOW);
+    (
+        a_high * b_high + (one >> 32) + (two >> 32),
+        two << 32 | low & LOW,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers of every size and pattern.
+    fn numbers() -> impl Iterator<Item = f64> {
+        (0..200_000_u64).map(|n| {
+            let bits = n.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let mantissa = match n % 5 {
+                0 => 0,
+                1 => (1 << 52) - 1,
+                2 => bits >> 12 & !((1 << 30) - 1),
+                _ => bits >> 12,
+            };
+            f64::from_bits((1023 - 30 + n % 61) << 52 | mantissa)
+        })
+    }
+
+    #[test]
+    fn it_is_the_f64_it_is_of_and_rounds_as_f64_does() {
+        let pi = core::f64::consts::PI;
+        for x in numbers() {
+            let number = Positive::of(x);
+            assert_eq!(number.single().to_bits(), (x as f32).to_bits(), "{x:e}");
+            let product = number.times_in_double(Positive::of(pi));
+            assert_eq!(product, Positive::of(x * pi), "{x:e}");
+            if x < 4.0 {
+                let steps = libm::round(x * 1_073_741_824.0) as u64;
+                assert_eq!(number.nearest(30), steps, "{x:e}");
+            }
+        }
+        for places in [0, 1, 29, 30, 31] {
+            assert_eq!(Positive::of(1.0).nearest(places), 1 << places);
+        }
+        assert_eq!(Positive::of(0.5).nearest(0), 1);
+        assert_eq!(Positive::of(0.499).nearest(0), 0);
+        assert_eq!(Positive::of(0.249).nearest(0), 0);
+        assert_eq!(Positive::ZERO.single().to_bits(), 0);
+        assert_eq!(Positive::ZERO.nearest(30), 0);
+    }
+
+    #[test]
+    fn inverse_root_and_product_are_right_to_sixty_bits() {
+        let off = |a: Positive, b: Positive| {
+            // In steps of the mantissa.
+            let shift = a.places - b.places;
+            let (a, b) = (u128::from(a.mantissa) << 2, u128::from(b.mantissa) << 2);
+            let a = match shift {
+                0 => a,
+                1 => a >> 1,
+                -1 => a << 1,
+                _ => return u128::MAX,
+            };
+            a.abs_diff(b) >> 2
+        };
+        let one = Positive::of(1.0);
+        for x in numbers() {
+            let number = Positive::of(x);
+            let inverse = number.inverse();
+            assert!(off(number.times(inverse), one) < 16, "{x:e} {inverse:?}");
+            let root = number.root();
+            assert!(off(root.times(root), number) < 24, "{x:e} {root:?}");
+        }
+        assert_eq!(Positive::ZERO.root(), Positive::ZERO);
+    }
+}
