@@ -239,11 +239,6 @@ impl<const F: u32> Fixed<F, u32> {
 }
 
 impl<const F: u32> Fixed<F, i64> {
-    /// The nearest to a positive `value`: it saturates at one end only, which saves a CPU without f64 a comparison.
-    pub fn nearest_positive(value: f64) -> Self {
-        Self(libm::round(value * steps(F)) as u64 as i64)
-    }
-
     /// The product in steps of 2^-`H`, rounded down, of factors whose product 64 bits hold; modulo 2^32 of
     /// the steps.
     #[inline(always)]

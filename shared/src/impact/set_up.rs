@@ -150,7 +150,7 @@ mod tests {
             cosine as f32,
             (1.0 / k) as f32,
             tall as f32,
-            Fixed::<48, i64>::nearest_positive(k * PI).0,
+            Fixed::<48, i64>::nearest(k * PI).0,
             Fixed::<24, u32>::nearest(1.0 / (TAU * k)).0,
             Fixed::<26>::nearest(cosine).0,
             Fixed::<27>::nearest(tall).0,
