@@ -53,7 +53,7 @@ pub use integer::Integer;
 pub use integer::WaveInteger;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
-pub use kernel::{HybridState, Impact, Kernel, Landing, State};
+pub use kernel::{HybridState, Impact, Kernel, Landing, SingleImpact, State};
 #[cfg(feature = "plant")]
 pub(crate) use orbit::AlongLaw;
 #[cfg(feature = "control")]

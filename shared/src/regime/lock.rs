@@ -98,7 +98,7 @@ impl Lock {
     /// exists. Whether it attracts is for [`Lock::attracts`], whether it is flown for
     /// [`Lock::is_first_return`].
     pub fn at(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {
-        Map::build(k, restitution)?;
+        Map::accepts(k, restitution)?;
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
         let cosine = PI * r * k * (1.0 - restitution) / (1.0 + restitution);

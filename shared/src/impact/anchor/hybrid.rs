@@ -9,10 +9,13 @@ use super::shape::Shape;
 use super::solve::Found;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
+use crate::arithmetic::positive::Positive;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, sine_cosine_fine};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, accept_phase};
+use crate::impact::kernel::{
+    HybridState, Impact, Kernel, Landing, SingleImpact, State, accept_phase,
+};
 use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
@@ -489,5 +492,89 @@ impl Kernel for Hybrid {
     #[inline]
     fn impact(&self, state: HybridState) -> Impact<HybridState> {
         self.land(state).impact()
+    }
+
+    fn impact_single(&self, state: HybridState) -> SingleImpact<HybridState> {
+        const PER_STEP: Positive = Positive::of(Phase::RADIANS_PER_STEP);
+        let Landing { steps, next, .. } = self.land(state);
+        let radians = |steps: u64| Positive::steps(steps, 0).times(PER_STEP).single();
+        SingleImpact {
+            flight: radians(steps.unsigned_abs()),
+            phase: radians(u64::from(next.phase.bits())),
+            velocity: next.velocity.fixed().single(),
+            next,
+        }
+    }
+
+    fn scaled(state: HybridState, factor: f32) -> Result<HybridState, OutOfRange> {
+        let velocity = state.velocity.fixed();
+        let factor = Positive::of(f64::from(factor));
+        let scaled = Positive::steps(u64::from(velocity.0), 26).times(factor);
+        let scaled = if velocity.0 == 0 {
+            0
+        } else {
+            scaled.nearest(26)
+        };
+        match u32::try_from(scaled) {
+            Ok(steps) if steps <= TOP_VELOCITY.0 => Ok(HybridState {
+                velocity: Velocity::from_fixed(Fixed(steps)),
+                ..state
+            }),
+            _ => Self::state(state.phase.radians(), f64::INFINITY),
+        }
+    }
+
+    fn resting(phase: f32) -> Result<HybridState, OutOfRange> {
+        const PER_RADIAN: Positive = Positive::of(1.0 / core::f64::consts::TAU);
+        if !(phase > 0.0 && phase < core::f32::consts::TAU) {
+            return Self::state(f64::from(phase), 0.0);
+        }
+        let turns = Positive::of(f64::from(phase)).times(PER_RADIAN);
+        Ok(HybridState {
+            phase: Phase::from_bits(turns.nearest(32) as u32),
+            velocity: Velocity::ZERO,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a kernel does that has f64.
+    fn expected(kernel: &Hybrid, state: HybridState) -> SingleImpact<HybridState> {
+        let impact = kernel.impact(state);
+        let State { phase, velocity } = Hybrid::observe(impact.next);
+        SingleImpact {
+            flight: impact.flight as f32,
+            phase: phase as f32,
+            velocity: velocity as f32,
+            next: impact.next,
+        }
+    }
+
+    #[test]
+    fn in_single_precision_it_is_what_f64_rounds_to() {
+        for n in 0..200_000_u32 {
+            let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
+            let kernel = Hybrid::build(0.05 + spread(0.618_034), 0.5).unwrap();
+            let velocity = [0.0, 1e-4, 1.0, 20.0, 60.0][n as usize % 5] * spread(0.303_577);
+            let state = Hybrid::state(6.0 * spread(0.732_051), velocity).unwrap();
+            assert_eq!(kernel.impact_single(state), expected(&kernel, state), "{n}");
+            let factor = (4.0 * spread(0.444_444_1)) as f32 + 0.01;
+            let State { phase, velocity } = Hybrid::observe(state);
+            let slower = Hybrid::state(phase, velocity * f64::from(factor));
+            assert_eq!(
+                Hybrid::scaled(state, factor).ok(),
+                slower.ok(),
+                "{state:?} {factor}"
+            );
+            let phase = (6.28 * spread(0.123_456_7)) as f32;
+            assert_eq!(
+                Hybrid::resting(phase),
+                Hybrid::state(f64::from(phase), 0.0),
+                "{phase}"
+            );
+        }
     }
 }

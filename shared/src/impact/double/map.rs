@@ -57,6 +57,14 @@ impl Map {
         )
     }
 
+    /// Refuses a k or a restitution that has no map, without the set-up of one.
+    pub(crate) fn accepts(k: f64, restitution: f64) -> Result<(), OutOfRange> {
+        accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
+        let held = (0.0..=1.0).contains(&restitution);
+        accept("restitution", restitution, held, "0..1")?;
+        Ok(())
+    }
+
     pub(in crate::impact) fn track(&self) -> &Track<f64> {
         &self.track
     }
@@ -82,13 +90,7 @@ impl Kernel for Map {
     const NAME: &'static str = "f64";
 
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
-        accept(
-            "restitution",
-            restitution,
-            (0.0..=1.0).contains(&restitution),
-            "0..1",
-        )?;
+        Self::accepts(k, restitution)?;
         Ok(Self {
             track: Track::new(k),
             restitution,

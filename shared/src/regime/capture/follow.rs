@@ -5,7 +5,7 @@ use core::f32::consts::{PI, TAU};
 use super::{DriveLag, Envelope, Kick};
 use crate::arithmetic::{Phase, arcsine_single, sine_cosine_single};
 use crate::feeder::OutOfRange;
-use crate::impact::{Kernel, LATE, State};
+use crate::impact::{Kernel, LATE, SingleImpact, State};
 use crate::regime::Lock;
 
 /// One part on one drive: what a kick is tried on.
@@ -156,8 +156,7 @@ impl<K: Kernel> Follow<K> {
                 if self.amplitude == before {
                     Some(state)
                 } else {
-                    let State { phase, velocity } = K::observe(state);
-                    K::state(phase, velocity * f64::from(before / self.amplitude)).ok()
+                    K::scaled(state, before / self.amplitude).ok()
                 }
             }
             None => self.lift_off(),
@@ -167,12 +166,15 @@ impl<K: Kernel> Follow<K> {
             // A part that stays at rest at the target amplitude stays for ever.
             return settled.then_some(Outcome::Missed);
         };
-        let impact = self.map.impact(launch);
-        let flight = impact.flight as f32 / TAU;
+        let SingleImpact {
+            flight,
+            phase,
+            velocity,
+            next,
+        } = self.map.impact_single(launch);
+        let flight = flight / TAU;
         self.time += flight;
-        self.state = Some(impact.next);
-        let State { phase, velocity } = K::observe(impact.next);
-        let (phase, velocity) = (phase as f32, velocity as f32);
+        self.state = Some(next);
         if settled {
             let since = *self.settled_since.get_or_insert(self.time);
             if self.time - since > PATIENCE {
@@ -264,7 +266,7 @@ impl<K: Kernel> Follow<K> {
         if phase < PI - leaves {
             self.tune(amplitude);
             self.time = cycle + phase / TAU;
-            return K::state(f64::from(phase), 0.0).ok();
+            return K::resting(phase).ok();
         }
         self.time = cycle + 1.0;
         None
