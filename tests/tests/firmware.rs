@@ -223,27 +223,33 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
 }
 
 #[test]
-fn the_plan_for_lively_parts_takes_half_a_second_at_most() {
-    plan_takes_half_a_second_at_most(&clocked("count-lively", Clock::Instructions, 60).passed());
+fn the_plan_for_lively_parts_takes_a_seventh_of_a_second() {
+    let text = clocked("count-lively", Clock::Instructions, 60).passed();
+    let all = plan_takes_half_a_second_at_most(&text);
+    // 23.4 million, and 3 % for another compiler.
+    assert!(all <= 24_100_000, "{text}");
 }
 
 /// Instructions that a slice of planning may take: half of a cycle at 50 Hz and 168 MHz is left to the control.
 const SLICE: u32 = 1_680_000;
 
-fn plan_takes_half_a_second_at_most(text: &str) {
+/// The instructions of a capture plan.
+fn plan_takes_half_a_second_at_most(text: &str) -> u32 {
     let plan = text
         .lines()
         .find_map(|line| line.strip_prefix("capture plan: "));
     println!("capture plan: {}", plan.unwrap_or_default());
-    searched_within_bounds(plan.unwrap_or_default());
+    searched_within_bounds(plan.unwrap_or_default())
 }
 
-fn searched_within_bounds(searched: &str) {
+/// The instructions of a search.
+fn searched_within_bounds(searched: &str) -> u32 {
     let words: Vec<&str> = searched.split(' ').collect();
     let (all, slice): (u32, u32) = (words[0].parse().unwrap(), words[6].parse().unwrap());
     // Half a second at 168 MHz.
     assert!(all > 100_000 && all <= 84_000_000, "{searched}");
     assert!(slice <= SLICE, "{searched}");
+    all
 }
 
 #[test]

@@ -65,13 +65,12 @@ pub struct PlanSettings {
 }
 
 impl PlanSettings {
-    /// What 84 million instructions buy on a Cortex-M4F, less a small reserve: measured there, a
-    /// search that needs all its effort takes about 2040 for each impact's worth of it.
+    /// A search that needs all of it takes 23 million instructions of a Cortex-M4F, 585 for each impact's worth.
     pub const EFFORT: u32 = 40_000;
 }
 
 /// What a set-up of the map for another amplitude costs, in impacts: an arcsine, a square root and a
-/// division in soft double precision.
+/// division in integers.
 pub const SET_UP: u32 = 3;
 
 /// A kick and how it did.
