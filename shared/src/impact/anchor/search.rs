@@ -171,7 +171,7 @@ fn segment<F: OverSine>(
                 spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
             if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
-                let (poke, touches) = lowest(shape, *launch, flight, middle, slope);
+                let (poke, touches) = lowest(shape, *launch, flight, middle, over_top, slope);
                 grazes |= touches;
                 if let Some(mut bracket) = poke {
                     bracket.low = begin;
@@ -219,6 +219,7 @@ fn lowest<F: Flight>(
     launch: Launch,
     flight: &F,
     middle: f32,
+    over_top: f32,
     slope: f32,
 ) -> (Option<Bracket>, bool) {
     let half = 0.5 * shape.hump_length;
@@ -229,10 +230,17 @@ fn lowest<F: Flight>(
         // sin and cos of d: the track is cos(d) around the middle of its hump.
         let (s, c) = sine_cosine_single(Phase::from_bits((d * STEPS_PER_RADIAN) as i32 as u32));
         let rate = slope - k * d + s;
-        if rate > 0.0 {
+        let beyond = if rate > 0.0 {
             high = d;
+            low
         } else {
             low = d;
+            high
+        };
+        // The gap is convex: above its tangent from here to the end of the hump beyond its lowest point.
+        let gap = over_top + d * (slope - shape.half_k * d) + (1.0 - c);
+        if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {
+            return (None, false);
         }
         let newton = d - rate / (c - k);
         let next = if newton > low && newton < high {
