@@ -2,7 +2,7 @@
 # Runs every check of the project, each with a time limit; exit status 0 if all passed.
 #
 #   tests/run.sh          everything that a change must pass
-#   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map, 3e7 of those on several tones; a day of simulated operation, and a week of it by its envelope)
+#   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map, 5e7 of those on several tones; a day of simulated operation, and a week of it by its envelope)
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in

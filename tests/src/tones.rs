@@ -78,7 +78,76 @@ impl Track {
         f64::EPSILON * turned
     }
 
-    /// The first impact after a launch that is not at rest.
+    /// The first impact after a launch that is not at rest: at `told`, where that is soon proven, else by stepping.
+    #[must_use]
+    pub fn first_impact_by(&self, phase: f64, velocity: f64, told: f64) -> Flight {
+        let [height, slope, curvature] = self.gap(phase, velocity, told);
+        let noise = self.rounding(phase, velocity, told);
+        let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;
+        if simple && height.abs() <= 16.0 * noise && self.is_first(phase, velocity, told) {
+            return Flight {
+                duration: told,
+                arrival: -slope,
+                clearance: f64::INFINITY,
+            };
+        }
+        self.first_impact(phase, velocity)
+    }
+
+    /// Whether no impact before `d` is proven; `d` itself is a zero of the gap to rounding.
+    ///
+    /// A ball that leaves the reach of the track faster than the track ever moves meets it once; above that reach there
+    /// is no track; the lower bound of the gap holds from anywhere; and where the slope is negative from here to the
+    /// impact, the gap before it is positive.
+    #[must_use]
+    fn is_first(&self, phase: f64, velocity: f64, d: f64) -> bool {
+        let sum = |weight: i32| -> f64 {
+            let terms = self.tones.iter().map(|(q, e, _)| e * q.powi(weight));
+            terms.sum()
+        };
+        let (reach, fastest, jerk, bound) = (sum(0), sum(1), sum(3), self.bound());
+        let start = self.at(phase);
+        let launch = velocity + start[1];
+        let leaving = launch * launch - 2.0 * self.k * (reach - start[0]);
+        let spare = 1e-13 * (1.0 + launch * launch);
+        let (mut rises, mut sinks) = (f64::INFINITY, 0.0);
+        if launch > 0.0 && leaving > spare {
+            let speed = leaving.sqrt();
+            sinks = (launch + speed) / self.k * (1.0 - 1e-12) - spare / (self.k * speed);
+            rises = (launch - speed) / self.k * (1.0 + 1e-12) + spare / (self.k * speed);
+            if leaving >= fastest * fastest + spare {
+                return d >= sinks;
+            }
+        }
+        let quotient = [velocity, 0.5 * (-start[2] - self.k), -start[3] / 6.0];
+        let mut at = 0.999 * clear(quotient, bound / 24.0, d.min(STRIDE));
+        let [_, slope, curvature] = self.gap(phase, velocity, d);
+        for _ in 0..100 {
+            if at >= rises && at < sinks {
+                at = sinks;
+            }
+            let rest = d - at;
+            // u' = slope - curvature (d - x) at most plus the largest jerk (d - x)^2/2 at x.
+            let rise = (-curvature).max(0.0) * rest + 0.5 * jerk * rest * rest;
+            if rest <= 0.0 || slope + rise < 0.01 * slope {
+                return true;
+            }
+            let there = self.gap(phase, velocity, at);
+            if there[0] <= 4.0 * self.rounding(phase, velocity, at) {
+                return false;
+            }
+            let jerk = -self.at(phase + at)[3];
+            let gap = [there[0], there[1], 0.5 * there[2], jerk / 6.0];
+            let step = 0.999 * clear_from(gap, bound / 24.0);
+            if step <= 1e-6 * rest {
+                return false;
+            }
+            at += step;
+        }
+        false
+    }
+
+    /// The first impact after a launch that is not at rest, by stepping.
     #[must_use]
     pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
         let bound = self.bound();
