@@ -102,13 +102,17 @@ const STEPS_OF_TWO: usize = 12;
 
 /// Rows of the second tone tried at first: e over the largest that is tried, and th in rad. Of order 1 the best of 32
 /// angles around the circle lay between them for every lot that was asked (docs/theory-real-parts.md#t10.2); else
-/// around the circle.
+/// around the circle, of three and more.
 const ROWS: [Tones; 3] = [[[1.0, 2.4], NONE], [[1.0, 2.65], NONE], [[0.7, 2.5], NONE]];
 const ROUND: [Tones; 3] = [
     [[1.0, FRAC_PI_2], NONE],
     [[1.0, PI], NONE],
     [[1.0, 2.4], NONE],
 ];
+/// Of order 2 the best of a dense search lay at 2.88 to 3.14 rad, and the amplitudes are larger by [`MORE_OF_ORDER_TWO`].
+const ROWS_OF_ORDER_TWO: [Tones; 3] =
+    [[[1.0, 2.75], NONE], [[1.0, 3.0], NONE], [[0.75, 2.9], NONE]];
+const MORE_OF_ORDER_TWO: f32 = 1.3;
 const NONE: [f32; 2] = [0.0; 2];
 /// As many with a third tone, of the angle that was the best of some thousand random shapes wherever it bought anything at all
 /// (docs/theory-real-parts.md#t10.3).
@@ -304,9 +308,13 @@ impl GearPlanner {
         };
         let middle = settings.restitution.middle() as f32;
         let tried = if upper > 1 { TRIED_OF_THREE } else { TRIED };
-        let tried = LEAST_TRIED + tried * middle;
-        let (steps, [low, high]) = if upper > 0 && settings.order == 1 {
-            let best = 0.28 + (0.15 + 0.95 * middle) * middle;
+        let mut tried = LEAST_TRIED + tried * middle;
+        let (steps, [low, high]) = if upper > 0 && settings.order <= 2 {
+            let mut best = 0.28 + (0.15 + 0.95 * middle) * middle;
+            if settings.order == 2 {
+                best *= 0.5;
+                tried *= MORE_OF_ORDER_TWO;
+            }
             let within = [low.max(0.75 * best), high.min(1.3 * best)];
             let range = if within[0] < within[1] {
                 within
@@ -452,6 +460,7 @@ impl GearPlanner {
             (0, _) => &[[NONE; 2]],
             (1, 1) => &ROWS,
             (_, 1) => &ROWS_OF_THREE,
+            (_, 2) => &ROWS_OF_ORDER_TWO,
             _ => &ROUND,
         }
     }
@@ -872,6 +881,10 @@ mod tests {
 
     /// The share in f64, by other draws, over 20 parts of 2000 periods.
     fn truth(plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
+        truth_of(1, plan, lot, scatter)
+    }
+
+    fn truth_of(order: u32, plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
         let [second, third] = plan.tones.map(|[amplitude, angle]| Tone {
             amplitude: f64::from(amplitude),
             angle: f64::from(angle),
@@ -884,7 +897,10 @@ mod tests {
         };
         let parts: [Scatter; 20] = core::array::from_fn(|n| part(n as u64));
         let mut sum = Share::default();
-        shares_from_rest(&map, &parts, 1, 2000.0, |_, share| sum = sum.and(&share)).unwrap();
+        shares_from_rest(&map, &parts, order, 2000.0, |_, share| {
+            sum = sum.and(&share)
+        })
+        .unwrap();
         sum.share()
     }
 
@@ -972,6 +988,38 @@ mod tests {
                     "{truth} {plan:?}"
                 );
                 assert!(planner.impacts() <= EFFORT[if third > 0.0 { 2 } else { 1 }]);
+            }
+        }
+    }
+
+    /// Best of `kband gear --order 2 --largest-second-tone 0.3 --runs 12`, a dense map over k, e and th in f64 whose best are
+    /// followed anew: one tone holds next to nothing of order 2, two tones most of it.
+    #[test]
+    fn of_order_two_the_plan_comes_near_a_dense_search() {
+        for (restitution, scatter, one, two) in [
+            (0.2, 0.05, 0.047, 0.940),
+            (0.4, 0.05, 0.133, 0.883),
+            (0.6, 0.05, 0.084, 0.711),
+            (0.3, 0.03, 0.137, 0.998),
+        ] {
+            let lot = Restitution::single(restitution).unwrap();
+            let born = band::birth(lot.high(), 2).unwrap();
+            for (second, best) in [(0.0, one), (0.3, two)] {
+                let settings = GearPlanSettings {
+                    order: 2,
+                    k: [0.14, (1.02 * born).min(0.98) as f32],
+                    ..plan_of(lot, scatter, [second, 0.0]).settings
+                };
+                let mut planner = GearPlanner::new(settings).unwrap();
+                while planner.advance(1000) {}
+                let plan = planner.plan().unwrap();
+                let truth = truth_of(2, plan, lot, scatter);
+                std::println!("{restitution} {second}: {truth:.3} of {best}, {plan:?}");
+                assert!(truth > best - 0.03, "{restitution}: {truth} {plan:?}");
+                assert!(
+                    (f64::from(plan.share) - truth).abs() < 0.05,
+                    "{truth} {plan:?}"
+                );
             }
         }
     }
