@@ -49,7 +49,7 @@ pub struct OptionBytes {
     pub clears: u32,
     /// Its bits of the read protection, and what they are without any.
     pub protection: (u32, u32),
-    /// What they are, for people.
+    /// What they are, in words.
     pub what: &'static str,
 }
 
@@ -143,7 +143,7 @@ pub const STM32G474RE: Chip = Chip {
         program: 1,
         errors: 0xc3fa,
     },
-    // They take effect with a launch of their own (RM0440, 3.4.2), which was seen nowhere.
+    // They take effect with a launch of their own (RM0440, 3.4.2), which no test has seen.
     options: None,
 };
 

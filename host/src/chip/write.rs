@@ -19,7 +19,7 @@ const FIRST: usize = 8;
 /// Looks at a controller until it counts as stuck: with a word, and with the option bytes, whose sector is erased.
 const LOOKS: usize = 1_000;
 const LONG_LOOKS: usize = 100_000;
-/// What to do after it was cut.
+/// The next step after a run that was cut.
 const AGAIN: &str = "run kband flash again: until it ends well the board does not start, and its settings are untouched";
 
 /// Writes an image through a probe, verifies it and starts it; `written` hears of bytes written.

@@ -107,10 +107,7 @@ impl Source for Board {
         {
             self.looked = Some(Instant::now());
             for record in self.log()? {
-                let event = Event::ALL
-                    .iter()
-                    .find(|event| event.number() == record.event);
-                last.events.extend(event);
+                last.events.extend(Event::numbered(record.event));
             }
             if last.events.contains(&Event::TargetSet) {
                 self.assignment.target = self.link.held()?.into();

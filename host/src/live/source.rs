@@ -29,19 +29,13 @@ impl Seen {
     /// What the controller is doing.
     #[must_use]
     pub fn state(&self) -> State {
-        let number = self.telemetry.state;
-        let known = State::ALL.iter().find(|state| state.number() == number);
-        known.copied().unwrap_or_default()
+        State::numbered(self.telemetry.state).unwrap_or_default()
     }
 
     /// What stopped the drive.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
-        let number = self.telemetry.fault;
-        Fault::ALL
-            .iter()
-            .find(|fault| fault.number() == number)
-            .copied()
+        Fault::numbered(self.telemetry.fault)
     }
 
     /// k at the setpoint; `None` without one.

@@ -170,14 +170,8 @@ fn settings_in_words(kept: Kept) -> &'static str {
 }
 
 fn in_words(kept: &KeptFault) -> String {
-    let fault = Fault::ALL
-        .iter()
-        .find(|fault| fault.number() == kept.fault)
-        .map_or("unknown", |fault| fault.name());
-    let state = State::ALL
-        .iter()
-        .find(|state| state.number() == kept.state)
-        .map_or("unknown", |state| state.name());
+    let fault = Fault::numbered(kept.fault).map_or("unknown", Fault::name);
+    let state = State::numbered(kept.state).map_or("unknown", State::name);
     format!(
         "{fault} ({}) after {} s, {state}: b {:.4} mm, expected {:.4} mm, output {:.3}, readings {} to {}",
         kept.fault,

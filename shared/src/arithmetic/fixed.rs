@@ -55,13 +55,13 @@ macro_rules! rounded_to {
         impl<const F: u32> Fixed<F, $held> {
             pub const ZERO: Self = Self(0);
 
-            /// The nearest to a constant.
+            /// The number nearest to a constant.
             pub const fn of(value: f64) -> Self {
                 let scaled = value * steps(F);
                 Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $held)
             }
 
-            /// The nearest to `value`, saturating.
+            /// The number nearest to `value`, saturating.
             pub fn nearest(value: f64) -> Self {
                 Self(libm::round(value * steps(F)) as $held)
             }
@@ -77,7 +77,7 @@ macro_rules! rounded_to {
 macro_rules! in_32_bits {
     ($($held:ty)+) => {$(
         impl<const F: u32> Fixed<F, $held> {
-            /// Of an f32, towards 0, saturating.
+            /// The number of an f32, rounded towards 0, saturating.
             #[inline(always)]
             pub fn from_single(value: f32) -> Self {
                 Self((value * steps(F) as f32) as $held)
@@ -133,7 +133,7 @@ impl<const F: u32> Fixed<F> {
     /// 1, where it has room.
     pub const ONE: Self = Self(1 << F);
 
-    /// The next at or below a constant of at least 0.
+    /// The number at or next below a constant of at least 0.
     pub const fn at_most(value: f64) -> Self {
         Self((value * steps(F)) as i32)
     }
@@ -153,7 +153,7 @@ impl<const F: u32> Fixed<F> {
         Self(self.0.abs())
     }
 
-    /// Of a number of at least 0.
+    /// The same without a sign, of a number of at least 0.
     #[inline(always)]
     pub const fn unsigned(self) -> Fixed<F, u32> {
         Fixed(self.0 as u32)

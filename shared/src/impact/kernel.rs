@@ -25,6 +25,28 @@ pub struct HybridState {
 }
 
 impl HybridState {
+    /// A state of a phase in rad and a velocity in `b w` of at most `top`, which `accepted` says.
+    pub(super) fn build(
+        phase: f64,
+        velocity: f64,
+        top: f64,
+        accepted: &'static str,
+    ) -> Result<Self, OutOfRange> {
+        accept_phase(phase)?;
+        Ok(Self {
+            phase: Phase::from_radians(phase),
+            velocity: Velocity::build(velocity, top, accepted)?,
+        })
+    }
+
+    /// The state as phase in rad and velocity in `b w`.
+    pub(super) fn observed(self) -> State {
+        State {
+            phase: self.phase.radians(),
+            velocity: self.velocity.value(),
+        }
+    }
+
     /// The state with at most this velocity.
     #[inline(always)]
     pub(super) fn held_below(self, top: Fixed<26, u32>) -> Self {

@@ -112,9 +112,7 @@ impl Rows {
     }
 
     fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
-        let state = State::ALL
-            .iter()
-            .find(|state| state.number() == telemetry.state);
+        let state = State::numbered(telemetry.state);
         let held = held(telemetry);
         // Only where one is made: what noise looks like without one says nothing.
         let made = |n: usize, tone: UpperTone| (telemetry.overtones[n] != [0.0; 2]).then_some(tone);
@@ -164,10 +162,8 @@ impl Rows {
 
 /// Fault and limits of a cycle in words.
 fn held(telemetry: &Telemetry) -> String {
-    let fault = Fault::ALL
-        .iter()
-        .find(|fault| fault.number() == telemetry.fault);
-    let fault = fault.map(|fault| format!("fault {}: {}", fault.number(), fault.name()));
+    let fault = Fault::numbered(telemetry.fault)
+        .map(|fault| format!("fault {}: {}", fault.number(), fault.name()));
     let limits = Limits::ALL
         .iter()
         .filter(|limit| limit.bits() & telemetry.limits != 0);
@@ -180,16 +176,12 @@ fn held(telemetry: &Telemetry) -> String {
 }
 
 fn happened(record: &Record) -> String {
-    let event = Event::ALL
-        .iter()
-        .find(|event| event.number() == record.event);
+    let event = Event::numbered(record.event);
     let name = event.map_or_else(
         || format!("event {}", record.event),
         |event| event.name().into(),
     );
-    let fault = Fault::ALL
-        .iter()
-        .find(|fault| fault.number() == record.fault);
+    let fault = Fault::numbered(record.fault);
     match (event, fault) {
         (Some(Event::Faulted), Some(fault)) => {
             format!("{name}: {} (fault {})", fault.name(), fault.number())

@@ -50,18 +50,12 @@ impl BoardStatus {
 
     /// What the controller is doing; `None` where this desk does not know it.
     pub(in crate::verbs) fn state(&self) -> Option<State> {
-        let known = State::ALL.iter().copied();
-        known
-            .into_iter()
-            .find(|state| state.number() == self.telemetry.state)
+        State::numbered(self.telemetry.state)
     }
 
     /// The fault that keeps the drive off.
     pub(in crate::verbs) fn fault(&self) -> Option<Fault> {
-        let known = Fault::ALL.iter().copied();
-        known
-            .into_iter()
-            .find(|fault| fault.number() == self.telemetry.fault)
+        Fault::numbered(self.telemetry.fault)
     }
 
     fn limits(&self) -> Vec<Limits> {

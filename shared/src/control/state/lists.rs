@@ -235,6 +235,13 @@ macro_rules! named {
                 self as u8
             }
 
+            /// The one of a number; `None` where no item has it.
+            #[must_use]
+            pub fn numbered(number: u8) -> Option<Self> {
+                let mut all = Self::ALL.iter().copied();
+                all.find(|item| item.number() == number)
+            }
+
             /// Its name in scenes, traces and the manual.
             #[must_use]
             pub fn name(self) -> &'static str {
@@ -270,6 +277,11 @@ mod tests {
         assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
         assert!(Event::ALL.iter().map(|event| event.number()).eq(1..26));
+        for number in 0..=u8::MAX {
+            let fault = Fault::numbered(number);
+            assert_eq!(fault.is_some(), numbers.contains(&number));
+            assert!(fault.is_none_or(|fault| fault.number() == number));
+        }
         let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         names.sort_unstable();
         names.dedup();

@@ -13,9 +13,7 @@ use crate::arithmetic::positive::Positive;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, sine_cosine_fine};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{
-    HybridState, Impact, Kernel, Landing, SingleImpact, State, accept_phase,
-};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, SingleImpact, State};
 use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
@@ -33,7 +31,7 @@ use crate::impact::set_up::SetUp;
 ///
 /// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
 /// hump, at any flight time; nearer it is flagged. About 320 instructions an
-/// impact on a Cortex-M4F, at most 446 on any locked or chaotic orbit tried.
+/// impact on a Cortex-M4F, at most 447 on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
 /// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it,
@@ -470,11 +468,7 @@ impl Kernel for Hybrid {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        accept_phase(phase)?;
-        Ok(HybridState {
-            phase: Phase::from_radians(phase),
-            velocity: Velocity::build(velocity, TOP, "0..60 (units of b w)")?,
-        })
+        HybridState::build(phase, velocity, TOP, "0..60 (units of b w)")
     }
 
     #[inline]
@@ -483,10 +477,7 @@ impl Kernel for Hybrid {
     }
 
     fn observe(state: HybridState) -> State {
-        State {
-            phase: state.phase.radians(),
-            velocity: state.velocity.value(),
-        }
+        state.observed()
     }
 
     #[inline]

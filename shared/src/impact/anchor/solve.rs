@@ -13,7 +13,7 @@ use super::settle::down_crossing;
 /// alone, between 0 and 0.1.
 const SLOWEST: f32 = 0.01;
 
-/// And `b2 u0` below this share of the slope's square, a quarter being where the parabola has no root. At 0.05
+/// That step also wants `b2 u0` below this share of the slope's square, a quarter being where the parabola has no root. At 0.05
 /// twice as many flights below velocity 3 need the safeguarded search (2.4 % steps of it for 1.0 %), at 0.3
 /// hardly any; but near the top of the track steps are then taken that lead to no root.
 const SIMPLE: f32 = 0.15;

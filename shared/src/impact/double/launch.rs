@@ -49,9 +49,8 @@ impl<L: Lane> Track<L> {
         self.k.min(L::splat(1.0))
     }
 
-    /// Phase where the track stops pushing, `pi - arcsin k`: between it and the next
-    /// lift-off `u` is concave,
-    /// from lift-off to it `u` is convex (a hump of the track).
+    /// Phase where the track stops pushing, `pi - arcsin k`: the end of a hump. `u` is convex over the hump, from
+    /// lift-off to here, and concave from here to the next lift-off.
     #[inline(always)]
     pub(super) fn hump_end(&self) -> L {
         L::splat(PI) - self.lift_off

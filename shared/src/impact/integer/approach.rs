@@ -25,10 +25,98 @@ const LAST: Fixed<16> = Fixed::<16>::of(0.03967);
 
 /// The node nearest to a time in turns, and how late it is.
 #[inline(always)]
-pub(super) fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
+fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
     let Fixed(node) = (time + Fixed::<18>(1 << 9)).to::<8>();
     let half_turns = (Fixed::<8>(node).to::<18>() - time).scaled::<17>();
     (node, half_turns.short_times(Fixed::<10>::of(PI)))
+}
+
+impl<H> StepsFrom<H> {
+    /// `near` rad after a launch at `phase`, where the part was at height `base` of the track.
+    #[inline(always)]
+    pub(super) fn launch(phase: u32, near: Fixed<17>, speed: Fixed<13>, base: H) -> Self {
+        let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
+        let (node, late) = nearest_node(turns_of(phase).signed() + turns);
+        Self {
+            node,
+            late: near + late,
+            speed,
+            base,
+        }
+    }
+
+    /// Where a part that left at `phase` and rose at `rise` falls through height 0 at about `speed`; `square` is that
+    /// speed's, `inverse` the time in turns over the velocity lost.
+    #[inline(always)]
+    pub(super) fn fall(
+        phase: u32,
+        rise: Fixed<26, u32>,
+        mut speed: Fixed<26, u32>,
+        square: impl FnOnce() -> Fixed<52, i64>,
+        inverse: Fixed<24, u32>,
+        base: H,
+    ) -> Self {
+        let time_of = |speed: Fixed<26, u32>| -> Fixed<18, u32> {
+            let turns: Fixed<50, u64> = (rise + speed).wide(inverse);
+            Fixed(turns.to::<18>().0 as u32)
+        };
+        let mut turns = time_of(speed);
+        if turns > Fixed::<18, u32>::of(3.0) {
+            // So long a flight shows the error of the root: one step of Heron's.
+            let reached = Fixed::<52, i64>(speed.wide::<26, 52>(speed).0 as i64);
+            let rest = (square() - reached).narrow::<30>();
+            let gain: Fixed<25> = Reciprocal::coarse(speed).times(rest);
+            speed = Fixed(speed.0.saturating_add_signed(gain.scaled::<26>().0));
+            turns = time_of(speed);
+        }
+        let (node, late) = nearest_node(turns_of(phase).wrapping_add(turns).signed());
+        Self {
+            node,
+            late,
+            speed: speed.to::<13>().signed(),
+            base,
+        }
+    }
+}
+
+/// A phase in turns.
+#[inline(always)]
+fn turns_of(phase: u32) -> Fixed<18, u32> {
+    Fixed::<32, u32>(phase).to()
+}
+
+/// Time in rad after a launch at which the height `d (psi - a1 d + a2 d^2)` is 0 again, from `least` to 4; `Some(None)` where
+/// it does not come back so soon, and `None` where it comes back sooner.
+#[inline(always)]
+pub(super) fn near_launch(
+    a1: Fixed<15>,
+    a2: Fixed<15>,
+    psi: Fixed<15>,
+    least: Fixed<17>,
+) -> Option<Option<Fixed<17>>> {
+    let square: Fixed<29> = a1.short_times(a1);
+    let product: Fixed<30> = a2.short_times(psi);
+    let discriminant = square - product.scaled::<28>().to::<29>();
+    let zero = Fixed::<15>::ZERO;
+    let falls = a1 > zero && discriminant > -square.to::<25>().scaled();
+    if !falls && (a1 > zero || a2 >= zero) {
+        return Some(None);
+    }
+    let positive = discriminant.max(Fixed::<29>::ZERO).to::<28>();
+    let root = positive.unsigned().root::<15>().signed();
+    let (over, under) = if falls {
+        (psi + psi, a1 + root)
+    } else {
+        (root - a1, -(a2 + a2))
+    };
+    if under <= zero {
+        return None;
+    }
+    let near: Fixed<17> = Reciprocal::coarse(under.unsigned()).times(over);
+    if near < least {
+        return None;
+    }
+    Some(Some(near).filter(|near| *near < Fixed::<17>::of(4.0)))
 }
 
 /// Steps on nodes until they are short: a node and the distance from it in rad.
@@ -91,12 +179,6 @@ impl Ballistic<'_> {
         self.velocity.signed() + self.cosine.to()
     }
 
-    /// The phase of launch in turns.
-    #[inline(always)]
-    fn turns(&self) -> Fixed<18, u32> {
-        Fixed::<32, u32>(self.phase).to()
-    }
-
     /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
     /// `least`.
     #[inline(always)]
@@ -121,29 +203,20 @@ impl Ballistic<'_> {
         }
         let square = (v * v).wrapping_add(((lift.0 >> shift) << 1) as u32);
         let rise = Fixed::<26, u32>(rise as u32);
-        let mut speed = Fixed::<26, u32>(square_root_scaled(square) >> (scale - 10));
-        let time_of = |speed: Fixed<26, u32>| -> Fixed<18, u32> {
-            let turns: Fixed<50, u64> = (rise + speed).wide(constants.inverse);
-            Fixed(turns.to::<18>().0 as u32)
+        let speed = Fixed::<26, u32>(square_root_scaled(square) >> (scale - 10));
+        let square = || {
+            Fixed::<52, i64>(rise.wide::<26, 52>(rise).0 as i64)
+                + Fixed::<27, i64>(i64::from(lift.0)).to()
         };
-        let mut turns = time_of(speed);
-        if turns > Fixed::<18, u32>::of(3.0) {
-            // So long a flight shows the error of the root: one step of Heron's.
-            let square = Fixed::<52, i64>(rise.wide::<26, 52>(rise).0 as i64)
-                + Fixed::<27, i64>(i64::from(lift.0)).to();
-            let reached = Fixed::<52, i64>(speed.wide::<26, 52>(speed).0 as i64);
-            let rest = (square - reached).narrow::<30>();
-            let gain: Fixed<25> = Reciprocal::coarse(speed).times(rest);
-            speed = Fixed(speed.0.saturating_add_signed(gain.scaled::<26>().0));
-            turns = time_of(speed);
-        }
-        let (node, late) = nearest_node(self.turns().wrapping_add(turns).signed());
-        Some(StepsFrom {
-            node,
-            late,
-            speed: speed.to::<13>().signed(),
-            base: Fixed(0),
-        })
+        let inverse = constants.inverse;
+        Some(StepsFrom::fall(
+            self.phase,
+            rise,
+            speed,
+            square,
+            inverse,
+            Fixed(0),
+        ))
     }
 
     /// Where the first impact of a low flight may be, nearly; see the search of the kernels with an FPU.
@@ -160,39 +233,9 @@ impl Ballistic<'_> {
             && self.velocity < Fixed::<26, u32>::of(1.5)
         {
             let psi = self.velocity.to::<15>().signed();
-            let square: Fixed<29> = a1.short_times(a1);
-            let product: Fixed<30> = a2.short_times(psi);
-            let discriminant = square - product.scaled::<28>().to::<29>();
-            let zero = Fixed::<15>::ZERO;
-            let falls = a1 > zero && discriminant > -square.to::<25>().scaled();
-            if falls || (a1 <= zero && a2 < zero) {
-                let positive = discriminant.max(Fixed::<29>::ZERO).to::<28>();
-                let root = positive.unsigned().root::<15>().signed();
-                let (over, under) = if falls {
-                    (psi + psi, a1 + root)
-                } else {
-                    (root - a1, -(a2 + a2))
-                };
-                if under <= zero {
-                    return None;
-                }
-                let near: Fixed<17> = Reciprocal::coarse(under.unsigned()).times(over);
-                if near < Fixed::<17>::of(1.0 / 8.0) {
-                    return None;
-                }
-                if near < Fixed::<17>::of(4.0) {
-                    let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
-                    let (node, late) = nearest_node(self.turns().signed() + turns);
-                    return approach(
-                        self,
-                        StepsFrom {
-                            node,
-                            late: near + late,
-                            speed: -self.rise().to::<13>(),
-                            base: self.sine,
-                        },
-                    );
-                }
+            if let Some(near) = near_launch(a1, a2, psi, Fixed::<17>::of(1.0 / 8.0))? {
+                let speed = -self.rise().to::<13>();
+                return approach(self, StepsFrom::launch(self.phase, near, speed, self.sine));
             }
         }
         let crossing = self.crossing(Fixed::<27>::of(0.1))?;

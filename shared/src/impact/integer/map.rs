@@ -5,11 +5,11 @@ use super::ballistic::Ballistic;
 use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
 use super::settle::{arrival, landing, settle, solve};
 use super::short::ShortFlight;
+use crate::arithmetic::Velocity;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::sine_cosine_narrow;
-use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, accept_phase};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State};
 use crate::impact::set_up::SetUp;
 
 /// The impact map in integers (`integer`).
@@ -25,7 +25,7 @@ use crate::impact::set_up::SetUp;
 ///
 /// No wrong impact among them. The first impact is the right one down to a gap of 1e-7 over a hump (times
 /// the flight time, where that is above 1); nearer it is flagged. About 2100 instructions an impact on a
-/// Cortex-M0, at most 3363 on any locked or chaotic orbit tried.
+/// Cortex-M0, at most 3359 on any locked or chaotic orbit tried.
 ///
 /// State and range as [`Hybrid`](crate::impact::Hybrid), but for the velocity: 0..=29. An impact may leave faster
 /// (by at most 2.5, and only with a restitution above 0.93): its velocity is then right,
@@ -124,11 +124,7 @@ impl Kernel for Integer {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        accept_phase(phase)?;
-        Ok(HybridState {
-            phase: Phase::from_radians(phase),
-            velocity: Velocity::build(velocity, TOP, "0..29 (units of b w)")?,
-        })
+        HybridState::build(phase, velocity, TOP, "0..29 (units of b w)")
     }
 
     #[inline]
@@ -137,10 +133,7 @@ impl Kernel for Integer {
     }
 
     fn observe(state: HybridState) -> State {
-        State {
-            phase: state.phase.radians(),
-            velocity: state.velocity.value(),
-        }
+        state.observed()
     }
 
     #[inline]

@@ -1,9 +1,9 @@
 //! Heights and slopes of a flight over several tones, and where its parabola falls.
 
 use super::constants::{Constants, Level};
-use crate::arithmetic::fixed::{Fixed, Reciprocal, wide};
+use crate::arithmetic::fixed::{Fixed, wide};
 use crate::impact::integer::anchored::{Anchored, Local, Motion};
-use crate::impact::integer::approach::{StepsFrom, approach, nearest_node};
+use crate::impact::integer::approach::{StepsFrom, approach};
 use crate::impact::integer::ballistic::product_32;
 use crate::impact::integer::constants::{RADIANS_PER_TURN, REACH};
 use crate::impact::integer::settle::square_root;
@@ -94,28 +94,16 @@ impl Ballistic<'_> {
             return None;
         }
         let rise = rise.unsigned();
-        let mut speed = square_root(square);
-        let time_of = |speed: Fixed<26, u32>| -> Fixed<18, u32> {
-            let turns: Fixed<50, u64> = (rise + speed).wide(self.constants.inverse);
-            Fixed(turns.to::<18>().0 as u32)
-        };
-        let mut turns = time_of(speed);
-        if turns > Fixed::<18, u32>::of(3.0) {
-            // So long a flight shows the error of the root: one step of Heron's.
-            let reached = Fixed::<52, i64>(speed.wide::<26, 52>(speed).0 as i64);
-            let rest = (square - reached).narrow::<30>();
-            let gain: Fixed<25> = Reciprocal::coarse(speed).times(rest);
-            speed = Fixed(speed.0.saturating_add_signed(gain.scaled::<26>().0));
-            turns = time_of(speed);
-        }
-        let phase = Fixed::<32, u32>(self.phase).to::<18>();
-        let (node, late) = nearest_node(phase.wrapping_add(turns).signed());
-        Some(StepsFrom {
-            node,
-            late,
-            speed: speed.to::<13>().signed(),
-            base: Fixed(0),
-        })
+        let inverse = self.constants.inverse;
+        let speed = square_root(square);
+        Some(StepsFrom::fall(
+            self.phase,
+            rise,
+            speed,
+            || square,
+            inverse,
+            Fixed(0),
+        ))
     }
 }
 

@@ -4,17 +4,15 @@ use super::constants::{Constants, Parts};
 use super::flight::Ballistic;
 use super::search::{Search, Stretch, short_radians};
 use super::short::{LONGEST, Near, steps_of};
-use crate::arithmetic::fixed::{Fixed, Reciprocal};
-use crate::arithmetic::{Phase, Velocity};
+use crate::arithmetic::Velocity;
+use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::integer::Integer;
 use crate::impact::integer::anchored::Anchored;
-use crate::impact::integer::approach::{StepsFrom, approach, nearest_node};
+use crate::impact::integer::approach::{StepsFrom, approach, near_launch};
 use crate::impact::integer::constants::{HALF, SHORT, SLOW};
 use crate::impact::integer::settle::{arrival, landing, settle, solve};
-use crate::impact::kernel::{
-    HybridState, Impact, Kernel, Landing, State, WaveKernel, accept_phase,
-};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
 use crate::impact::wave::Tone;
 
 /// The impact map in integers on a track of two or three tones (`integer-tones`); of one tone it is [`Integer`], bit
@@ -147,42 +145,10 @@ fn candidate(flight: &Ballistic<'_>, parts: &Parts, limit: i64) -> Option<(i32, 
         && flight.velocity < Fixed::<26, u32>::of(1.0)
     {
         let psi = flight.velocity.to::<15>().signed();
-        let square: Fixed<29> = a1.short_times(a1);
-        let product: Fixed<30> = a2.short_times(psi);
-        let discriminant = square - product.scaled::<28>().to::<29>();
-        let zero = Fixed::<15>::ZERO;
-        let falls = a1 > zero && discriminant > -square.to::<25>().scaled();
-        if falls || (a1 <= zero && a2 < zero) {
-            let positive = discriminant.max(Fixed::<29>::ZERO).to::<28>();
-            let root = positive.unsigned().root::<15>().signed();
-            let (over, under) = if falls {
-                (psi + psi, a1 + root)
-            } else {
-                (root - a1, -(a2 + a2))
-            };
-            if under <= zero {
-                return None;
-            }
-            let near: Fixed<17> = Reciprocal::coarse(under.unsigned()).times(over);
-            if near < Fixed::<17>::of(1.0 / 16.0) {
-                return None;
-            }
-            if near < Fixed::<17>::of(4.0) {
-                let turns = near
-                    .to::<14>()
-                    .short_times(Fixed::<17>::of(1.0 / core::f64::consts::TAU));
-                let phase = Fixed::<32, u32>(flight.phase).to::<18>();
-                let (node, late) = nearest_node(phase.signed() + turns);
-                return approach(
-                    flight,
-                    StepsFrom {
-                        node,
-                        late: near + late,
-                        speed: -flight.rise.narrow::<26>().to::<13>(),
-                        base: flight.start.coarse.to::<29>(),
-                    },
-                );
-            }
+        if let Some(near) = near_launch(a1, a2, psi, Fixed::<17>::of(1.0 / 16.0))? {
+            let speed = -flight.rise.narrow::<26>().to::<13>();
+            let base = flight.start.coarse.to::<29>();
+            return approach(flight, StepsFrom::launch(flight.phase, near, speed, base));
         }
     }
     let crossing = flight.crossing(Fixed::<52, i64>(1 << 49))?;
@@ -243,11 +209,7 @@ impl Kernel for WaveInteger {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        accept_phase(phase)?;
-        Ok(HybridState {
-            phase: Phase::from_radians(phase),
-            velocity: Velocity::build(velocity, TOP, "0..24 (units of b w)")?,
-        })
+        HybridState::build(phase, velocity, TOP, "0..24 (units of b w)")
     }
 
     #[inline]
@@ -256,17 +218,12 @@ impl Kernel for WaveInteger {
     }
 
     fn observe(state: HybridState) -> State {
-        Integer::observe(state)
+        state.observed()
     }
 
     #[inline]
     fn impact(&self, state: HybridState) -> Impact<HybridState> {
-        let landing = self.land(state);
-        Impact {
-            flight: landing.flight(),
-            next: landing.next,
-            grazes: landing.grazes,
-        }
+        self.land(state).impact()
     }
 }
 
