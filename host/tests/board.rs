@@ -576,29 +576,36 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     assert_eq!(board.ask("status")["target"], "amplitude 0.15 mm");
 }
 
+/// A pseudo-terminal that takes and gives bytes as they are: its far end, its near end that stays open, and its name.
+#[cfg(unix)]
+fn port() -> (File, File, String) {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&far).unwrap();
+    unlockpt(&far).unwrap();
+    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
+    let near = File::options().read(true).write(true).open(&name).unwrap();
+    let mut modes = tcgetattr(&near).unwrap();
+    modes.make_raw();
+    tcsetattr(&near, OptionalActions::Now, &modes).unwrap();
+    (File::from(far), near, name)
+}
+
 /// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.
 #[cfg(unix)]
 fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
     use std::io::Write;
     use std::sync::atomic::{AtomicBool, Ordering};
 
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-
-    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-    grantpt(&far).unwrap();
-    unlockpt(&far).unwrap();
-    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
-    let mut far = File::from(far);
+    let (mut far, near, name) = port();
     let done = AtomicBool::new(false);
     let folder = folder();
     std::thread::scope(|scope| {
         scope.spawn(|| {
             // What a terminal that nobody reads does not take is lost, as on a wire.
-            let near = File::options().read(true).write(true).open(&name).unwrap();
-            let mut modes = rustix::termios::tcgetattr(&near).unwrap();
-            modes.make_raw();
-            rustix::termios::tcsetattr(&near, rustix::termios::OptionalActions::Now, &modes)
-                .unwrap();
+            let _near = near;
             for _ in 0..200 {
                 if done.load(Ordering::Relaxed) || far.write_all(bytes).is_err() {
                     break;
@@ -610,6 +617,171 @@ fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
         done.store(true, Ordering::Relaxed);
         came
     })
+}
+
+/// What a board keeps, as far as commissioning touches it.
+#[cfg(unix)]
+#[derive(Clone, Debug, PartialEq)]
+struct Keeps {
+    settings: Vec<f32>,
+    target: kband::wire::Target,
+}
+
+/// A board that has just heard its parts: what it holds, what it saved, and whether its drive runs.
+#[cfg(unix)]
+struct Commissioned {
+    holds: Keeps,
+    saved: Option<Keeps>,
+    running: bool,
+}
+
+#[cfg(unix)]
+impl Commissioned {
+    /// Answers what comes by the far end of a port until that is closed.
+    fn serve(&mut self, far: &mut File) {
+        use std::io::{Read, Write};
+
+        use kband::wire::{FRAME_MOST, Incoming, Receiver, read_request};
+
+        let mut receiver = Receiver::new();
+        let mut byte = [0];
+        while matches!(far.read(&mut byte), Ok(1)) {
+            let Some(Ok(frame)) = receiver.take(byte[0]) else {
+                continue;
+            };
+            let mut answers = Vec::new();
+            match read_request(frame).unwrap() {
+                Incoming::Question { sequence } => {
+                    let identity = kband::wire::Identity {
+                        version: kband::wire::VERSION,
+                        schema: kband::wire::SCHEMA,
+                        image: "0.1.0+stand-in",
+                    };
+                    let mut buffer = [0; FRAME_MOST];
+                    let frame = kband::wire::write_identity(&mut buffer, sequence, &identity);
+                    answers.extend_from_slice(frame.unwrap());
+                }
+                Incoming::Request { sequence, request } => {
+                    self.answer(sequence, &request, &mut answers)
+                }
+            }
+            if far.write_all(&answers).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn answer(&mut self, sequence: u8, request: &kband::wire::Request, answers: &mut Vec<u8>) {
+        use kband::control::{Settings, State};
+        use kband::wire::{
+            FRAME_MOST, Identification, Identified, Refusal, Request, Response, Setting, Telemetry,
+            write_response,
+        };
+
+        let place = |key: &str| Settings::KEYS.iter().position(|known| known.name == key);
+        let response = match *request {
+            Request::Setting(number) => match Settings::KEYS.get(usize::from(number)) {
+                Some(key) => Response::Setting(Setting {
+                    number,
+                    key: key.name,
+                    unit: key.unit,
+                    value: self.holds.settings[usize::from(number)],
+                    low: key.low,
+                    high: key.high,
+                    default: key.default,
+                }),
+                None => Response::Refused(Refusal::Unknown),
+            },
+            // As the board: no setting changes while the drive runs.
+            Request::Set { .. } | Request::Save if self.running => {
+                Response::Refused(Refusal::Running)
+            }
+            Request::Set { key, value } => {
+                self.holds.settings[place(key).unwrap()] = value;
+                Response::Done
+            }
+            Request::Save => {
+                self.saved = Some(self.holds.clone());
+                Response::Done
+            }
+            Request::Held => Response::Held(self.holds.target),
+            Request::Target(target) => {
+                self.holds.target = target;
+                Response::Done
+            }
+            Request::Enable(enable) => {
+                self.running = enable;
+                Response::Done
+            }
+            Request::Identification => {
+                Response::Identification(Identification::Found(Identified {
+                    restitution: 0.31,
+                    deviation: 0.004,
+                    k: 0.5,
+                    scatter: 0.0,
+                    hops: 64,
+                }))
+            }
+            _ => Response::Done,
+        };
+        let mut buffer = [0; FRAME_MOST];
+        answers.extend_from_slice(write_response(&mut buffer, sequence, &response).unwrap());
+        if let Request::Telemetry(1) = request {
+            let state = if self.running {
+                State::Holding
+            } else {
+                State::Off
+            };
+            let telemetry = Response::Telemetry(Telemetry {
+                state: state.number(),
+                ..Telemetry::default()
+            });
+            answers.extend_from_slice(write_response(&mut buffer, 0, &telemetry).unwrap());
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn what_commissioning_found_is_kept_with_the_target_that_the_board_had() {
+    use kband::control::Settings;
+    use kband::wire::Target;
+
+    let before = Keeps {
+        settings: Settings::default().values().to_vec(),
+        target: Target::Speed(60.0),
+    };
+    for apply in [false, true] {
+        let (mut far, near, name) = port();
+        let mut board = Commissioned {
+            holds: before.clone(),
+            saved: None,
+            running: true,
+        };
+        let folder = folder();
+        let words = "settings commission --format json --within 20";
+        let words = words.to_string() + if apply { " --apply" } else { "" };
+        let came = std::thread::scope(|scope| {
+            scope.spawn(|| board.serve(&mut far));
+            let came = run(folder.path(), &words, &["--on", &name]);
+            // With its last near end the far one reads no more.
+            drop(near);
+            came
+        });
+        assert_eq!(json(came)["applied"], apply);
+        assert!(board.running);
+        assert_eq!(board.holds.target, before.target);
+        if apply {
+            let mut found = Settings::default();
+            found.restitution_low = 0.29;
+            found.restitution_high = 0.33;
+            let kept = board.saved.expect("it was told to keep them");
+            assert_eq!(kept.settings, found.values());
+            assert_eq!(kept.target, before.target);
+        } else {
+            assert_eq!((board.holds, board.saved), (before.clone(), None));
+        }
+    }
 }
 
 #[cfg(unix)]

@@ -18,6 +18,7 @@ pub mod exponent;
 pub mod flash;
 pub mod gear;
 pub mod identify;
+mod idle;
 pub mod impacts;
 pub mod live;
 pub mod margins;
@@ -125,11 +126,10 @@ pub fn command() -> clap::Command {
 /// Runs `kband` on the arguments of the process; the binary's `main`.
 #[must_use]
 pub fn main() -> ExitCode {
-    let line = command()
-        .try_get_matches()
-        .and_then(|matches| CommandLine::from_arg_matches(&matches));
-    let line = match line {
-        Ok(line) => line,
+    let matches = command().try_get_matches();
+    let line = matches.and_then(|matches| Ok((CommandLine::from_arg_matches(&matches)?, matches)));
+    let (line, matches) = match line {
+        Ok(parsed) => parsed,
         Err(message) => {
             // Help and version go to standard output with status 0, a bad option to standard error
             // with status 2; there is no one left to tell when that fails.
@@ -142,7 +142,10 @@ pub fn main() -> ExitCode {
             return ExitCode::from(message.exit_code() as u8);
         }
     };
-    match run(&line) {
+    let checked = matches
+        .subcommand()
+        .map_or(Ok(()), |(verb, given)| idle::check(verb, given));
+    match checked.and_then(|()| run(&line)) {
         Ok(Exit::Done) => ExitCode::SUCCESS,
         Ok(Exit::CheckFailed) => ExitCode::from(1),
         Err(refusal) => {

@@ -85,9 +85,9 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Show::Speed)]
     show: Show,
 
-    /// Starts for each k, besides rest and the locks.
-    #[arg(long, value_name = "N", default_value = "12", value_parser = arguments::count(2, 10_000))]
-    starts: usize,
+    /// Starts for each k, besides rest and the locks [default: 12, with --show intervals 24].
+    #[arg(long, value_name = "N", value_parser = arguments::count(2, 10_000))]
+    starts: Option<usize>,
 
     /// Impacts measured from each start.
     #[arg(long, value_name = "N", default_value = "3000", value_parser = arguments::count(100, 100_000_000))]

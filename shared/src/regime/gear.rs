@@ -33,7 +33,7 @@ pub(crate) use rider::Tones;
 pub(crate) use strikes::{PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.
-const FLIGHTS: [f64; 2] = [0.6, 1.4];
+pub(crate) const FLIGHTS: [f64; 2] = [0.6, 1.4];
 
 /// Flights in a row that are gear.
 const ROW: u32 = 8;

@@ -602,14 +602,17 @@ mod tests {
     fn what_no_list_holds_is_refused() {
         let sound = Report::from(&report());
         for wrong in [
-            Report { state: 9, ..sound },
             Report {
-                fault: Some(14),
+                state: State::ALL.len() as u8,
+                ..sound
+            },
+            Report {
+                fault: Some(Fault::ALL.len() as u8),
                 ..sound
             },
             Report { limits: 1, ..sound },
             Report {
-                events: [Some(25); 6],
+                events: [Some(Event::ALL.len() as u8); 6],
                 ..sound
             },
         ] {

@@ -7,6 +7,8 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
+use crate::control;
+use crate::regime::classify::{Regime, Verdict};
 
 fn requests() -> Vec<Request<'static>> {
     std::vec![
@@ -202,6 +204,36 @@ fn responses() -> Vec<Response<'static>> {
     ]
 }
 
+/// A report of each regime: what it is called on the line is its place among them.
+fn regimes() -> impl Iterator<Item = Response<'static>> {
+    // The compiler asks for a new one here.
+    let after = |regime: &Regime| match regime {
+        Regime::Rest => Some(Regime::HopAndRest { cycles: 2 }),
+        Regime::HopAndRest { .. } => Some(Regime::Locked { order: 2 }),
+        Regime::Locked { .. } => Some(Regime::Doubled {
+            order: 2,
+            doublings: 1,
+        }),
+        Regime::Doubled { .. } => Some(Regime::Periodic {
+            impacts: 3,
+            cycles: 4,
+        }),
+        Regime::Periodic { .. } => Some(Regime::Chaotic),
+        Regime::Chaotic => Some(Regime::Undecided),
+        Regime::Undecided => None,
+    };
+    core::iter::successors(Some(Regime::Rest), after).map(|regime| Response::Cycle {
+        outputs: 0,
+        report: Report::from(&control::Report {
+            regime: Some(Verdict {
+                regime,
+                confidence: 0.75,
+            }),
+            ..control::Report::default()
+        }),
+    })
+}
+
 /// Bytes of the golden frames without version, schema and check, which follow from them.
 fn golden() -> Vec<(String, String)> {
     let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
@@ -211,7 +243,7 @@ fn golden() -> Vec<(String, String)> {
         let bytes = postcard::to_slice(&request, &mut buffer).unwrap();
         lines.push((format!("{request:?}"), hex(bytes)));
     }
-    for response in responses() {
+    for response in responses().into_iter().chain(regimes()) {
         let bytes = postcard::to_slice(&response, &mut buffer).unwrap();
         lines.push((format!("{response:?}"), hex(bytes)));
     }

@@ -204,7 +204,7 @@ fn rows(
 ) -> Result<Vec<Row>, Refusal> {
     let mut tasks: Vec<(usize, Origin)> = Vec::new();
     for (n, k) in over.k.iter().enumerate() {
-        let starts = starts(*k, feeder.restitution, arguments.starts);
+        let starts = starts(*k, feeder.restitution, arguments.starts.unwrap_or(12));
         tasks.extend(starts.into_iter().map(|start| (n, start)));
     }
     // What scatters has no ending.

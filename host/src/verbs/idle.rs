@@ -1,0 +1,262 @@
+//! Options that were given and would do nothing: refused, for whoever gives one expects something of it.
+
+use std::path::PathBuf;
+
+use clap::ArgMatches;
+use clap::parser::ValueSource;
+
+use crate::refusal::Refusal;
+
+/// Options of a verb that do nothing in a case.
+struct Idle {
+    verb: &'static str,
+    /// The case.
+    case: fn(&Given) -> bool,
+    /// What the case is, as the user said it.
+    said: &'static str,
+    /// The options, by their long names.
+    options: &'static [&'static str],
+    /// Why they do nothing then.
+    why: &'static str,
+}
+
+const IDLE: &[Idle] = &[
+    Idle {
+        verb: "transport",
+        case: |given| given.is("show", "return"),
+        said: "--show return",
+        options: &[
+            "restitution",
+            "tangential-restitution",
+            "phase-lead",
+            "starts",
+            "impacts",
+            "settle",
+            "part-length",
+        ],
+        why: "it is the map of dead parts, in closed form",
+    },
+    Idle {
+        verb: "transport",
+        case: |given| given.is("show", "intervals"),
+        said: "--show intervals",
+        options: &["part-length"],
+        why: "it tells times between impacts, no speed",
+    },
+    Idle {
+        verb: "transport",
+        case: |given| given.has("friction"),
+        said: "--friction",
+        options: &["starts", "part-length"],
+        why: "each speed is that of a part from rest",
+    },
+    Idle {
+        verb: "gear",
+        case: |given| given.has("table"),
+        said: "--table",
+        options: &["frequency", "incline", "out", "theme"],
+        why: "it runs the built-in feeder, and prints its table alone",
+    },
+    Idle {
+        verb: "gear",
+        case: |given| given.has("second_tone"),
+        said: "--second-tone",
+        options: &["largest-second-tone"],
+        why: "no other second tone is tried",
+    },
+    Idle {
+        verb: "exponent",
+        case: |given| given.has("phase") && !given.has("band"),
+        said: "--phase and --velocity",
+        options: &["order"],
+        why: "the orbit starts where they say, not near a lock",
+    },
+    Idle {
+        verb: "simulate",
+        case: |given| given.has("print_scene") || given.has("schema"),
+        said: "--print-scene and --schema",
+        options: &[
+            "fidelity",
+            "restitution",
+            "duration",
+            "runs",
+            "seed",
+            "sweep",
+            "compare-second-tone",
+            "image",
+            "on",
+            "out",
+            "trace",
+            "scope",
+            "theme",
+            "format",
+        ],
+        why: "nothing is run",
+    },
+    Idle {
+        verb: "simulate",
+        case: |given| given.has("on"),
+        said: "--on",
+        options: &["fidelity"],
+        why: "a board gets every sample",
+    },
+];
+
+/// Verbs whose `--seed` is that of a scatter alone.
+const SCATTERED: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transport"];
+/// The verb that draws whether or not it is told a file.
+const DRAWS: &str = "simulate";
+
+/// What the user gave to a verb.
+struct Given<'a>(&'a ArgMatches);
+
+impl Given<'_> {
+    /// Whether an option was given on the command line; a flag, that it was set there.
+    fn has(&self, id: &str) -> bool {
+        self.0.try_contains_id(id).is_ok()
+            && self.0.value_source(id) == Some(ValueSource::CommandLine)
+    }
+
+    /// Whether an option was given as this word.
+    fn is(&self, id: &str, word: &str) -> bool {
+        let mut words = self.0.try_get_raw(id).ok().flatten().into_iter().flatten();
+        self.has(id) && words.any(|given| given == word)
+    }
+
+    /// Whether a picture is written.
+    fn draws(&self) -> bool {
+        let out = self.0.try_get_one::<PathBuf>("out").ok().flatten();
+        let ending = out.and_then(|out| out.extension());
+        ending.is_some_and(|ending| {
+            !["csv", "json"]
+                .iter()
+                .any(|text| ending.eq_ignore_ascii_case(text))
+        })
+    }
+}
+
+/// Refuses the first option of a verb's that would do nothing.
+pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
+    let given = Given(matches);
+    let refuse = |option: &str, said: &str, why: &str| {
+        Err(Refusal::new(
+            format!("--{option} does nothing {said}: {why}"),
+            format!("leave out --{option}, or what it does nothing with"),
+        ))
+    };
+    for idle in IDLE
+        .iter()
+        .filter(|idle| idle.verb == verb && (idle.case)(&given))
+    {
+        let mut options = idle.options.iter();
+        if let Some(option) = options.find(|option| given.has(&option.replace('-', "_"))) {
+            return refuse(option, &format!("with {}", idle.said), idle.why);
+        }
+    }
+    if verb != DRAWS && given.has("theme") && !given.draws() {
+        return refuse(
+            "theme",
+            "without a picture",
+            "give --out FILE.svg or FILE.png",
+        );
+    }
+    let scatter = matches.try_get_one::<f64>("scatter").ok().flatten();
+    if SCATTERED.contains(&verb) && given.has("seed") && scatter == Some(&0.0) {
+        return refuse("seed", "without --scatter", "nothing is drawn at random");
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::verbs::command;
+
+    fn refused(line: &str) -> Option<String> {
+        let words = std::iter::once("kband").chain(line.split(' '));
+        let matches = command().try_get_matches_from(words).unwrap();
+        let (verb, matches) = matches.subcommand().unwrap();
+        check(verb, matches)
+            .err()
+            .map(|refusal| refusal.to_string())
+    }
+
+    /// Every option of the table is one of its verb, and is refused in its case and taken without.
+    #[test]
+    fn what_would_do_nothing_is_refused_and_what_does_something_is_not() {
+        let example = |verb: &str, option: &str| {
+            let command = command();
+            let verb = command.find_subcommand(verb).unwrap();
+            let of = verb
+                .get_arguments()
+                .find(|arg| arg.get_long() == Some(option));
+            let of = of.unwrap_or_else(|| panic!("{} has no --{option}", verb.get_name()));
+            match option {
+                "starts" | "impacts" => "500",
+                "phase-lead" | "incline" => "2",
+                "restitution"
+                | "tangential-restitution"
+                | "largest-second-tone"
+                | "compare-second-tone" => "0.25",
+                "sweep" => "part.restitution=0.1..0.2:2",
+                "fidelity" => "envelope",
+                "theme" => "dark",
+                "format" => "json",
+                "out" => "a.svg",
+                "trace" | "scope" => "a.csv",
+                "on" => "qemu",
+                "image" => "a.elf --on qemu",
+                _ if of.get_action().takes_values() => "50",
+                _ => "",
+            }
+        };
+        for idle in IDLE {
+            let cases: &[&str] = match idle.said {
+                "--show return" => &["--show return --k 0.2"],
+                "--show intervals" => &["--show intervals --k 0.2"],
+                "--friction" => &["--friction 0.3"],
+                "--table" => &["--table"],
+                "--second-tone" => &["--second-tone 0.1,2.4"],
+                "--phase and --velocity" => &["--phase 0.5 --velocity 0.4"],
+                "--print-scene and --schema" => &["--print-scene", "--schema"],
+                "--on" => &["--on qemu"],
+                other => panic!("no example of {other}"),
+            };
+            for option in idle.options {
+                let given = format!("--{option} {}", example(idle.verb, option));
+                let given = given.trim_end();
+                for case in cases {
+                    let line = format!("{} {given} {case}", idle.verb);
+                    let refusal = refused(&line).unwrap_or_else(|| panic!("kband {line} is taken"));
+                    assert!(
+                        refusal.contains(&format!("--{option} does nothing with")),
+                        "{refusal}"
+                    );
+                }
+                let line = format!("{} {given}", idle.verb);
+                let other = line.contains("theme") || line.contains("--on");
+                assert!(other || refused(&line).is_none(), "kband {line} is refused");
+            }
+        }
+        for line in [
+            "cascade --theme dark",
+            "cascade --theme dark --out a.csv",
+            "diagram --seed 3",
+            "transport --seed 3",
+            "gear --scatter 0 --seed 3",
+        ] {
+            assert!(refused(line).is_some(), "kband {line} is taken");
+        }
+        for line in [
+            "cascade --theme dark --out a.svg",
+            "diagram --scatter 0.05 --seed 3",
+            "gear --seed 3",
+            "simulate --theme dark",
+            "simulate --seed 3",
+            "capture --restitution 0.3 --seed 3",
+            "exponent --phase 0.5 --velocity 0.4 --order 2 --band",
+        ] {
+            assert_eq!(refused(line), None, "kband {line}");
+        }
+    }
+}
