@@ -107,8 +107,8 @@ const DETUNINGS: [f32; 17] = [
     0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.06, 0.1, 0.2, -0.002, -0.006, -0.015, -0.03,
     -0.06, -0.1, -0.2,
 ];
-/// True gain over the one told; twice or half of it is a sensor that is implausible.
-const WRONG: [f32; 3] = [1.0, 0.52, 1.9];
+/// True gain over the one told.
+const WRONG: [f32; 3] = [1.0, 0.5, 2.0];
 
 /// Every quality, detuning and gain told wrong.
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
@@ -166,4 +166,31 @@ fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
         }
     }
     println!("starts over the hard limit: {worst:?} by the gain told wrong");
+}
+
+/// A resonance told as the drive's frequency, the true one beside it: it is held where the response is half of what was told and
+/// more; where it is less the output comes to its end, or it is a fault.
+#[test]
+fn a_resonance_told_wrong_is_held_or_told() {
+    let mut worst = [0.0_f32, -100.0, 0.0];
+    for quality in QUALITIES {
+        for widths in [0.5, 1.0, 1.5, 1.7, 2.2, 4.0] {
+            for side in [-1.0, 1.0] {
+                let (mut scene, wanted) = machine(50.0, quality, 0.0, 1.0, 2.0, 0.2);
+                scene.drive.resonance = 50.0 / (1.0 + side * widths / (2.0 * quality));
+                let came = start(&scene, wanted);
+                let told = format!("Q {quality}, {widths} half widths, {side}: {came:?}");
+                assert!(came.peak < 1.05 && came.swing < 0.005, "{told}");
+                match came.state {
+                    State::Holding => assert!(came.settles < 3.0, "{told}"),
+                    State::Limiting | State::Fault => assert!(widths > 1.7, "{told}"),
+                    _ => panic!("{told}"),
+                }
+                for (worst, found) in worst.iter_mut().zip([came.peak, came.settles, came.swing]) {
+                    *worst = worst.max(found);
+                }
+            }
+        }
+    }
+    println!("beside the resonance told: {worst:?} at most");
 }

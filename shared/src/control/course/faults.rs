@@ -25,10 +25,16 @@ const ANSWER: f32 = 0.15;
 /// Cycles without one: two time constants of the envelope at Q = 25, in which a drive that was switched on
 /// or retuned has come to 86 % of what is expected.
 const UNANSWERED: u8 = 15;
-/// How far, as a factor, amplitude measured and amplitude expected may be apart: drives change by a third as they
-/// warm up, springs age, and a sensitivity is known to a tenth.
-const PLAUSIBLE: f32 = 2.0;
-/// Cycles beyond it: a second at 50 Hz, in which the loop has learned a gain twice over.
+/// How far, as a factor, amplitude measured and amplitude expected may be apart: the gain may be told wrong by a factor of two,
+/// and a quarter more is for what else is: a sensitivity known to a tenth, a resonance that has moved.
+const PLAUSIBLE: f32 = 2.5;
+/// How far, as a factor, they may be apart from how far they usually are in this run: a sensor that loses half of what it
+/// gives, or whose supply falls to half, is not one whose gain was told wrong.
+const CHANGED: f32 = 1.9;
+/// Cycles after which that is known, and the memory for it in cycles: drives change by a third as they warm up, in minutes.
+const KNOWN: f32 = 16.0;
+const USUAL: f32 = 500.0;
+/// Cycles beyond either: a second at 50 Hz, in which the loop has learned a gain twice over.
 const IMPLAUSIBLE: u8 = 50;
 /// Distance in rad of a wrong lead from both ends of the half turn where it is wrong. A track lags behind its
 /// output by 0 to pi, an inverted sensor says pi more; within this of the ends are the held output (0.008 rad at
@@ -60,6 +66,36 @@ impl Persistence {
     }
 }
 
+/// Amplitude measured over amplitude expected, as it usually is in a run.
+#[derive(Clone, Copy, Debug, Default)]
+struct Usual {
+    ratio: f32,
+    cycles: f32,
+}
+
+impl Usual {
+    /// Whether an amplitude is too weak and whether it is too strong for one that is expected; one that is neither is learned.
+    fn judge(&mut self, measured: f32, expected: f32) -> (bool, bool) {
+        let apart = |factor: f32, usual: f32| {
+            (
+                factor * measured < usual * expected,
+                measured > factor * usual * expected,
+            )
+        };
+        let (mut weak, mut strong) = apart(PLAUSIBLE, 1.0);
+        if self.cycles >= KNOWN {
+            let (weaker, stronger) = apart(CHANGED, self.ratio);
+            weak |= weaker;
+            strong |= stronger;
+        }
+        if !weak && !strong {
+            self.cycles = (self.cycles + 1.0).min(USUAL);
+            self.ratio += (measured / expected - self.ratio) / self.cycles;
+        }
+        (weak, strong)
+    }
+}
+
 /// What a cycle's reading is held against.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
@@ -87,6 +123,7 @@ pub struct FaultDetector {
     unanswered: Persistence,
     implausible: Persistence,
     excessive: Persistence,
+    usual: Usual,
 }
 
 impl FaultDetector {
@@ -108,8 +145,14 @@ impl FaultDetector {
         // A track beside its resonance turns against its output while its amplitude changes: that is expected.
         let wrong = expected.opposed && lead > WRONG_LEAD && lead < PI - WRONG_LEAD;
         let inverted = moving && !unanswered && wrong;
-        let weak = moving && !still && PLAUSIBLE * measured < expected.amplitude;
-        let strong = moving && measured > PLAUSIBLE * expected.amplitude;
+        if !running {
+            self.usual = Usual::default();
+        }
+        let (weak, strong) = if moving && !still {
+            self.usual.judge(measured, expected.amplitude)
+        } else {
+            (false, false)
+        };
         let excessive = running && measured > EXCESS * expected.ceiling;
         let faults = [
             (self.still.lasts(still, STILL), Fault::SensorLost),
@@ -245,20 +288,47 @@ mod tests {
     }
 
     #[test]
-    fn amplitudes_twice_apart_are_implausible_in_a_second_and_others_never() {
+    fn amplitudes_far_apart_are_implausible_in_a_second_and_others_never() {
         let moving = Cycle {
             low: 2000,
             high: 2100,
             ..Cycle::default()
         };
         for (measured, found) in [
-            (0.49e-4, Some(Fault::SensorImplausible)),
-            (0.51e-4, None),
-            (1.99e-4, None),
-            (2.01e-4, Some(Fault::SensorImplausible)),
+            (0.39e-4, Some(Fault::SensorImplausible)),
+            (0.41e-4, None),
+            (2.49e-4, None),
+            (2.51e-4, Some(Fault::SensorImplausible)),
         ] {
             assert_eq!(after(50, &moving, measured, -1.5), found);
             assert_eq!(after(49, &moving, measured, -1.5), None);
+        }
+    }
+
+    #[test]
+    fn a_change_by_half_is_implausible_whatever_the_gain_was_told_as() {
+        for (told, changed, found) in [
+            (1.0, 0.5, true),
+            (1.0, 2.0, true),
+            (1.0, 0.6, false),
+            (1.0, 1.7, false),
+            (2.0, 1.0, true),
+            (0.5, 1.0, true),
+            (2.0, 2.4, false),
+        ] {
+            let mut usual = Usual::default();
+            for _ in 0..200 {
+                assert_eq!(usual.judge(told * 1e-4, 1e-4), (false, false));
+            }
+            // For as long as it takes to be a fault, and longer.
+            let suspected = (0..100).all(|_| usual.judge(changed * 1e-4, 1e-4) != (false, false));
+            assert_eq!(suspected, found, "{told} {changed}");
+        }
+        // As slowly as drives warm up, it is none.
+        let mut usual = Usual::default();
+        for n in 0..6000 {
+            let ratio = 1.0 - 0.5 * n as f32 / 6000.0;
+            assert_eq!(usual.judge(ratio * 1e-4, 1e-4), (false, false), "{n}");
         }
     }
 
@@ -297,8 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_at_half_of_its_gain_is_plausible_at_a_quarter_it_answers_and_at_a_tenth_it_does_not()
-    {
+    fn a_gain_wrong_by_two_is_plausible_by_three_it_is_not_and_at_a_tenth_it_does_not_answer() {
         let scene = |gain| Scene {
             target: Target::Amplitude(0.15),
             drive: DriveModel {
@@ -307,8 +376,13 @@ mod tests {
             },
             ..Scene::default()
         };
-        assert_eq!(fault(&scene(0.55), 400), None);
-        assert_eq!(fault(&scene(0.25), 400), Some(Fault::SensorImplausible));
+        for gain in [0.5, 2.0] {
+            assert_eq!(fault(&scene(gain), 400), None, "{gain}");
+        }
+        for gain in [1.0 / 3.0, 0.25, 3.0] {
+            let found = fault(&scene(gain), 400);
+            assert_eq!(found, Some(Fault::SensorImplausible), "{gain}");
+        }
         assert_eq!(fault(&scene(0.1), 400), Some(Fault::NoResponse));
     }
 

@@ -41,9 +41,9 @@ const DOUBTED: f32 = 0.1;
 /// Fewest cycles of a soft start: in fewer a gain that was told wrong by a factor of two is not learned, and its first
 /// amplitude is 1.07 (12 cycles) to 1.25 (8) of the setpoint.
 const SHORTEST: f32 = 16.0;
-/// The same off the resonance: in 40 a gain told wrong by a factor of two has the amplitude 2.0 % over its hard limit, in 20
-/// 2.5 %.
-const SHORTEST_DETUNED: f32 = 44.0;
+/// The same off the resonance: in 44 a gain told wrong by a factor of two has the amplitude 2.2 % over its hard limit, in 60
+/// 1.8 %.
+const SHORTEST_DETUNED: f32 = 60.0;
 /// Cycles that have to tell the gain before a start off the resonance goes at its pace, and the share of it that it begins with,
 /// over as many: a gain that is learned at full pace has the amplitude beat by 14 %.
 const SURE: f32 = 16.0;
