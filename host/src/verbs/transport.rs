@@ -23,7 +23,7 @@ use crate::report::{Printout, number};
   kband transport --restitution 0.9 --k 0.03..0.1 --amplitude-ratio 2 --part-length 12
   kband transport --restitution 0.5 --b 0.1..0.3 --frequency 50 --incline 3 --format csv
   kband transport --restitution 0.9 --k 0.05 --show intervals --out intervals.svg
-  kband transport --restitution 0 --k 0.2 --show return --out return.svg
+  kband transport --k 0.2 --show return --out return.svg
   kband transport --restitution 0.2 --friction 0.3 --throw 0.3..3.5 --incline 3 --out friction.svg
   kband transport --restitution 0.2 --friction 0.3 --throw 1.5 --over phase-lead
 

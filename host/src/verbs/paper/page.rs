@@ -64,7 +64,7 @@ pub(super) fn page(
                 .into(),
         ),
         (
-            transport::picture("--restitution 0 --k 0.2 --show return", desk)?,
+            transport::picture("--k 0.2 --show return", desk)?,
             "The limit (38) of dead parts: a map of the launch phase alone.".into(),
         ),
     ];
