@@ -20,19 +20,22 @@ fn run() {
     let hybrid = cost::measure::<Hybrid>(&counter);
     let single = cost::measure::<Single>(&counter);
     let integer = cost::measure::<Integer>(&counter);
-    // The bounds are for the CPU that the kernel is meant for.
+    // The bounds are for the CPU that the kernel is meant for: what was counted, and 3 % for another compiler.
     if cfg!(target_abi = "eabihf") {
         let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
-        assert!(worst <= 480, "hybrid: {worst}");
+        hybrid.is_held("hybrid", [309, 1293]);
+        assert!(worst <= 423, "hybrid: {worst}");
         let worst = single.worst.max(cost::sweep::<Single>(&counter));
-        assert!(worst <= 340, "f32: {worst}");
+        single.is_held("f32", [185, 1311]);
+        assert!(worst <= 289, "f32: {worst}");
         let hybrid_on_tones = cost::measure_on_tones::<WaveHybrid>(&counter);
         let single_on_tones = cost::measure_on_tones::<WaveSingle>(&counter);
         hybrid_on_tones.is_held_on_tones(&hybrid);
         single_on_tones.is_held_on_tones(&single);
     } else {
         let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
-        assert!(worst <= 3500, "integer: {worst}");
+        integer.is_held("integer", [2150, 10_123]);
+        assert!(worst <= 3457, "integer: {worst}");
         let integer_on_tones = cost::measure_on_tones::<WaveInteger>(&counter);
         integer_on_tones.is_held_on_tones(&integer);
     }
@@ -66,6 +69,12 @@ mod cost {
     }
 
     impl Cost {
+        /// The mean of an impact on the orbits, and a set-up.
+        pub fn is_held(&self, name: &str, [orbits, set_up]: [u64; 2]) {
+            assert!(self.orbits <= orbits, "{name}: {}", self.orbits);
+            assert!(self.set_up <= set_up, "{name}: {}", self.set_up);
+        }
+
         /// A second tone may cost as much again.
         pub fn is_held_on_tones(&self, one: &Self) {
             for (two, one) in [
