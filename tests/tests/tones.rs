@@ -203,6 +203,11 @@ fn launch(kind: Kind, track: &Track, random: &mut Random) -> Option<State> {
     WaveMap::state(phase, velocity).ok()
 }
 
+/// Launches from one track: a soak keeps it longer, for its set-up takes longer than all else.
+fn kept(each: usize) -> usize {
+    if each > 20_000 { 400 } else { 20 }
+}
+
 /// Launches of the hardest kinds in f64: what is not told to graze is the first impact, to what rounding moves it.
 fn none_missed_in_double<K: WaveKernel<State = State>>(each: usize, seed: u64) {
     let begun = std::time::Instant::now();
@@ -226,7 +231,7 @@ fn none_missed_in_double<K: WaveKernel<State = State>>(each: usize, seed: u64) {
         let mut current = drawn_track(&mut random);
         while tried < each {
             drawn += 1;
-            if drawn % 20 == 0 {
+            if drawn % kept(each) == 0 {
                 current = drawn_track(&mut random);
             }
             let (track, map) = &current;
@@ -252,8 +257,10 @@ fn none_missed_in_double<K: WaveKernel<State = State>>(each: usize, seed: u64) {
             let error = (impact.flight - oracle.duration).abs();
             assert!((0.0..TAU).contains(&impact.next.phase));
             if error > moved {
+                // A touch within rounding, before or at the end.
+                let slow = oracle.arrival * oracle.arrival < 16.0 * rounding;
                 assert!(
-                    impact.grazes || oracle.clearance < 8.0,
+                    impact.grazes || oracle.clearance < 8.0 || slow,
                     "{} {kind:?} {track:?} {state:?}: {impact:?} {oracle:?}",
                     K::NAME
                 );
@@ -367,7 +374,7 @@ fn none_missed_in<K: WaveKernel>(held: &Held) {
         let mut current = None;
         while tried < each {
             drawn += 1;
-            if drawn % 20 == 0 {
+            if drawn % kept(each) == 0 {
                 current = None;
             }
             let (track, kernel, map) = current.get_or_insert_with(|| {
@@ -657,6 +664,50 @@ fn the_tangent_on_tones_has_its_determinant() {
     }
     println!("{counted} impacts, within {largest:.1e} of their terms");
     assert!(counted > 4_000, "{counted}");
+}
+
+/// lambda1 + lambda2 = 2 ln R on two and three tones, both exponents from a frame that the tangents carry and that is made
+/// orthogonal again after every impact; in gear both are below 0, in wide chaos the first is above.
+#[test]
+fn the_exponents_on_tones_sum_to_twice_the_log_of_restitution() {
+    const IMPACTS: u32 = 5_000;
+    for (tones, k, restitution, chaotic) in [
+        ([0.15, 2.356, 0.0, 0.0], 0.35, 0.2, false),
+        ([0.15, 2.356, 0.07, 5.74], 0.35, 0.2, true),
+        ([0.15, 2.356, 0.0, 0.0], 0.2, 0.9, true),
+        ([0.15, 2.356, 0.07, 5.74], 0.05, 0.9, true),
+    ] {
+        let map = WaveMap::on(wave(tones), k, restitution).unwrap();
+        let mut state = WaveMap::state(0.5, 0.45).unwrap();
+        for _ in 0..500 {
+            state = map.impact(state).next;
+        }
+        let first = state;
+        let (mut along, mut across) = ([1.0, 0.0], [0.0, 1.0]);
+        let mut sums = [0.0; 2];
+        for _ in 0..IMPACTS {
+            let impact = map.impact(state);
+            assert!(impact.flight > 0.0, "{state:?} rests");
+            let [[a, b], [c, d]] = Tangent::on_tones(&map, state, &impact).unwrap().jacobian;
+            let image = |[x, y]: [f64; 2]| [a * x + b * y, c * x + d * y];
+            let (u, v): ([f64; 2], [f64; 2]) = (image(along), image(across));
+            let longer = u[0].hypot(u[1]);
+            along = u.map(|x| x / longer);
+            let shared = along[0] * v[0] + along[1] * v[1];
+            let rest = [v[0] - shared * along[0], v[1] - shared * along[1]];
+            let shorter = rest[0].hypot(rest[1]);
+            across = rest.map(|x| x / shorter);
+            sums[0] += longer.ln();
+            sums[1] += shorter.ln();
+            state = impact.next;
+        }
+        let [larger, smaller] = sums.map(|sum| sum / f64::from(IMPACTS));
+        let ends = (first.velocity / state.velocity).ln() / f64::from(IMPACTS);
+        let off = larger + smaller - ends - 2.0 * restitution.ln();
+        println!("{tones:?} k {k} R {restitution}: {larger:.4} {smaller:.4}, off by {off:.1e}");
+        assert!(off.abs() < 1e-9, "{off:e}");
+        assert_eq!(larger > 0.0, chaotic, "{larger}");
+    }
 }
 
 /// Parts at rest are thrown where the push rises through k, each time from the window that comes next.
