@@ -8,7 +8,7 @@ use std::{env, fs};
 /// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data, and
 /// the RAM (stack included) an image may use; the linker refuses a larger one.
 const LAYOUT: &str = "\
-SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 60K; } > RAM } INSERT BEFORE .data;
+SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 62K; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
 ASSERT(__sheap - ORIGIN(RAM) <= 96K, \"kband: stack and static data exceed 96 KiB of RAM\");

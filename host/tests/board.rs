@@ -438,11 +438,12 @@ fn what_the_drive_answers_at_its_multiples_is_measured_taken_and_kept() {
         let found: Value = serde_json::from_str(&kband(folder.path(), &words).done()).unwrap();
         assert_eq!(found["applied"], true, "{found}");
         // Beyond a loss of power.
+        let words = "settings list --format json --flash-image board.flash";
+        let all: Value = serde_json::from_str(&kband(folder.path(), words).done()).unwrap();
         let kept = |key: &str| {
-            let words = format!("settings get {key} --format json --flash-image board.flash");
-            let out = kband(folder.path(), &words).done();
-            let kept: Value = serde_json::from_str(&out).unwrap();
-            kept[0]["value"].as_f64().unwrap()
+            let mut settings = all.as_array().unwrap().iter();
+            let own = settings.find(|setting| setting["key"] == key).unwrap();
+            own["value"].as_f64().unwrap()
         };
         let (measured, late) = (kept(gain), kept(lag));
         assert!(

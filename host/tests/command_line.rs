@@ -381,3 +381,90 @@ fn a_seed_on_the_command_line_is_the_scenes() {
     let both = kband(&folder.0, &words("simulate --seed 2 --sweep seed=1..3:3"));
     assert_eq!(both.status.code(), Some(2));
 }
+
+/// Tones that cannot be, scatter that no part has, a drive that cannot, a lot that nothing serves: one message each, with the range
+/// and what would work.
+#[test]
+fn tones_and_lots_that_cannot_be_served_say_what_would_work() {
+    let folder = Folder::new("served");
+    let scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
+    let scene = String::from_utf8(scene).unwrap();
+    let changed = |changes: &[(&str, &str)]| {
+        let lines = scene.lines().map(|line| {
+            let own = |(key, _): &&(&str, &str)| line.starts_with(&format!("{key} = "));
+            match changes.iter().find(own) {
+                Some((key, value)) => format!("{key} = {value}\n"),
+                None => format!("{line}\n"),
+            }
+        });
+        std::fs::write(folder.0.join("my.toml"), lines.collect::<String>()).unwrap();
+    };
+    let refused = |arguments: &str, said: &[&str]| {
+        let arguments: Vec<&str> = arguments.split(' ').collect();
+        let ended = kband(&folder.0, &arguments);
+        let text = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(2), "{text}");
+        for words in said.iter().chain(&["accepted", "next"]) {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+        assert!(text.lines().count() <= 4, "{text}");
+    };
+    for tone in ["0.6,2.356", "-0.1,2.356", "0.15,135"] {
+        for verb in [
+            "bands --restitution 0.2",
+            "gear --restitution 0.2 --scatter 0.05",
+        ] {
+            let said = [
+                "0..0.5 of the first tone",
+                "-6.2832..6.2832 rad",
+                "135 degrees",
+            ];
+            refused(&format!("{verb} --second-tone={tone}"), &said);
+            refused(
+                &format!("{verb} --second-tone=0.15,2.4 --third-tone={tone}"),
+                &said,
+            );
+        }
+    }
+    refused("gear --restitution 0.3 --scatter 0.31", &["0..0.3"]);
+    for (changes, said) in [
+        (
+            &[("scatter", "0.31")][..],
+            ["part.scatter = 0.31", "0..0.3"],
+        ),
+        (
+            &[("second_tone", "0.3"), ("second_gain", "0.0")],
+            ["drive.second_tone = 0.3", "raise drive.second_gain"],
+        ),
+        (
+            &[("third_tone", "0.05")],
+            ["drive.third_tone = 0.05", "drive.second_tone"],
+        ),
+        (
+            &[
+                ("second_tone", "0.3"),
+                ("third_tone", "0.06"),
+                ("third_gain", "0.0"),
+            ],
+            ["drive.third_tone = 0.06", "raise drive.third_gain"],
+        ),
+    ] {
+        changed(changes);
+        refused("simulate my.toml", &said);
+    }
+    // A lot that nothing serves is held as well as may be, and said.
+    changed(&[
+        ("restitution", "[0.05, 0.6]"),
+        ("scatter", "0.1"),
+        ("duration", "6.0"),
+    ]);
+    let ended = kband(&folder.0, &["simulate", "my.toml"]);
+    let text = String::from_utf8_lossy(&ended.stdout).into_owned();
+    for words in [
+        "gear poor for the lot",
+        "wider than any amplitude of this drive serves",
+        "narrower lots",
+    ] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+}

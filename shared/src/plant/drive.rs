@@ -63,12 +63,17 @@ impl Resonator {
     /// Holds an output (-1..1, times the gain's factor) for one sample.
     #[inline]
     pub fn step(&mut self, output: f32) {
-        let [x, y] = self.state;
+        self.state = self.after(self.state, output);
+    }
+
+    /// The state a sample after another one, under an output that is held.
+    #[inline]
+    fn after(&self, [x, y]: [f32; 2], output: f32) -> [f32; 2] {
         let [[a, b], [c, d]] = self.matrix;
-        self.state = [
+        [
             a * x + b * y + self.input[0] * output,
             c * x + d * y + self.input[1] * output,
-        ];
+        ]
     }
 
     /// Displacement in m and velocity in m/s.
@@ -225,12 +230,12 @@ fn response(model: &DriveModel, frequency: f64) -> Complex64 {
     Complex64::new(1.0 - x * x, x / quality).inv() * force
 }
 
-/// Tells the tones of the track's motion apart: it finds the tones of the output, and lets copies of the
+/// Tells the tones of the track's motion apart: it finds the tones of the output, and lets states of their own of the
 /// drive's modes answer each one above the first alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TonesApart {
-    /// Copies of the drive's modes for each tone above the first.
-    modes: [[Option<Resonator>; 1 + UPPER]; UPPER],
+    /// State of each of the drive's modes under each tone above the first.
+    states: [[[f32; 2]; 1 + UPPER]; UPPER],
     /// Tones above the first that the drive makes.
     upper: usize,
     /// The output along sine and cosine of the phase and of its multiples.
@@ -240,26 +245,27 @@ pub struct TonesApart {
 impl TonesApart {
     /// Of a drive at rest that makes so many tones above the first.
     #[must_use]
-    pub fn new(first: Resonator, modes: &[Resonator], upper: usize) -> Self {
-        let mut copies = [None; 1 + UPPER];
-        let all = core::iter::once(&first).chain(modes);
-        for (copy, mode) in copies.iter_mut().zip(all) {
-            *copy = Some(*mode);
-        }
+    pub fn new(upper: usize) -> Self {
         Self {
-            modes: [copies; UPPER],
+            states: [[[0.0; 2]; 1 + UPPER]; UPPER],
             upper,
             output: [[0.0; 2]; 1 + UPPER],
         }
     }
 
-    /// Takes an output that is held for a sample, at a phase that advances by `step` a sample.
+    /// Takes an output that is held for a sample, at a phase that advances by `step` a sample, on a drive of these modes.
     ///
     /// Two numbers for each tone describe the output over a cycle; each sample corrects them by its share of what they do not
     /// explain (a projection of Kaczmarz), which is exact once nothing is left, and forgets a change in a quarter of
     /// a cycle.
     #[inline]
-    pub fn step(&mut self, output: f32, phase: Phase, step: u32) {
+    pub fn step<'a>(
+        &mut self,
+        output: f32,
+        phase: Phase,
+        step: u32,
+        modes: impl Iterator<Item = &'a Resonator> + Clone,
+    ) {
         let (sine, cosine) = sine_cosine_single(phase);
         let (sine2, cosine2) = (2.0 * sine * cosine, (cosine - sine) * (cosine + sine));
         let third = [2.0 * cosine * sine2 - sine, 2.0 * cosine * cosine2 - cosine];
@@ -277,19 +283,23 @@ impl TonesApart {
             *own += error * tone;
         }
         let above = tones.iter().zip(&self.output).skip(1).take(self.upper);
-        for ((tone, output), modes) in above.zip(&mut self.modes) {
+        for ((tone, output), states) in above.zip(&mut self.states) {
             let driven = output[0] * tone[0] + output[1] * tone[1];
-            for mode in modes.iter_mut().flatten() {
-                mode.step(driven);
+            for (state, mode) in states.iter_mut().zip(modes.clone()) {
+                *state = mode.after(*state, driven);
             }
         }
     }
 
     /// Displacement in m and velocity in m/s of each tone above the first; 0 of those that it does not make.
     #[must_use]
-    pub fn motions(&self) -> [[f32; 2]; UPPER] {
-        self.modes.map(|modes| {
-            let mut moved = modes.into_iter().flatten().map(|mode| mode.motion());
+    pub fn motions<'a>(
+        &self,
+        modes: impl Iterator<Item = &'a Resonator> + Clone,
+    ) -> [[f32; 2]; UPPER] {
+        self.states.map(|states| {
+            let moved = states.iter().zip(modes.clone());
+            let mut moved = moved.map(|([x, y], mode)| [*x, y * mode.natural]);
             let first = moved.next().unwrap_or_default();
             moved.fold(first, |[x, v], [dx, dv]| [x + dx, v + dv])
         })

@@ -56,6 +56,14 @@ pub struct Plant {
     strikes: Vec<Strike, STRIKES>,
 }
 
+/// All modes of a drive, the resonance first.
+fn all<'a>(
+    drive: &'a Resonator,
+    modes: &'a [(Resonator, f32)],
+) -> impl Iterator<Item = &'a Resonator> + Clone {
+    core::iter::once(drive).chain(modes.iter().map(|(mode, _)| mode))
+}
+
 impl Plant {
     /// The plant of a scene, at rest; the refusal names the parameter.
     pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
@@ -68,13 +76,13 @@ impl Plant {
         let drive = Resonator::new(&scene.drive);
         let modes = UpperMode::of(&scene.drive, f64::from(settings.frequency));
         let own = |mode: &UpperMode| Resonator::of(mode.frequency, mode.quality, mode.force);
-        let copies: Vec<Resonator, UPPER> = modes.iter().map(own).collect();
         let upper = settings.upper_tones();
         Ok(Self {
-            apart: (upper > 0).then(|| TonesApart::new(drive, &copies, upper)),
+            apart: (upper > 0).then(|| TonesApart::new(upper)),
             waves: WaveCache::default(),
-            modes: (copies.iter().zip(&modes))
-                .map(|(copy, mode)| (*copy, mode.force as f32))
+            modes: modes
+                .iter()
+                .map(|mode| (own(mode), mode.force as f32))
                 .collect(),
             drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
@@ -147,7 +155,13 @@ impl Plant {
             mode.step(self.gain * output);
         }
         if let Some(apart) = &mut self.apart {
-            apart.step(self.gain * output, Phase::from_bits(now as u32), step);
+            let modes = all(&self.drive, &self.modes);
+            apart.step(
+                self.gain * output,
+                Phase::from_bits(now as u32),
+                step,
+                modes,
+            );
         }
         self.ringing.step();
         self.time = now;
@@ -156,7 +170,7 @@ impl Plant {
         // Downward acceleration of the track over gravity, as the harmonic motion has it.
         let mut pushed = f64::from(x);
         if let Some(apart) = &self.apart {
-            let [[second, _], [third, _]] = apart.motions();
+            let [[second, _], [third, _]] = apart.motions(all(&self.drive, &self.modes));
             pushed += 3.0 * f64::from(second) + 8.0 * f64::from(third);
         }
         let thrown = pushed * angular * angular > self.normal_gravity;
@@ -238,7 +252,7 @@ impl Plant {
         let Some(apart) = &self.apart else {
             return Swing::through([x, v], angular);
         };
-        let motions = apart.motions();
+        let motions = apart.motions(all(&self.drive, &self.modes));
         let first = (motions.iter()).fold([x, v], |[x, v], [dx, dv]| [x - dx, v - dv]);
         Swing::through(first, angular).with(motions, angular)
     }

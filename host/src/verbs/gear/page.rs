@@ -15,19 +15,21 @@ struct Price {
     amplitude: f64,
     /// Largest acceleration normal to the track in g.
     peak: f64,
-    /// Force at twice the frequency over that at it: on one resonance, and far below any.
+    /// Force at twice the frequency over that at it: on one resonance, and far below any; and at three times it.
     force: [f64; 2],
+    third: [f64; 2],
 }
 
 fn price(arguments: &Arguments, point: &Point) -> Result<Price, Refusal> {
     let track = arguments.drive.track()?;
     let amplitude = track.amplitude(point.k);
-    let e = point.wave.second().amplitude;
+    let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
     Ok(Price {
         amplitude: 1e3 * amplitude,
         peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
-        // A resonator resists by |1 - (w/w0)^2|: 3 at twice its frequency, 1/Q at it. A mass by w^2.
+        // A resonator resists by |1 - (w/w0)^2|: 3 at twice its frequency, 8 at three times it, 1/Q at it. A mass by w^2.
         force: [3.0 * arguments.quality * e, 4.0 * e],
+        third: [8.0 * arguments.quality * e3, 9.0 * e3],
     })
 }
 
@@ -63,6 +65,8 @@ fn point_json(arguments: &Arguments, point: &Point) -> Result<Json, Refusal> {
         "peak_acceleration_g": price.peak,
         "force_ratio_on_resonance": price.force[0],
         "force_ratio_off_resonance": price.force[1],
+        "third_force_ratio_on_resonance": price.third[0],
+        "third_force_ratio_off_resonance": price.third[1],
     }))
 }
 
@@ -145,6 +149,13 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
             number(arguments.quality, 4),
             number(price.force[1], 3)
         ));
+        if two.wave.third().amplitude > 0.0 {
+            report = report.note(format!(
+                "The third tone takes {} of it there, {} off it.",
+                number(price.third[0], 3),
+                number(price.third[1], 3)
+            ));
+        }
     }
     let best = named(survey)
         .map(|(_, point)| &point.shares)

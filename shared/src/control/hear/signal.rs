@@ -252,8 +252,8 @@ impl Signal {
         }
     }
 
-    /// As [`Signal::sample`], with so many tones above the first.
-    #[inline(always)]
+    /// As [`Signal::sample`], with so many tones above the first; called, so that an image has each path once.
+    #[inline(never)]
     fn take<const TONES: usize>(&mut self, code: AdcCode) -> Sampled {
         let before = self.phase;
         self.phase += Phase::from_bits(self.step);
