@@ -560,7 +560,7 @@ mod tests {
                 slower.ok(),
                 "{state:?} {factor}"
             );
-            let phase = (6.28 * spread(0.123_456_7)) as f32;
+            let phase = (6.2 * spread(0.123_456_7)) as f32;
             assert_eq!(
                 Hybrid::resting(phase),
                 Hybrid::state(f64::from(phase), 0.0),
