@@ -148,3 +148,33 @@ fn a_lot_that_nothing_serves_is_said_once_with_its_share_and_the_best_is_held() 
         assert_eq!(Telemetry::from(&report).expected_in_gear, plan.share);
     }
 }
+
+/// READY says that the wanted gear is there: on within ten seconds of the parts' being in it, off within ten of their loss, and on
+/// again. What is heard remembers five seconds.
+#[test]
+fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
+    for parts in [1, 6] {
+        let mut scene = scene(0.2, 0.05, 0.0);
+        scene.parts = std::iter::repeat_n(0.2, parts).collect();
+        scene.scatter = std::iter::repeat_n(0.05, parts).collect();
+        let mut closed = EnvelopeLoop::build(&scene).unwrap();
+        // The first choice is made, improved and heard.
+        for (cycles, restitution, lit) in
+            [(1000, 0.2, true), (1000, 0.75, false), (1000, 0.2, true)]
+        {
+            closed.apply(Change::Restitution(restitution));
+            let mut lamp = [0_u32; 2];
+            for cycle in 0..cycles {
+                closed.advance();
+                if cycle >= cycles / 2 {
+                    lamp[usize::from(closed.controller().ready())] += 1;
+                }
+            }
+            assert_eq!(
+                lamp[usize::from(!lit)],
+                0,
+                "{parts} parts of {restitution}: {lamp:?}"
+            );
+        }
+    }
+}

@@ -29,7 +29,7 @@ impl Controller {
             concentration: hearing.concentration(),
             confidence: self.listener.confidence(self.selection.lock()),
             in_gear: self.in_gear(),
-            in_gear_error: self.gear_share().map_or(f32::INFINITY, |heard| heard.error),
+            in_gear_error: self.in_gear_error(),
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.time_to_loss(),
             margin: self.listener.margin(),
@@ -101,6 +101,12 @@ impl Controller {
     #[must_use]
     pub(crate) fn gear_share(&self) -> Option<GearShare> {
         self.listener.in_gear()
+    }
+
+    /// Standard error of that share; infinite where it is only a least ([`Report::in_gear_error`]).
+    #[must_use]
+    pub fn in_gear_error(&self) -> f32 {
+        self.gear_share().map_or(f32::INFINITY, |heard| heard.error)
     }
 
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.

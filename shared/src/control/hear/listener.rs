@@ -142,15 +142,7 @@ impl Listener {
     /// The share of the parts' time in gear; `None` where no more than a least is known ([`GearHearing::share`]).
     pub fn in_gear(&self) -> Option<GearShare> {
         if self.share.is_judged() {
-            let together = self.share.share();
-            // One part's flights, heard each as such, tell its share sooner and nearer than the energy does.
-            return match together {
-                Some(told) if self.is_one() => Some(GearShare {
-                    share: self.gear.share(),
-                    ..told
-                }),
-                _ => together,
-            };
+            return self.share.share();
         }
         let least = GearShare::at_least(self.gear.share());
         (least.error < NEARLY).then_some(least)

@@ -8,14 +8,19 @@ use super::{Gear, ROW};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, Restitution};
 
-/// Places of a turn at which strikes are counted: 0.05 rad each.
-pub const PLACES: usize = 128;
+/// Places of a turn at which strikes are counted: 0.1 rad each.
+pub const PLACES: usize = 64;
+/// Groups of the lot by restitution, each with a profile in gear of its own.
+pub const GROUPS: usize = 4;
 /// Parts that are followed, half from rest and half from the lock.
 const PARTS: u32 = 32;
 /// Drive periods that each is followed for, over the order of the gear.
 const PERIODS: u16 = 768;
 /// Impacts of all parts together, at most: parts that chatter have twice that many in all.
 const MOST: u32 = 600_000;
+/// What is followed beyond either end of the lot: where a part in gear strikes depends on `k (1 - R)/(1 + R)`, so that an
+/// amplitude that is 2 % off moves it as `0.02 (1 - R^2)/2` does.
+const WIDE: f32 = 0.01;
 /// How near in steps of 2^-32 turns to where the first part from rest lands others do: 3e-3 rad.
 const NEAR: i32 = 1 << 21;
 
@@ -37,8 +42,8 @@ pub struct StrikeSettings {
 /// Squares of the speeds of arrival, in `(b w)^2`, summed by the phase of the track and divided by the drive periods.
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeProfile {
-    /// By parts in gear, in one period of one of them.
-    pub in_gear: [f32; PLACES],
+    /// By parts in gear, in one period of one of them, for each group of the lot.
+    pub in_gear: [[f32; PLACES]; GROUPS],
     /// By parts out of gear, in one period of one of them, without [`StrikeProfile::landed`].
     pub out: [f32; PLACES],
     /// By those of them that land after having been thrown from rest: all at one phase.
@@ -47,27 +52,27 @@ pub struct StrikeProfile {
     pub landings: f32,
     /// That phase; `None` where none was thrown from rest.
     pub landing: Option<Phase>,
-    /// Drive periods followed in gear and out of it.
-    pub periods: [f32; 2],
+    /// Drive periods followed in gear and out of it, for each group.
+    pub periods: [[f32; GROUPS]; 2],
     /// Losses of gear in them.
     pub losses: f32,
 }
 
 impl StrikeProfile {
     const NONE: Self = Self {
-        in_gear: [0.0; PLACES],
+        in_gear: [[0.0; PLACES]; GROUPS],
         out: [0.0; PLACES],
         landed: 0.0,
         landings: 0.0,
         landing: None,
-        periods: [0.0; 2],
+        periods: [[0.0; GROUPS]; 2],
         losses: 0.0,
     };
 
     /// Mean drive periods in gear until it is lost; where it was not lost, a least.
     #[must_use]
     pub fn time_to_loss(&self) -> f32 {
-        self.periods[0] / self.losses.max(1.0)
+        self.periods[0].iter().sum::<f32>() / self.losses.max(1.0)
     }
 }
 
@@ -149,7 +154,7 @@ impl StrikeProfiler {
         let over = rider.step_heard(&surface, |heard| struck = Some(heard));
         if let Some(heard) = struck {
             let speed = heard.speed(&surface);
-            let place = (heard.phase.bits() >> 25) as u8;
+            let place = (heard.phase.bits() >> 26) as u8;
             let landed = heard.rested && {
                 let landing = *self.profile.landing.get_or_insert(heard.phase);
                 (-NEAR..NEAR).contains(&((heard.phase - landing).bits() as i32))
@@ -178,14 +183,22 @@ impl StrikeProfiler {
             }
         }
         if over || self.impacts >= MOST {
+            // What ended is the time that it is followed for, not its gear.
+            self.was_in = false;
             self.lose();
             let all = rider.time() as f32 * (1.0 / Phase::TURN as f32);
-            self.profile.periods[0] += self.turns;
-            self.profile.periods[1] += (all - self.turns).max(0.0);
+            let group = self.group();
+            self.profile.periods[0][group] += self.turns;
+            self.profile.periods[1][group] += (all - self.turns).max(0.0);
             self.turns = 0.0;
             return;
         }
         self.rider = Some(rider);
+    }
+
+    /// Group of the part under way.
+    fn group(&self) -> usize {
+        (self.part as usize).saturating_sub(1) * GROUPS / PARTS as usize % GROUPS
     }
 
     fn is_row(&self, turns: f32) -> bool {
@@ -206,7 +219,8 @@ impl StrikeProfiler {
 
     fn count_in(&mut self, strike: Waiting) {
         self.turns += strike.turns;
-        if let Some(sum) = self.profile.in_gear.get_mut(usize::from(strike.place)) {
+        let group = self.group();
+        if let Some(sum) = self.profile.in_gear[group].get_mut(usize::from(strike.place)) {
             *sum += strike.energy;
         }
     }
@@ -231,7 +245,10 @@ impl StrikeProfiler {
         let pair = (self.part - 1) / 2;
         let place = (pair as f32 + 0.5) * (2.0 / PARTS as f32);
         let lot = self.settings.restitution;
-        let (low, high) = (lot.low() as f32, lot.high() as f32);
+        let (low, high) = (
+            (lot.low() as f32 - WIDE).max(0.0),
+            (lot.high() as f32 + WIDE).min(0.99),
+        );
         let mean = low + (high - low) * place;
         let draw = Draw::new(mean, self.settings.scatter, self.part);
         let span = Span::periods(PERIODS, 0);
@@ -245,8 +262,11 @@ impl StrikeProfiler {
     fn end(&mut self) {
         self.part = PARTS + 1;
         let profile = &mut self.profile;
-        let [within, without] = profile.periods.map(|periods| 1.0 / periods.max(1.0));
-        profile.in_gear.iter_mut().for_each(|sum| *sum *= within);
+        let within = profile.periods[0].map(|periods| 1.0 / periods.max(1.0));
+        for (sums, within) in profile.in_gear.iter_mut().zip(within) {
+            sums.iter_mut().for_each(|sum| *sum *= within);
+        }
+        let without = 1.0 / profile.periods[1].iter().sum::<f32>().max(1.0);
         profile.out.iter_mut().for_each(|sum| *sum *= without);
         profile.landed *= without;
         profile.landings *= without;

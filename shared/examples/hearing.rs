@@ -1,0 +1,266 @@
+//! How well the share of time in gear is heard: of lots in the gear that the controller chooses, and at given amplitudes, for
+//! one part and for crowds (docs/theory-real-parts.md#t10.7).
+//!
+//! `cargo run --release -p kband --features unstable --example hearing RUNS SEED ROWS`, with ROWS one of `gear`, `set`, `check`
+//! and `all`. The amplitude told is off by up to 2 %, another one in each run.
+
+use std::f64::consts::TAU;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use kband::control::{GearPlanned, SecondTone, Target};
+use kband::plant::{EnvelopeLoop, Noise, Scene};
+use kband::regime::gear::GearWatch;
+
+/// Cycles of a run, and those before it is judged: 60 s and 5 s at 50 Hz.
+const CYCLES: u32 = 3000;
+const SETTLED: u32 = 250;
+
+/// A lot, what is wanted of it, and on which tracks.
+#[derive(Clone, Copy)]
+struct Row {
+    lot: [f32; 2],
+    scatter: f32,
+    /// k, or none: the controller's choice for gear.
+    k: Option<f32>,
+    second: [f32; 2],
+    parts: usize,
+}
+
+/// What a run came to.
+#[derive(Clone, Copy, Default)]
+struct Heard {
+    truth: f64,
+    /// Mean over the cycles in which a share is told, how many these are of all, and the mean error told.
+    heard: f64,
+    told: f64,
+    error: f64,
+    /// Mean over all cycles of the share or the least told in its place.
+    least: f64,
+}
+
+fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
+    let mut noise = Noise::new(seed);
+    let [low, high] = row.lot;
+    let target = match row.k {
+        Some(k) if row.second[0] > 0.0 => Target::Tones {
+            k,
+            second: SecondTone {
+                ratio: row.second[0],
+                phase: row.second[1],
+            },
+        },
+        Some(k) => Target::K(k),
+        None => Target::Gear { order: 1 },
+    };
+    let mut scene = Scene {
+        target,
+        seed,
+        parts: (0..row.parts)
+            .map(|_| low + (high - low) * noise.uniform())
+            .collect(),
+        scatter: std::iter::repeat_n(row.scatter, row.parts).collect(),
+        ..Scene::default()
+    };
+    let settings = &mut scene.settings;
+    settings.scatter = row.scatter;
+    (settings.restitution_low, settings.restitution_high) = (low, high);
+    settings.second_tone = row.second[0];
+    scene.drive.second_gain = settings.second_gain;
+    scene.drive.second_lag = settings.second_lag;
+    scene.sensor.sensitivity *= 1.0 + settings.amplitude_error * (2.0 * noise.uniform() - 1.0);
+    let mut closed = EnvelopeLoop::build(&scene).expect("the rows are feeders");
+    let mut watches: Vec<_> = (0..row.parts)
+        .map(|_| GearWatch::build(1).expect("order 1 is one"))
+        .collect();
+    let mut all = Heard::default();
+    for cycle in 0..CYCLES {
+        if cycle == SETTLED {
+            watches
+                .iter_mut()
+                .for_each(|watch| watch.begin(f64::from(cycle) * TAU));
+        }
+        let controller = closed.controller_mut();
+        if let (Some(asked), Some(plan)) = (controller.gear_asked().copied(), known.as_ref())
+            && plan.settings == asked
+        {
+            controller.gear_known(plan.clone());
+        }
+        let report = closed.cycle().report;
+        if known.is_none()
+            && let Some(plan) = closed.controller().gear_planned()
+        {
+            *known = Some(plan.clone());
+        }
+        for strike in closed.strikes() {
+            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
+            let flight = f64::from(strike.flight) * TAU;
+            let watch = &mut watches[usize::from(strike.part)];
+            if strike.rested {
+                watch.rested(landed - flight);
+            }
+            watch.landed(landed, flight);
+        }
+        if cycle >= SETTLED {
+            all.least += f64::from(report.in_gear);
+            if report.in_gear_error.is_finite() {
+                all.told += 1.0;
+                all.heard += f64::from(report.in_gear);
+                all.error += f64::from(report.in_gear_error);
+            }
+        }
+    }
+    let counted = f64::from(CYCLES - SETTLED);
+    let told = all.told.max(1.0);
+    all.heard /= told;
+    all.error /= told;
+    all.least /= counted;
+    all.told /= counted;
+    for watch in &watches {
+        all.truth += watch.share(f64::from(CYCLES) * TAU).share() / row.parts as f64;
+    }
+    all
+}
+
+/// The rows of the table of gear; those that the ear was made with; those that were only looked at then.
+fn rows(which: &str) -> Vec<Row> {
+    let row = |lot, scatter, k, second, parts| Row {
+        lot,
+        scatter,
+        k,
+        second,
+        parts,
+    };
+    let mut rows = Vec::new();
+    if which == "gear" || which == "all" {
+        for (r, s, e) in [
+            (0.2, 0.05, 0.0),
+            (0.2, 0.05, 0.15),
+            (0.3, 0.05, 0.0),
+            (0.3, 0.05, 0.15),
+            (0.4, 0.05, 0.0),
+            (0.4, 0.05, 0.15),
+            (0.5, 0.05, 0.0),
+            (0.5, 0.05, 0.15),
+            (0.3, 0.10, 0.0),
+            (0.3, 0.10, 0.15),
+            (0.3, 0.10, 0.25),
+            (0.5, 0.10, 0.0),
+            (0.5, 0.10, 0.25),
+        ] {
+            rows.push(row([r, r], s, None, [e, 0.0], 1));
+        }
+        for e in [0.0, 0.15] {
+            for parts in [1, 2, 4, 6, 12, 24] {
+                rows.push(row([0.1, 0.3], 0.03, None, [e, 0.0], parts));
+            }
+        }
+    }
+    for (set, lots) in [
+        (
+            "set",
+            &[
+                ([0.1, 0.3], 0.03, 0.383),
+                ([0.2, 0.2], 0.05, 0.403),
+                ([0.3, 0.3], 0.05, 0.4438),
+                ([0.5, 0.5], 0.05, 0.5516),
+                ([0.5, 0.5], 0.10, 0.5516),
+                ([0.25, 0.25], 0.04, 0.42),
+                ([0.35, 0.35], 0.07, 0.47),
+                ([0.45, 0.45], 0.05, 0.53),
+                ([0.15, 0.15], 0.06, 0.38),
+                ([0.4, 0.4], 0.10, 0.49),
+                ([0.2, 0.4], 0.04, 0.45),
+                ([0.3, 0.3], 0.05, 0.49),
+                ([0.1, 0.1], 0.06, 0.36),
+                ([0.2, 0.2], 0.05, 0.4312),
+            ][..],
+        ),
+        (
+            "check",
+            &[
+                ([0.22, 0.22], 0.06, 0.41),
+                ([0.33, 0.33], 0.08, 0.45),
+                ([0.55, 0.55], 0.05, 0.6),
+                ([0.25, 0.25], 0.10, 0.42),
+                ([0.4, 0.4], 0.06, 0.5),
+                ([0.15, 0.25], 0.05, 0.39),
+                ([0.3, 0.4], 0.05, 0.47),
+            ],
+        ),
+    ] {
+        if which == set || which == "all" {
+            for &(lot, scatter, k) in lots {
+                for parts in [1, 2, 6, 12, 24] {
+                    rows.push(row(lot, scatter, Some(k), [0.0; 2], parts));
+                }
+            }
+        }
+    }
+    rows
+}
+
+fn main() {
+    let mut given = std::env::args().skip(1);
+    let mut number = |otherwise| {
+        given
+            .next()
+            .and_then(|n| n.parse().ok())
+            .unwrap_or(otherwise)
+    };
+    let (runs, seed) = (number(4_u64), number(1_u64));
+    let rows = rows(&given.next().unwrap_or_else(|| "all".into()));
+    let next = AtomicUsize::new(0);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut found: Vec<(usize, Vec<Heard>)> = std::thread::scope(|scope| {
+        let work = || {
+            let mut done = Vec::new();
+            loop {
+                let n = next.fetch_add(1, Ordering::Relaxed);
+                let Some(row) = rows.get(n) else {
+                    return done;
+                };
+                let mut known = None;
+                let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r, &mut known));
+                done.push((n, runs.collect()));
+            }
+        };
+        let all: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        all.into_iter()
+            .flat_map(|thread| thread.join().expect("no run panics"))
+            .collect()
+    });
+    found.sort_by_key(|(n, _)| *n);
+    println!(
+        "R         s     k      e     parts  true   heard  apart  +-     rms    error  told   least"
+    );
+    for (n, runs) in found {
+        let row = &rows[n];
+        let count = runs.len() as f64;
+        let mean = |of: &dyn Fn(&Heard) -> f64| runs.iter().map(of).sum::<f64>() / count;
+        let told: Vec<_> = runs.iter().filter(|run| run.told > 0.0).collect();
+        let of_told = told.len().max(1) as f64;
+        let apart = told.iter().map(|run| run.heard - run.truth).sum::<f64>() / of_told;
+        let square = told
+            .iter()
+            .map(|run| (run.heard - run.truth).powi(2))
+            .sum::<f64>()
+            / of_told;
+        let spread = ((square - apart * apart).max(0.0) / (of_told - 1.0).max(1.0)).sqrt();
+        println!(
+            "{:<9} {:<5} {:<6} {:<5} {:<5} {:6.3} {:6.3} {:+6.3} {:6.3} {:6.3} {:6.3} {:6.3} {:6.3}",
+            format!("{}..{}", row.lot[0], row.lot[1]),
+            row.scatter,
+            row.k.map_or_else(|| "gear".into(), |k| k.to_string()),
+            row.second[0],
+            row.parts,
+            mean(&|run| run.truth),
+            told.iter().map(|run| run.heard).sum::<f64>() / of_told,
+            apart,
+            spread,
+            square.sqrt(),
+            told.iter().map(|run| run.error).sum::<f64>() / of_told,
+            mean(&|run| run.told),
+            mean(&|run| run.least),
+        );
+    }
+}
