@@ -99,6 +99,8 @@ if [ "${1:-}" = --soak ]; then
     step "soak" 36000 cargo run --release --locked --package kband-tests --bin soak
     step "soak on several tones" 36000 env KBAND_LAUNCHES=2000000 KBAND_SEED=1 \
         cargo test --release --locked --package kband-tests --test tones is_missed_in -- --nocapture
+    step "random scenes" 7200 env KBAND_SCENES=2000 KBAND_SEED=2 \
+        cargo test --release --locked --package kband-tests --test random_scenes -- --nocapture
     step "day" 7200 cargo run --release --locked --package kband-tests --bin day
     step "week" 7200 cargo run --release --locked --package kband-tests --bin day -- --days 7 --fidelity envelope
     finish
