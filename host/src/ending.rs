@@ -249,7 +249,8 @@ impl Endings {
 
     /// Whether irregular flights in gear of an order stay there: told by one orbit from beside the period-1 orbit, as a
     /// gear has one attractor at a time. Long transients are not held: all of them leave gear sooner or later.
-    fn holds(&self, order: u32) -> bool {
+    #[must_use]
+    pub fn holds(&self, order: u32) -> bool {
         let known = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
         known.is_some_and(|held| *held.get_or_init(|| self.is_held(order)))
     }

@@ -47,8 +47,9 @@ pub(super) struct Glance {
     pub reference: f32,
     /// Measured k.
     pub k: f32,
-    /// Share of time in gear as heard.
+    /// Share of time in gear as heard, and whether that is told or only a least.
     pub in_gear: f32,
+    pub told: bool,
 }
 
 impl Glance {
@@ -62,6 +63,7 @@ impl Glance {
             reference: report.reference,
             k: report.k,
             in_gear: report.in_gear,
+            told: report.in_gear_error.is_finite(),
         }
     }
 }
@@ -112,6 +114,7 @@ impl Engine<'_> {
                     reference: controller.reference(),
                     k: controller.k(amplitude),
                     in_gear: controller.in_gear(),
+                    told: controller.in_gear_error().is_finite(),
                 })
             }
             Self::Whole(closed, last) => {

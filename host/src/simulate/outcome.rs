@@ -8,7 +8,7 @@ use kband::control::{
     Target,
 };
 use kband::feeder::Restitution;
-use kband::plant::{Change, Moment, Strike};
+use kband::plant::{Change, Disturbance, Moment, Strike};
 use kband::regime::Lock;
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
@@ -20,6 +20,7 @@ use super::record::{END, HEARD, Happened, Record, Watch};
 use super::scene::SceneFile;
 use crate::board::{BoardLoop, Link};
 use crate::desk::{Desk, Progress};
+use crate::ending::{Endings, FOLLOWED, told};
 use crate::refusal::Refusal;
 
 /// How exactly an impact repeats on a drive whose amplitude is controlled through a noisy sensor.
@@ -310,7 +311,7 @@ impl Outcome {
     #[must_use]
     pub fn regime(&self) -> String {
         let parts = self.file.scene.parts.len() as u8;
-        let mut words: Vec<String> = (0..parts).map(|part| words(self.regime_of(part))).collect();
+        let mut words: Vec<String> = (0..parts).map(|part| self.regime_in_words(part)).collect();
         words.sort();
         words.dedup();
         if words.is_empty() {
@@ -323,6 +324,43 @@ impl Outcome {
             return format!("in gear {share:.2}, order {}", self.gear_order());
         }
         words.join(" / ")
+    }
+
+    /// The same of one part, and where nothing is decided after how many impacts that is.
+    fn regime_in_words(&self, part: u8) -> String {
+        match self.regime_of(part) {
+            Regime::Chaotic if !self.stays_chaotic(part) => self.undecided(part),
+            Regime::Undecided => self.undecided(part),
+            regime => words(regime),
+        }
+    }
+
+    fn undecided(&self, part: u8) -> String {
+        let impacts = self.late(part, HEARD[0]).count();
+        told(Regime::Undecided, impacts)
+    }
+
+    /// Whether the irregular flights that a part makes at the end stay what they are, by the rule of every verb
+    /// ([`Endings::holds`]); a long transient does not, and on two tones it is not known.
+    fn stays_chaotic(&self, part: u8) -> bool {
+        let (mut time, mut flights) = (0.0, 0.0);
+        for strike in self.late(part, HEARD[0]) {
+            time += f64::from(strike.flight);
+            flights += 1.0;
+        }
+        let scene = &self.file.scene;
+        let changed = |change: &Disturbance| match change.change {
+            Change::Restitution(restitution) => Some(restitution),
+            _ => None,
+        };
+        let now = scene.disturbances.iter().rev().find_map(changed);
+        let restitution = now.or_else(|| scene.parts.get(usize::from(part)).copied());
+        let (Some(restitution), true) = (restitution, self.last().shape.second.ratio == 0.0) else {
+            return false;
+        };
+        let order = (time / f64::max(flights, 1.0)).round() as u32;
+        Endings::new(self.k(), f64::from(restitution), FOLLOWED)
+            .is_ok_and(|endings| endings.holds(order))
     }
 
     /// What one part really does at the end, told from its impacts alone: over the longest of some windows

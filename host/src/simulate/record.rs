@@ -71,8 +71,9 @@ pub struct Record {
     /// Time in gear of each part, and the cycle that ended as that began to count.
     gear: Vec<GearWatch>,
     settled: Option<Settled>,
-    /// Sum of the shares of time in gear as heard since then, over the cycles.
+    /// Sum of the shares of time in gear that were told since then, and the cycles in which one was.
     heard: f64,
+    told: u32,
     late: Vec<(f64, Strike)>,
     kept: Option<Vec<Moment>>,
     sketch: Option<Sketch>,
@@ -103,6 +104,7 @@ impl Record {
                 .collect(),
             settled: None,
             heard: 0.0,
+            told: 0,
             duration,
             cycles: 0,
             last: None,
@@ -146,7 +148,10 @@ impl Record {
             gear.landed(landed, flight);
         }
         if self.settled.is_some() {
-            self.heard += f64::from(glance.in_gear);
+            if glance.told {
+                self.heard += f64::from(glance.in_gear);
+                self.told += 1;
+            }
         } else if time >= SETTLED && time < self.duration {
             let displacement = moment().map_or(0.0, |moment| moment.displacement);
             let cycles = self.cycles;
@@ -234,12 +239,18 @@ impl Record {
         self.gear[..counted].iter().map(move |gear| gear.share(now))
     }
 
-    /// The share of time in gear as the controller heard it, mean over the cycles from [`SETTLED`] on; `None` where the
-    /// run was shorter.
+    /// The share of time in gear as the controller heard it, mean over the cycles from [`SETTLED`] on in which it told one;
+    /// `None` where there is none.
     #[must_use]
     pub fn in_gear_heard(&self) -> Option<f64> {
+        (self.told > 0).then(|| self.heard / f64::from(self.told))
+    }
+
+    /// The share of the cycles from [`SETTLED`] on in which it told one; `None` where the run was shorter.
+    #[must_use]
+    pub fn in_gear_told(&self) -> Option<f64> {
         let cycles = self.cycles - self.settled?.cycles;
-        (cycles > 0).then(|| self.heard / f64::from(cycles))
+        (cycles > 0).then(|| f64::from(self.told) / f64::from(cycles))
     }
 
     /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was shorter.

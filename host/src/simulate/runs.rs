@@ -33,14 +33,16 @@ pub struct Run {
     pub k: f64,
     /// Share of time in gear from [`SETTLED`](super::SETTLED) on, mean over the parts; `None` where it was shorter.
     pub in_gear: Option<f64>,
-    /// The same as the controller heard it, mean over the cycles.
+    /// The same as the controller heard it, mean over the cycles in which it told one; `None` where it told none.
     pub in_gear_heard: Option<f64>,
+    /// The share of the cycles in which it told one.
+    pub in_gear_told: Option<f64>,
     /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter run.
     pub speed: f64,
 }
 
 /// Columns of a run.
-pub const COLUMNS: [Column; 12] = [
+pub const COLUMNS: [Column; 13] = [
     Column::new("run", ""),
     Column::new("restitution", ""),
     Column::new("sensitivity", "of the one told"),
@@ -50,6 +52,7 @@ pub const COLUMNS: [Column; 12] = [
     Column::new("k", ""),
     Column::new("in_gear", ""),
     Column::new("in_gear_heard", ""),
+    Column::new("in_gear_told", ""),
     Column::new("speed", "mm/s"),
     Column::new("state", "").words(),
     Column::new("regime", "").words(),
@@ -69,6 +72,7 @@ impl Run {
             Some(self.k).filter(|k| k.is_finite()).into(),
             self.in_gear.into(),
             self.in_gear_heard.into(),
+            self.in_gear_told.into(),
             (self.speed * 1e3).into(),
             self.state.name().into(),
             self.regime.as_str().into(),
@@ -124,10 +128,23 @@ impl Runs {
         self.mean(|run| run.in_gear)
     }
 
-    /// The same as it was heard.
+    /// The same as it was heard, over the time in which a share was told; `None` where none was.
     #[must_use]
     pub fn in_gear_heard(&self) -> Option<f64> {
-        self.mean(|run| run.in_gear_heard)
+        let (mut heard, mut told) = (0.0, 0.0);
+        for run in &self.runs {
+            if let (Some(share), Some(time)) = (run.in_gear_heard, run.in_gear_told) {
+                heard += share * time;
+                told += time;
+            }
+        }
+        (told > 0.0).then(|| heard / told)
+    }
+
+    /// The share of the time from 5 s on in which one was told.
+    #[must_use]
+    pub fn in_gear_told(&self) -> Option<f64> {
+        self.mean(|run| run.in_gear_told)
     }
 
     /// Mean conveying speed over the runs in m/s; `None` without runs.
@@ -199,6 +216,7 @@ pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> 
         k: outcome.k(),
         in_gear: outcome.in_gear(),
         in_gear_heard: outcome.record().in_gear_heard(),
+        in_gear_told: outcome.record().in_gear_told(),
         speed: outcome.record().speed().unwrap_or_else(|| outcome.speed()),
         regime,
     })
@@ -241,6 +259,7 @@ pub fn summary(all: &[Runs]) -> Table {
         Column::new("slowest_5_percent", "s").digits(3),
         Column::new("in_gear", "").digits(3),
         Column::new("in_gear_heard", "").digits(3),
+        Column::new("in_gear_told", "").digits(3),
         Column::new("speed_mm_s", "").digits(4),
     ]);
     for runs in all {
@@ -261,6 +280,7 @@ pub fn summary(all: &[Runs]) -> Table {
             at(95),
             runs.in_gear().into(),
             runs.in_gear_heard().into(),
+            runs.in_gear_told().into(),
             runs.speed().map(|speed| 1e3 * speed).into(),
         ]);
     }
@@ -379,6 +399,7 @@ mod tests {
             k: 0.0,
             in_gear: None,
             in_gear_heard: None,
+            in_gear_told: None,
             speed: 0.0,
         };
         let runs = Runs {

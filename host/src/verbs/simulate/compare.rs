@@ -73,6 +73,7 @@ pub(super) fn run(
         Column::new("second_tone", "afforded").digits(3),
         Column::new("in_gear", "").digits(3),
         Column::new("in_gear_heard", "").digits(3),
+        Column::new("in_gear_told", "").digits(3),
         Column::new("expected", "").digits(3),
         Column::new("b", "mm").digits(4),
         Column::new("k", "").digits(4),
@@ -88,6 +89,7 @@ pub(super) fn run(
             most.into(),
             outcome.in_gear().into(),
             outcome.record().in_gear_heard().into(),
+            outcome.record().in_gear_told().into(),
             f64::from(outcome.last().expected_in_gear).into(),
             (outcome.amplitude() * 1e3).into(),
             outcome.k().into(),
@@ -123,6 +125,7 @@ fn json_of(outcome: &Outcome) -> Json {
     json!({
         "in_gear": outcome.in_gear(),
         "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_told": outcome.record().in_gear_told(),
         "in_gear_expected": last.expected_in_gear,
         "b_mm": outcome.amplitude() * 1e3,
         "k": outcome.k(),

@@ -168,8 +168,15 @@ pub(super) fn told(
             number(share, 3),
             outcome.gear_order()
         ));
-        if let Some(heard) = outcome.record().in_gear_heard() {
-            say(format!("                 heard {}", number(heard, 3)));
+        let record = outcome.record();
+        if let (Some(heard), Some(told)) = (record.in_gear_heard(), record.in_gear_told()) {
+            let told = match told {
+                1.0 => String::new(),
+                told => format!(", told for {} of that time", number(told, 3)),
+            };
+            say(format!("                 heard {}{told}", number(heard, 3)));
+        } else if record.in_gear_told().is_some() {
+            say("                 heard: not told".into());
         }
     }
     if let Some(expected) = expected {
@@ -329,6 +336,7 @@ pub(super) fn told(
         "regime": outcome.regime(),
         "in_gear": outcome.in_gear(),
         "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_told": outcome.record().in_gear_told(),
         "in_gear_expected": expected,
         "cycles_to_loss": outcome.time_to_loss(),
         "lock_phase_rad": outcome.lock_phase(),
