@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use kband::control::{GearPlanned, SecondTone, Target};
+use kband::control::{GearPlanned, Target};
 use kband::plant::{EnvelopeLoop, Noise, Scene};
 use kband::regime::gear::GearWatch;
 
@@ -20,9 +20,9 @@ const SETTLED: u32 = 250;
 struct Row {
     lot: [f32; 2],
     scatter: f32,
-    /// k, or none: the controller's choice for gear.
+    /// k, or none: the controller's choice for gear, with a second tone of up to so much of the first.
     k: Option<f32>,
-    second: [f32; 2],
+    second_tone: f32,
     parts: usize,
 }
 
@@ -42,13 +42,6 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
     let mut noise = Noise::new(seed);
     let [low, high] = row.lot;
     let target = match row.k {
-        Some(k) if row.second[0] > 0.0 => Target::Tones {
-            k,
-            second: SecondTone {
-                ratio: row.second[0],
-                phase: row.second[1],
-            },
-        },
         Some(k) => Target::K(k),
         None => Target::Gear { order: 1 },
     };
@@ -64,7 +57,7 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
     let settings = &mut scene.settings;
     settings.scatter = row.scatter;
     (settings.restitution_low, settings.restitution_high) = (low, high);
-    settings.second_tone = row.second[0];
+    settings.second_tone = row.second_tone;
     scene.drive.second_gain = settings.second_gain;
     scene.drive.second_lag = settings.second_lag;
     scene.sensor.sensitivity *= 1.0 + settings.amplitude_error * (2.0 * noise.uniform() - 1.0);
@@ -123,11 +116,11 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
 
 /// The rows of the table of gear; those that the ear was made with; those that were only looked at then.
 fn rows(which: &str) -> Vec<Row> {
-    let row = |lot, scatter, k, second, parts| Row {
+    let row = |lot, scatter, k, second_tone, parts| Row {
         lot,
         scatter,
         k,
-        second,
+        second_tone,
         parts,
     };
     let mut rows = Vec::new();
@@ -147,11 +140,11 @@ fn rows(which: &str) -> Vec<Row> {
             (0.5, 0.10, 0.0),
             (0.5, 0.10, 0.25),
         ] {
-            rows.push(row([r, r], s, None, [e, 0.0], 1));
+            rows.push(row([r, r], s, None, e, 1));
         }
         for e in [0.0, 0.15] {
             for parts in [1, 2, 4, 6, 12, 24] {
-                rows.push(row([0.1, 0.3], 0.03, None, [e, 0.0], parts));
+                rows.push(row([0.1, 0.3], 0.03, None, e, parts));
             }
         }
     }
@@ -191,7 +184,7 @@ fn rows(which: &str) -> Vec<Row> {
         if which == set || which == "all" {
             for &(lot, scatter, k) in lots {
                 for parts in [1, 2, 6, 12, 24] {
-                    rows.push(row(lot, scatter, Some(k), [0.0; 2], parts));
+                    rows.push(row(lot, scatter, Some(k), 0.0, parts));
                 }
             }
         }
@@ -251,7 +244,7 @@ fn main() {
             format!("{}..{}", row.lot[0], row.lot[1]),
             row.scatter,
             row.k.map_or_else(|| "gear".into(), |k| k.to_string()),
-            row.second[0],
+            row.second_tone,
             row.parts,
             mean(&|run| run.truth),
             told.iter().map(|run| run.heard).sum::<f64>() / of_told,
