@@ -773,9 +773,11 @@ fn what_commissioning_found_is_kept_with_the_target_that_the_board_had() {
         assert!(board.running);
         assert_eq!(board.holds.target, before.target);
         if apply {
-            let mut found = Settings::default();
-            found.restitution_low = 0.29;
-            found.restitution_high = 0.33;
+            let found = Settings {
+                restitution_low: 0.29,
+                restitution_high: 0.33,
+                ..Settings::default()
+            };
             let kept = board.saved.expect("it was told to keep them");
             assert_eq!(kept.settings, found.values());
             assert_eq!(kept.target, before.target);

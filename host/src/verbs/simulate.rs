@@ -90,7 +90,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
 
-    /// Picture to write, .svg or .png.
+    /// Picture to write, .svg, .png or .pdf.
     #[arg(long, value_name = "FILE", default_value = "kband-simulate.svg")]
     out: PathBuf,
 
