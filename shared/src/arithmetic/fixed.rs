@@ -61,14 +61,20 @@ macro_rules! rounded_to {
                 Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $held)
             }
 
-            /// The number nearest to `value`, saturating.
-            pub fn nearest(value: f64) -> Self {
-                Self(libm::round(value * steps(F)) as $held)
-            }
-
             #[inline(always)]
             pub const fn wrapping_sub(self, other: Self) -> Self {
                 Self(self.0.wrapping_sub(other.0))
+            }
+        }
+    )+};
+}
+
+macro_rules! nearest_in {
+    ($($held:ty)+) => {$(
+        impl<const F: u32> Fixed<F, $held> {
+            /// The number nearest to `value`, saturating.
+            pub fn nearest(value: f64) -> Self {
+                Self(libm::round(value * steps(F)) as $held)
             }
         }
     )+};
@@ -109,6 +115,10 @@ macro_rules! in_32_bits {
 
 held_in!(i32 i64 u32 u64);
 rounded_to!(i32 i64 u32);
+nearest_in!(u32);
+// The tracks of several tones.
+#[cfg(any(test, feature = "analysis", feature = "control"))]
+nearest_in!(i32 i64);
 in_32_bits!(i32 u32);
 
 impl<const F: u32> Neg for Fixed<F> {
