@@ -8,10 +8,10 @@ use std::{env, fs};
 /// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data, and
 /// the RAM (stack included) an image may use; the linker refuses a larger one.
 const LAYOUT: &str = "\
-SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 62K; } > RAM } INSERT BEFORE .data;
+SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 76K; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
-ASSERT(__sheap - ORIGIN(RAM) <= 96K, \"kband: stack and static data exceed 96 KiB of RAM\");
+ASSERT(__sheap - ORIGIN(RAM) <= 112K, \"kband: stack and static data exceed 112 KiB of RAM\");
 ";
 
 /// The flash that the board's image may use, below the settings of any board. The emulated one carries the plant as well.
