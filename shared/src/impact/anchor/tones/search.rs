@@ -337,7 +337,8 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
             }
             let steps = i64::from(wait) + 1 + (i64::from(turn) << 32);
             let over_begin = edges.gap(begin, steps, &hump.begin);
-            if over_begin.height <= 0.0 {
+            // A launch one step before the hump is at its begin: above the track from there on.
+            if over_begin.height <= 0.0 && begin > 0.0 {
                 return (concave(launch, low, begin, over_begin, hump), grazes);
             }
             let over_end = edges.gap(end, steps + i64::from(hump.length), &hump.end);
