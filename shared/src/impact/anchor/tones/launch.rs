@@ -2,7 +2,10 @@
 
 use super::harmonics::Parts;
 use super::track::Track;
-use crate::impact::anchor::flight::{larger, smaller};
+use crate::impact::anchor::flight::{abs, larger, smaller};
+
+/// A pull below this is known to 3e-9, a larger one to the rounding of a sum in f32.
+const NEAR_LEVEL: f32 = 0.02;
 
 /// A launch in f32.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +38,7 @@ impl Launch {
     #[inline(always)]
     pub fn new(track: &Track, phase: u32, velocity: f32, parts: &Parts, throws: bool) -> Self {
         let mut pull = track.k - parts.sines(4.0, 9.0);
-        if pull < 0.02 && pull > -0.02 {
+        if abs(pull) < NEAR_LEVEL {
             pull = -track.excess(phase);
         }
         Self {
@@ -52,6 +55,12 @@ impl Launch {
             surge: parts.cosines(8.0, 27.0),
             parts: *parts,
         }
+    }
+
+    /// Whether the pull is known to more digits than a sum in f32 has.
+    #[inline(always)]
+    pub fn is_near_level(&self) -> bool {
+        abs(self.pull) < NEAR_LEVEL
     }
 
     /// The flight after `x`, at most [`super::search::longest`], in forms that keep every digit:

@@ -519,8 +519,13 @@ impl<F: Edged> Edges<'_, F> {
             ),
         });
         let rounding = if x < self.short {
-            // Some roundings of f32 and of the pull.
-            x * (4e-7 * self.launch.velocity + F::PULL * x)
+            // Some roundings of f32 and of the pull: of each of its tones where it is a sum in f32.
+            let pull = if self.launch.is_near_level() {
+                F::PULL
+            } else {
+                larger(F::PULL, 6e-8 * self.track.tones.bound(2))
+            };
+            x * (4e-7 * self.launch.velocity + pull * x)
         } else {
             F::ROUNDING + F::DRIFT * x
         };
