@@ -5,7 +5,7 @@ cd "$(dirname "$0")"
 kband() { cargo run --quiet --release -- "$@"; }
 scene=$(mktemp --suffix .toml)
 trap 'rm -f "$scene"' EXIT
-kband simulate --print-scene | sed 's/^duration = .*/duration = 4.0/' >"$scene"
+kband simulate --print-scene | sed -e 's/^duration = .*/duration = 4.0/' -e 's/^gear = 1.*/locked = 1/' -e 's/^scatter = .*/scatter = 0.0/' >"$scene"
 kband simulate "$scene" --out locked.svg --trace "${scene%.toml}.csv"
 rm -f "${scene%.toml}.csv"
 kband diagram --restitution 0.2 --k 0.3..0.5:300 --out diagram.svg

@@ -128,7 +128,7 @@ pub const STM32G474RE: Chip = Chip {
     flash: 0x0800_0000..0x0808_0000,
     sectors: &[(256, 2)],
     settings: 0x0807_e000..0x0808_0000,
-    memory: 0x2000_0000..0x2001_8000,
+    memory: 0x2000_0000..0x2002_0000,
     vectors: 118,
     family: 0x469,
     flash_size: 0x1fff_75e0,
