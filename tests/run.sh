@@ -97,6 +97,7 @@ export CARGO_NET_OFFLINE=true
 
 if [ "${1:-}" = --soak ]; then
     step "soak" 36000 cargo run --release --locked --package kband-tests --bin soak
+    step "set-up of every k" 3600 cargo test --release --locked --package kband --lib -- --ignored every_single_k
     step "soak on several tones" 36000 env KBAND_LAUNCHES=2000000 KBAND_SEED=1 \
         cargo test --release --locked --package kband-tests --test tones is_missed_in -- --nocapture
     step "random scenes" 7200 env KBAND_SCENES=2000 KBAND_SEED=2 \

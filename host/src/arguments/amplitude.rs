@@ -43,31 +43,13 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
                 "give one amplitude, for example --b 0.235",
             )),
             Some(range) => k_of(&self.track()?, range.low).map(Some),
-            None => self.alone().map(|()| k),
-        }
-    }
-
-    /// Refuses what has an effect only on an amplitude, where none was given.
-    fn alone(self) -> Result<(), Refusal> {
-        let given = [("--frequency", self.frequency), ("--incline", self.incline)];
-        match given
-            .into_iter()
-            .find_map(|(name, value)| Some((name, value?)))
-        {
-            Some((name, value)) => Err(Refusal::value(
-                name,
-                value,
-                "only with --b: k holds frequency and incline already",
-                format!("give the amplitude in mm with --b, or leave out {name}"),
-            )),
-            None => Ok(()),
+            None => Ok(k),
         }
     }
 
     /// k of each amplitude that was given, in their order, or each of `k`.
     pub fn or_range(self, k: Option<Range>) -> Result<Option<Vec<f64>>, Refusal> {
         let Some(range) = self.b else {
-            self.alone()?;
             return Ok(k.map(|k| k.values().collect()));
         };
         let track = self.track()?;
@@ -79,7 +61,6 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
     pub fn told(self, k: f64) -> Result<String, Refusal> {
         let k_told = format!("k = {}", number(k, 6));
         if self.b.is_none() {
-            self.alone()?;
             return Ok(k_told);
         }
         let track = self.track()?;
@@ -145,9 +126,5 @@ mod tests {
         let refusal = of(500.0, 500.0, 1).or_k(None).unwrap_err().to_string();
         assert!(refusal.contains("0.000068..68 mm"), "{refusal}");
         assert!(of(0.1, 0.2, 3).or_k(None).is_err());
-        let mut alone = of(0.1, 0.1, 1);
-        alone.b = None;
-        let refusal = alone.or_k(Some(0.4)).unwrap_err().to_string();
-        assert!(refusal.contains("--frequency = 60 is refused"), "{refusal}");
     }
 }

@@ -43,21 +43,6 @@ impl LookArguments {
         self.theme
     }
 
-    /// Refuses a look without a picture; `drawn` says whether there is one.
-    pub fn check(self, drawn: bool) -> Result<(), Refusal> {
-        let wanted = [
-            ("--width", self.width.is_some()),
-            ("--font-size", self.font_size.is_some()),
-        ];
-        match wanted.into_iter().find(|(_, wanted)| *wanted && !drawn) {
-            Some((option, _)) => Err(Refusal::new(
-                format!("{option} has no effect: no picture is drawn"),
-                "add --out FILE.svg, FILE.png or FILE.pdf",
-            )),
-            None => Ok(()),
-        }
-    }
-
     /// Writes the picture as its ending says, one of [`PICTURES`].
     pub fn write(self, target: &Destination, picture: &Picture) -> Result<(), Refusal> {
         let look = Look::new(self.theme, self.width, self.font_size);

@@ -47,17 +47,22 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Show::Phase)]
     show: Show,
 
-    /// How the parts start, one panel each [default: rest,up,down].
-    #[arg(long, value_enum, value_delimiter = ',')]
+    /// How the parts start, one panel each.
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "rest,up,down"
+    )]
     starts: Vec<ColumnStart>,
 
-    /// Impacts drawn in each column [default: 1000].
-    #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
-    impacts: Option<usize>,
+    /// Impacts drawn in each column.
+    #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(1, 1_000_000))]
+    impacts: usize,
 
-    /// Impacts in each column before the first that is drawn [default: 500].
-    #[arg(long, value_name = "N", value_parser = arguments::count(0, 10_000_000))]
-    settle: Option<usize>,
+    /// Impacts in each column before the first that is drawn.
+    #[arg(long, value_name = "N", default_value = "500", value_parser = arguments::count(0, 10_000_000))]
+    settle: usize,
 
     #[command(flatten)]
     scatter: ScatterArguments,
@@ -78,25 +83,6 @@ pub enum Show {
     Velocity,
     /// Restitution, over k: a map of where parts end, from rest and from next to the lock.
     Regimes,
-}
-
-impl Arguments {
-    fn impacts(&self) -> usize {
-        self.impacts.unwrap_or(1000)
-    }
-
-    fn settle(&self) -> usize {
-        self.settle.unwrap_or(500)
-    }
-
-    fn starts(&self) -> Vec<ColumnStart> {
-        let mut starts = self.starts.clone();
-        if starts.is_empty() {
-            starts = vec![ColumnStart::Rest, ColumnStart::Up, ColumnStart::Down];
-        }
-        starts.dedup();
-        starts
-    }
 }
 
 /// How parts start.
@@ -148,7 +134,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Map::build(k, restitution)
         })
         .collect::<Result<_, _>>()?;
-    let starts = arguments.starts();
+    let mut starts = arguments.starts.clone();
+    starts.dedup();
     let diagram = Arc::new(Diagram {
         over,
         range,

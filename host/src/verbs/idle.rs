@@ -20,11 +20,22 @@ struct Idle {
     why: &'static str,
 }
 
+/// What turns an amplitude into k, of a verb that was given none.
+const fn without_amplitude(verb: &'static str) -> Idle {
+    Idle {
+        verb,
+        case: |given| !given.has("b"),
+        said: "without --b",
+        options: &["frequency", "incline"],
+        why: "k holds both already",
+    }
+}
+
 const IDLE: &[Idle] = &[
     Idle {
         verb: "transport",
         case: |given| given.is("show", "return"),
-        said: "--show return",
+        said: "with --show return",
         options: &[
             "restitution",
             "tangential-restitution",
@@ -39,42 +50,54 @@ const IDLE: &[Idle] = &[
     Idle {
         verb: "transport",
         case: |given| given.is("show", "intervals"),
-        said: "--show intervals",
+        said: "with --show intervals",
         options: &["part-length"],
         why: "it tells times between impacts, no speed",
     },
     Idle {
         verb: "transport",
         case: |given| given.has("friction"),
-        said: "--friction",
+        said: "with --friction",
         options: &["starts", "part-length"],
         why: "each speed is that of a part from rest",
     },
     Idle {
         verb: "gear",
         case: |given| given.has("table"),
-        said: "--table",
+        said: "with --table",
         options: &["frequency", "incline", "out", "theme", "width", "font-size"],
         why: "it runs the built-in feeder, and prints its table alone",
     },
     Idle {
         verb: "gear",
         case: |given| given.has("second_tone"),
-        said: "--second-tone",
+        said: "with --second-tone",
         options: &["largest-second-tone"],
         why: "no other second tone is tried",
     },
     Idle {
+        verb: "diagram",
+        case: |given| given.is("show", "regimes"),
+        said: "with --show regimes",
+        options: &["starts", "impacts", "settle"],
+        why: "it is a map over k and restitution, from rest and from next to the lock",
+    },
+    without_amplitude("basins"),
+    without_amplitude("capture"),
+    without_amplitude("diagram"),
+    without_amplitude("exponent"),
+    without_amplitude("impacts"),
+    Idle {
         verb: "exponent",
         case: |given| given.has("phase") && !given.has("band"),
-        said: "--phase and --velocity",
+        said: "with --phase and --velocity",
         options: &["order"],
         why: "the orbit starts where they say, not near a lock",
     },
     Idle {
         verb: "simulate",
         case: |given| given.has("print_scene") || given.has("schema"),
-        said: "--print-scene and --schema",
+        said: "with --print-scene and --schema",
         options: &[
             "fidelity",
             "restitution",
@@ -98,7 +121,7 @@ const IDLE: &[Idle] = &[
     Idle {
         verb: "simulate",
         case: |given| given.has("on"),
-        said: "--on",
+        said: "with --on",
         options: &["fidelity"],
         why: "a board gets every sample",
     },
@@ -143,7 +166,10 @@ pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
     let refuse = |option: &str, said: &str, why: &str| {
         Err(Refusal::new(
             format!("--{option} does nothing {said}: {why}"),
-            format!("leave out --{option}, or what it does nothing with"),
+            match said.strip_prefix("without ") {
+                Some(missing) => format!("give {missing}, or leave out --{option}"),
+                None => format!("leave out --{option}, or what it does nothing with"),
+            },
         ))
     };
     for idle in IDLE
@@ -152,14 +178,20 @@ pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
     {
         let mut options = idle.options.iter();
         if let Some(option) = options.find(|option| given.has(&option.replace('-', "_"))) {
-            return refuse(option, &format!("with {}", idle.said), idle.why);
+            return refuse(option, idle.said, idle.why);
         }
     }
-    if verb != DRAWS && given.has("theme") && !given.draws() {
+    let looks = [
+        ("theme", "theme"),
+        ("width", "width"),
+        ("font_size", "font-size"),
+    ];
+    let unseen = looks.into_iter().find(|(id, _)| given.has(id));
+    if let Some((_, option)) = unseen.filter(|_| verb != DRAWS && !given.draws()) {
         return refuse(
-            "theme",
+            option,
             "without a picture",
-            "give --out FILE.svg or FILE.png",
+            "give --out FILE.svg, FILE.png or FILE.pdf",
         );
     }
     let scatter = matches.try_get_one::<f64>("scatter").ok().flatten();
@@ -196,6 +228,7 @@ mod tests {
                 .find(|arg| arg.get_long() == Some(option));
             let of = of.unwrap_or_else(|| panic!("{} has no --{option}", verb.get_name()));
             match option {
+                "starts" if verb.get_name() == "diagram" => "rest",
                 "starts" | "impacts" => "500",
                 "phase-lead" | "incline" => "2",
                 "restitution"
@@ -217,35 +250,51 @@ mod tests {
         };
         for idle in IDLE {
             let cases: &[&str] = match idle.said {
-                "--show return" => &["--show return --k 0.2"],
-                "--show intervals" => &["--show intervals --k 0.2"],
-                "--friction" => &["--friction 0.3"],
-                "--table" => &["--table"],
-                "--second-tone" => &["--second-tone 0.1,2.4"],
-                "--phase and --velocity" => &["--phase 0.5 --velocity 0.4"],
-                "--print-scene and --schema" => &["--print-scene", "--schema"],
-                "--on" => &["--on qemu"],
+                "with --show regimes" => &["--show regimes --k 0.1..0.8:9 --restitution 0..0.9:9"],
+                "with --show return" => &["--show return --k 0.2"],
+                "with --show intervals" => &["--show intervals --k 0.2"],
+                "with --friction" => &["--friction 0.3"],
+                "with --table" => &["--table"],
+                "with --second-tone" => &["--second-tone 0.1,2.4"],
+                "with --phase and --velocity" => &["--phase 0.5 --velocity 0.4"],
+                "with --print-scene and --schema" => &["--print-scene", "--schema"],
+                "with --on" => &["--on qemu"],
+                "without --b" => &["--k 0.4"],
                 other => panic!("no example of {other}"),
+            };
+            let needed = match idle.verb {
+                _ if idle.said != "without --b" => "",
+                "basins" => " --restitution 0.2",
+                "impacts" => " --restitution 0.2 --phase 1 --velocity 0.5",
+                _ => "",
+            };
+            let otherwise = match idle.said {
+                "without --b" => " --b 0.2",
+                _ => "",
             };
             for option in idle.options {
                 let given = format!("--{option} {}", example(idle.verb, option));
                 let given = given.trim_end();
                 for case in cases {
-                    let line = format!("{} {given} {case}", idle.verb);
+                    let line = format!("{} {given} {case}{needed}", idle.verb);
                     let refusal = refused(&line).unwrap_or_else(|| panic!("kband {line} is taken"));
                     assert!(
-                        refusal.contains(&format!("--{option} does nothing with")),
+                        refusal.contains(&format!("--{option} does nothing {}", idle.said)),
                         "{refusal}"
                     );
                 }
-                let line = format!("{} {given}", idle.verb);
-                let other = line.contains("theme") || line.contains("--on");
+                let line = format!("{} {given}{otherwise}{needed}", idle.verb);
+                let other = ["theme", "width", "font-size", "on"];
+                let other = other.contains(option);
                 assert!(other || refused(&line).is_none(), "kband {line} is refused");
             }
         }
         for line in [
             "cascade --theme dark",
             "cascade --theme dark --out a.csv",
+            "cascade --width column",
+            "cascade --font-size 7 --out a.json",
+            "capture --incline 4",
             "diagram --seed 3",
             "transport --seed 3",
         ] {
@@ -253,6 +302,7 @@ mod tests {
         }
         for line in [
             "cascade --theme dark --out a.svg",
+            "cascade --width column --font-size 7 --out a.pdf",
             "diagram --scatter 0.05 --seed 3",
             "gear --seed 3",
             "gear --scatter 0 --seed 3",

@@ -94,7 +94,7 @@ pub(super) fn follow(
     maps: &[Map],
     desk: &Desk,
 ) -> Result<Vec<Branch>, Refusal> {
-    let (settle, impacts) = (arguments.settle(), arguments.impacts());
+    let (settle, impacts) = (arguments.settle, arguments.impacts);
     let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
     for start in starts {
         if *start != ColumnStart::Rest {

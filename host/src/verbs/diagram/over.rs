@@ -66,9 +66,6 @@ impl Over {
 
 /// Which of the three options is the range, and that range.
 pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
-    if arguments.amplitude.b.is_none() {
-        arguments.amplitude.or_range(None)?;
-    }
     let restitution = arguments.restitution;
     let wide = |range: Range| range.count > 1;
     let ranges = "exactly one of --k, --b and --restitution as a range LO..HI";

@@ -169,9 +169,9 @@ impl Diagram {
                 0.0 => String::new(),
                 scatter => format!(", scattering by {scatter}"),
             },
-            arguments.impacts(),
+            arguments.impacts,
             self.range.count,
-            arguments.settle()
+            arguments.settle
         ));
         let mut names = Vec::new();
         for (fill, name) in FILLS {

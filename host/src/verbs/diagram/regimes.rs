@@ -201,17 +201,5 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
             "ask kband gear --scatter for how much of the time parts are in gear",
         ));
     }
-    let without_effect = [
-        ("--impacts", arguments.impacts.is_some()),
-        ("--settle", arguments.settle.is_some()),
-        ("--starts", !arguments.starts.is_empty()),
-        ("--b", arguments.amplitude.b.is_some()),
-    ];
-    match without_effect.into_iter().find(|(_, given)| *given) {
-        Some((option, _)) => Err(Refusal::new(
-            format!("{option} has no effect with --show regimes"),
-            format!("leave out {option}"),
-        )),
-        None => Ok((k, restitution)),
-    }
+    Ok((k, restitution))
 }
