@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Event, Kernel, Map, Orbit, State};
+use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
 use kband::regime::HIGHEST_ORDER;
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
@@ -160,14 +160,14 @@ impl Endings {
 
     /// Where a part that starts just after an impact ends.
     #[must_use]
-    pub fn of(&self, start: State) -> Regime {
+    pub fn of(&self, start: PartState) -> Regime {
         self.follow(Orbit::new(&self.map, start))
     }
 
     /// Where parts that start just after an impact end, in the order of their starts: what
     /// [`Endings::of`] says of each, many orbits side by side.
     #[must_use]
-    pub fn of_all(&self, starts: &[State]) -> Vec<Regime> {
+    pub fn of_all(&self, starts: &[PartState]) -> Vec<Regime> {
         let mut ends = vec![Regime::Undecided; starts.len()];
         let mut block = Block::new();
         let mut waiting = starts.iter().enumerate();
@@ -211,13 +211,13 @@ impl Endings {
         let mut followed = Followed::new(self.impacts);
         for event in orbit {
             match event {
-                Event::Impact(impact) => {
+                OrbitEvent::Impact(impact) => {
                     if let Some(end) = followed.take(self, &impact) {
                         return end;
                     }
                 }
-                Event::Rest { .. } => return self.after_rest,
-                Event::LiftOff { .. } => {}
+                OrbitEvent::Rest { .. } => return self.after_rest,
+                OrbitEvent::LiftOff { .. } => {}
             }
         }
         self.after_rest
@@ -230,18 +230,18 @@ impl Endings {
         let mut lifted = false;
         for event in Orbit::from_rest(&self.map) {
             match event {
-                Event::Impact(impact) => {
+                OrbitEvent::Impact(impact) => {
                     time += impact.flight;
                     if let Some(end) = followed.take(self, &impact) {
                         return end;
                     }
                 }
-                Event::Rest { chatter, .. } => time += chatter,
-                Event::LiftOff { wait, .. } if lifted => {
+                OrbitEvent::Rest { chatter, .. } => time += chatter,
+                OrbitEvent::LiftOff { wait, .. } if lifted => {
                     let cycles = ((time + wait) / TAU).round() as u32;
                     return Regime::HopAndRest { cycles };
                 }
-                Event::LiftOff { .. } => lifted = true,
+                OrbitEvent::LiftOff { .. } => lifted = true,
             }
         }
         Regime::Rest
@@ -259,9 +259,11 @@ impl Endings {
         let period = TAU * f64::from(order);
         let mut orbit = Orbit::new(&self.map, exponent::start(&self.map, order));
         (0..HELD).all(|n| match orbit.next() {
-            Some(Event::Impact(impact)) => n < SETTLING || gear::is_in_gear(impact.flight, period),
-            Some(Event::LiftOff { .. }) => n == 0,
-            Some(Event::Rest { .. }) | None => false,
+            Some(OrbitEvent::Impact(impact)) => {
+                n < SETTLING || gear::is_in_gear(impact.flight, period)
+            }
+            Some(OrbitEvent::LiftOff { .. }) => n == 0,
+            Some(OrbitEvent::Rest { .. }) | None => false,
         })
     }
 }
@@ -277,7 +279,7 @@ mod tests {
         let mut shares = HashMap::new();
         for row in 0..40 {
             for column in 0..40 {
-                let start = State {
+                let start = PartState {
                     phase: TAU * (f64::from(column) + 0.5) / 40.0,
                     velocity: 3.0 * (f64::from(row) + 0.5) / 40.0,
                 };
@@ -303,8 +305,8 @@ mod tests {
     fn many_side_by_side_end_where_each_ends_alone() {
         for (k, restitution) in [(0.43, 0.2), (0.5, 0.6), (0.3, 0.4), (1.2, 0.8), (0.4, 0.0)] {
             let endings = Endings::new(k, restitution, 1500).unwrap();
-            let starts: Vec<State> = (0..700)
-                .map(|n| State {
+            let starts: Vec<PartState> = (0..700)
+                .map(|n| PartState {
                     phase: TAU * (f64::from(n) * 0.618_034).fract(),
                     velocity: 3.0 * (f64::from(n) * 0.414_214).fract(),
                 })
@@ -360,7 +362,7 @@ mod tests {
             (0.35, Regime::Chaotic),
         ] {
             let start = Lock::at(k, 0.2, 1).unwrap().unwrap().state();
-            let beside = State {
+            let beside = PartState {
                 phase: start.phase + 1e-3,
                 ..start
             };

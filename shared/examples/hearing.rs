@@ -114,7 +114,7 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
     all
 }
 
-/// The rows of the table of gear; those that the ear was made with; those that were only looked at then.
+/// The rows of the table of gear; those that its constants were chosen with; those that were only looked at then.
 fn rows(which: &str) -> Vec<Row> {
     let row = |lot, scatter, k, second_tone, parts| Row {
         lot,

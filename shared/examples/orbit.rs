@@ -4,7 +4,7 @@
 
 use std::error::Error;
 
-use kband::impact::{Event, Kernel, Map, Orbit};
+use kband::impact::{Kernel, Map, Orbit, OrbitEvent};
 use kband::regime::Lock;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 
@@ -14,9 +14,9 @@ fn regime(k: f64, restitution: f64) -> Result<Regime, Box<dyn Error>> {
     let mut classifier = Classifier::<256>::build(HearingSettings::COMPUTED)?;
     for event in Orbit::from_rest(&map).take(3000) {
         match event {
-            Event::Impact(impact) => classifier.flight(impact.flight),
-            Event::Rest { chatter, .. } => classifier.wait(chatter),
-            Event::LiftOff { wait, .. } => classifier.wait(wait),
+            OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
+            OrbitEvent::Rest { chatter, .. } => classifier.wait(chatter),
+            OrbitEvent::LiftOff { wait, .. } => classifier.wait(wait),
         }
     }
     Ok(classifier.verdict().regime)

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use kband::impact::State;
+use kband::impact::PartState;
 
 /// A launch: what is put into a kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +20,8 @@ pub struct Launch {
 impl Launch {
     /// Phase and velocity.
     #[must_use]
-    pub fn state(&self) -> State {
-        State {
+    pub fn state(&self) -> PartState {
+        PartState {
             phase: self.phase,
             velocity: self.velocity,
         }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State};
+use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
 use crate::states::Launch;
 use crate::{certificate, oracle};
@@ -94,7 +94,7 @@ pub fn judge(launch: &Launch) -> Result<Verdict, String> {
 ///
 /// # Errors
 /// As [`judge`].
-pub fn judge_impact(launch: &Launch, impact: &Impact<State>) -> Result<Verdict, String> {
+pub fn judge_impact(launch: &Launch, impact: &Impact<PartState>) -> Result<Verdict, String> {
     judge_as::<Map>(launch, impact, Map::STEPS)
 }
 
@@ -186,7 +186,7 @@ fn is_left_open(launch: &Launch) -> bool {
 
 fn judge_as<K: Tried>(
     launch: &Launch,
-    impact: &Impact<State>,
+    impact: &Impact<PartState>,
     [step, velocity_step]: [f64; 2],
 ) -> Result<Verdict, String> {
     let Launch {

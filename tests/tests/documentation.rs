@@ -1,6 +1,6 @@
 //! What the pages and the sources say of each other: links, anchors, citations, the numbering of the theory.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -220,6 +220,67 @@ fn every_name_of_the_glossary_is_in_the_sources() {
     }
 }
 
+/// The cells of the glossary's rows.
+fn cells(glossary: &str) -> impl Iterator<Item = Vec<&str>> {
+    let rows = glossary.lines().filter(|line| line.starts_with("| "));
+    let cells = rows.map(|row| row.split('|').map(str::trim).collect::<Vec<_>>());
+    cells.filter(|cells| cells.len() == 7 && cells[1] != "symbol")
+}
+
+/// What stands in backquotes.
+fn quoted(cell: &str) -> impl Iterator<Item = &str> {
+    cell.split('`').skip(1).step_by(2)
+}
+
+/// The name of the type that a line of source makes public everywhere.
+fn public_type(line: &str) -> Option<&str> {
+    let (kind, rest) = line.trim_start().strip_prefix("pub ")?.split_once(' ')?;
+    let name = rest
+        .split(|c: char| !(c.is_alphanumeric() || c == '_'))
+        .next();
+    ["struct", "enum", "trait", "type"]
+        .contains(&kind)
+        .then_some(name?)
+}
+
+#[test]
+fn a_word_of_the_glossary_has_one_meaning() {
+    let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
+    let mut seen = BTreeSet::new();
+    let mut types = BTreeSet::new();
+    for cells in cells(&glossary) {
+        let symbols = quoted(cells[1]).map(|symbol| ("symbol", symbol));
+        let terms = cells[2].split(", ").map(|term| ("term", term));
+        let names = quoted(cells[4]).map(|name| ("name", name));
+        for word in symbols.chain(terms).chain(names) {
+            assert!(
+                seen.insert(word),
+                "{} {} twice in docs/glossary.md",
+                word.0,
+                word.1
+            );
+        }
+        types.extend(quoted(cells[4]).filter_map(|name| name.split("::").next()));
+    }
+    assert!(seen.len() > 250, "{} words", seen.len());
+    let mut found: BTreeMap<&str, String> = BTreeMap::new();
+    let sources = texts(&[".rs"]);
+    for (path, text) in &sources {
+        let name = shown(path);
+        if !name.starts_with("shared/src") || name.starts_with("shared/src/wire") {
+            continue;
+        }
+        for defined in text.lines().filter_map(public_type) {
+            if types.contains(defined)
+                && let Some(other) = found.insert(defined, name.clone())
+            {
+                panic!("{defined} is public in {other} and in {name}; see docs/glossary.md");
+            }
+        }
+    }
+    assert!(found.len() > 50, "{} types", found.len());
+}
+
 /// What tables, legends and `kband live` call a regime or a state is explained.
 #[test]
 fn every_regime_and_state_that_is_shown_is_explained() {
@@ -244,6 +305,8 @@ fn every_regime_and_state_that_is_shown_is_explained() {
 /// Names that were private to this project, where they may not come back, and the word of the field for each.
 const GIVEN_UP: &[(&str, &str, &str)] = &[
     ("Ear", "", "onset detector (OnsetDetector)"),
+    ("ear", "", "onset detector, or what is heard"),
+    ("EAR", "", "onset detector, or what is heard"),
     (
         "flank",
         "shared/src/impact",
@@ -293,8 +356,11 @@ const GIVEN_UP: &[(&str, &str, &str)] = &[
 #[test]
 fn private_words_do_not_come_back() {
     let inside = |c: char| c.is_alphanumeric() || c == '_';
-    for (path, text) in texts(&[".rs"]) {
+    for (path, text) in texts(&[".rs", ".md"]) {
         let name = shown(&path);
+        if name.ends_with("docs/glossary.md") {
+            continue;
+        }
         let words: BTreeSet<&str> = text.split(|c| !inside(c)).collect();
         for (word, folder, instead) in GIVEN_UP {
             assert!(

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Exact, Growth, Hybrid, Impact, Integer, Kernel, Map, Observer, Single, State, Tangent,
+    Exact, Growth, Hybrid, Impact, Integer, Kernel, Map, Observer, PartState, Single, Tangent,
 };
 use kband_tests::certificate::is_first;
 use kband_tests::oracle::{gap, rounding};
@@ -31,14 +31,16 @@ fn launches() -> impl Strategy<Value = Launch> {
 type Said = Result<(), TestCaseError>;
 
 /// A kernel with f64 states: the impact for k, restitution and state.
-type Impacts<'a> = &'a dyn Fn(f64, f64, State) -> Impact<State>;
+type Impacts<'a> = &'a dyn Fn(f64, f64, PartState) -> Impact<PartState>;
 
-fn map(k: f64, restitution: f64, state: State) -> Impact<State> {
+fn map(k: f64, restitution: f64, state: PartState) -> Impact<PartState> {
     Map::build(k, restitution).unwrap().impact(state)
 }
 
 /// The map with its impacts spoilt.
-fn spoilt(spoil: impl Fn(&mut Impact<State>)) -> impl Fn(f64, f64, State) -> Impact<State> {
+fn spoilt(
+    spoil: impl Fn(&mut Impact<PartState>),
+) -> impl Fn(f64, f64, PartState) -> Impact<PartState> {
     move |k, restitution, state| {
         let mut impact = map(k, restitution, state);
         spoil(&mut impact);
@@ -80,9 +82,9 @@ fn fails(broken: &str, property: impl Fn(Launch) -> Said) {
 }
 
 fn comes_first((k, restitution, phase, velocity): Launch, impacts: Impacts) -> Said {
-    let state = State { phase, velocity };
+    let state = PartState { phase, velocity };
     let impact = impacts(k, restitution, state);
-    let State {
+    let PartState {
         phase: next,
         velocity: speed,
     } = impact.next;
@@ -105,9 +107,9 @@ fn comes_first((k, restitution, phase, velocity): Launch, impacts: Impacts) -> S
 }
 
 /// A kernel that passes the first impact and finds the next zero of the gap, where there is one.
-fn passes_the_first(k: f64, restitution: f64, state: State) -> Impact<State> {
+fn passes_the_first(k: f64, restitution: f64, state: PartState) -> Impact<PartState> {
     let first = map(k, restitution, state);
-    let State { phase, velocity } = state;
+    let PartState { phase, velocity } = state;
     let height = |d: f64| gap(k, phase, velocity, d)[0];
     let later = (1..2_000).map(|n| first.flight + 0.01 * f64::from(n));
     let Some(end) = later
@@ -167,7 +169,7 @@ fn an_impact_follows_its_launch_on_the_track_and_nothing_came_before() {
 
 fn lands_later((k, restitution, phase, velocity): Launch, impacts: Impacts) -> Said {
     // The gap at any time rises with the velocity, so its first zero does not come earlier.
-    let flight = |velocity| impacts(k, restitution, State { phase, velocity }).flight;
+    let flight = |velocity| impacts(k, restitution, PartState { phase, velocity }).flight;
     let (slower, faster) = (flight(velocity), flight(velocity * 1.01 + 1e-3));
     prop_assert!(faster > slower, "{faster} {slower}");
     Ok(())
@@ -285,7 +287,7 @@ fn a_whole_turn_later_is_the_same_launch() {
             map(
                 k,
                 restitution,
-                State {
+                PartState {
                     velocity: state.velocity + 1e-11 * last,
                     ..state
                 },
@@ -297,7 +299,7 @@ fn a_whole_turn_later_is_the_same_launch() {
 /// Whether the lanes of a block are the impacts of a scalar kernel, bit for bit.
 struct Lanes<'a> {
     block: Block,
-    waiting: Vec<(Map, State)>,
+    waiting: Vec<(Map, PartState)>,
     impacts: Impacts<'a>,
 }
 
@@ -312,7 +314,7 @@ impl<'a> Lanes<'a> {
 
     /// Takes one more launch; those of a whole block are tried together.
     fn take(&mut self, (k, restitution, phase, velocity): Launch) -> Said {
-        let state = State { phase, velocity };
+        let state = PartState { phase, velocity };
         self.waiting
             .push((Map::build(k, restitution).unwrap(), state));
         if self.waiting.len() < LANES {
@@ -354,7 +356,7 @@ fn a_lane_of_a_block_is_the_scalar_map_bit_for_bit() {
 fn shrinks((k, restitution, phase, velocity): Launch, spoil: &dyn Fn(&mut Tangent)) -> Said {
     let restitution = restitution.max(0.01);
     let map = Map::build(k, restitution).unwrap();
-    let state = State { phase, velocity };
+    let state = PartState { phase, velocity };
     let impact = map.impact(state);
     let Some(mut tangent) = Tangent::of(&map, state, &impact) else {
         return Ok(());
@@ -387,7 +389,7 @@ fn areas_shrink_by_restitution_squared() {
 fn adds_up((k, restitution, phase, velocity): Launch, impacts: Impacts) -> Said {
     let (k, restitution) = (0.05 + 0.3 * k, 0.8 + 0.2 * restitution);
     let map = Map::build(k, restitution).unwrap();
-    let start = State {
+    let start = PartState {
         phase,
         velocity: 1.0 + velocity,
     };

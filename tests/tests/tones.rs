@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Event, Hybrid, Integer, Kernel, Map, Single, State, Tangent, Tone, Wave, WaveExact, WaveHybrid,
-    WaveInteger, WaveKernel, WaveMap, WaveOrbit, WaveSingle,
+    Hybrid, Integer, Kernel, Map, OrbitEvent, PartState, Single, Tangent, Tone, Wave, WaveExact,
+    WaveHybrid, WaveInteger, WaveKernel, WaveMap, WaveOrbit, WaveSingle,
 };
 use kband_tests::states::Random;
 use kband_tests::tones::Track;
@@ -23,9 +23,9 @@ fn wave([e, th, e3, th3]: [f64; 4]) -> Wave {
 struct Golden {
     class: &'static str,
     map: WaveMap,
-    state: State,
+    state: PartState,
     flight: f64,
-    next: State,
+    next: PartState,
     condition: f64,
 }
 
@@ -41,7 +41,7 @@ fn golden() -> impl Iterator<Item = Golden> {
                 map: WaveMap::on(wave([at(3), at(4), at(5), at(6)]), at(1), at(2)).unwrap(),
                 state: WaveMap::state(at(7), at(8)).unwrap(),
                 flight: at(9),
-                next: State {
+                next: PartState {
                     phase: at(10),
                     velocity: at(11),
                 },
@@ -183,7 +183,7 @@ fn grazing(track: &Track, random: &mut Random) -> Option<(f64, f64)> {
     (0.0..20.0).contains(&velocity).then_some((phase, velocity))
 }
 
-fn launch(kind: Kind, track: &Track, random: &mut Random) -> Option<State> {
+fn launch(kind: Kind, track: &Track, random: &mut Random) -> Option<PartState> {
     let anywhere = random.between(0.0, TAU);
     let (phase, velocity) = match kind {
         Kind::Low => (anywhere, random.between(0.0, 3.0)),
@@ -209,7 +209,7 @@ fn kept(each: usize) -> usize {
 }
 
 /// Launches of the hardest kinds in f64: what is not told to graze is the first impact, to what rounding moves it.
-fn none_missed_in_double<K: WaveKernel<State = State>>(each: usize, seed: u64) {
+fn none_missed_in_double<K: WaveKernel<State = PartState>>(each: usize, seed: u64) {
     let begun = std::time::Instant::now();
     let mut random = Random::new(seed);
     let kinds = [
@@ -622,7 +622,7 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
         let (track, wave) = track(&mut random);
         let restitution = random.between(0.05, 1.0);
         let map = WaveMap::on(wave, track.k, restitution).unwrap();
-        let state = State {
+        let state = PartState {
             phase: random.between(0.1, TAU - 0.1),
             velocity: random.between(0.1, 4.0),
         };
@@ -633,7 +633,7 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
         }
         const STEP: f64 = 1e-5;
         let at = |phase: f64, velocity: f64| {
-            let impact = map.impact(State {
+            let impact = map.impact(PartState {
                 phase: state.phase + phase,
                 velocity: state.velocity + velocity,
             });
@@ -674,7 +674,7 @@ fn the_tangent_on_tones_has_its_determinant() {
         let map = WaveMap::on(wave, track.k, restitution).unwrap();
         let tones = [wave.second(), wave.third()];
         let exact = WaveExact::on_tones(tones, track.k, restitution).unwrap();
-        let start = State {
+        let start = PartState {
             phase: random.between(0.0, TAU),
             velocity: random.between(0.5, 4.0),
         };
@@ -770,12 +770,12 @@ fn a_resting_part_is_thrown_by_the_next_window() {
         for n in 0..64 {
             let phase = TAU * f64::from(n) / 64.0;
             let velocity = 0.0;
-            let mut orbit = WaveOrbit::new(&map, State { phase, velocity });
-            if let Some(Event::Impact(_)) = orbit.next() {
+            let mut orbit = WaveOrbit::new(&map, PartState { phase, velocity });
+            if let Some(OrbitEvent::Impact(_)) = orbit.next() {
                 assert!(excess(phase) > -1e-12);
                 continue;
             }
-            let Some(Event::LiftOff {
+            let Some(OrbitEvent::LiftOff {
                 wait,
                 phase: thrown,
             }) = orbit.next()

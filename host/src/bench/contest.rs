@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, Single, State};
+use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, PartState, Single};
 
 use super::workload::{Launch, SETTLING, SWEEP_ORBITS, SWEEP_RESTITUTIONS, Workload, sweep_start};
 use super::{Errors, Flight, bracket, textbook};
@@ -79,7 +79,7 @@ pub(super) struct Judge {
 }
 
 impl Judge {
-    fn judge(&mut self, k: f64, restitution: f64, state: State, flight: f64, phase: f64) {
+    fn judge(&mut self, k: f64, restitution: f64, state: PartState, flight: f64, phase: f64) {
         let Ok(exact) = Exact::build(k, restitution) else {
             return;
         };
@@ -145,7 +145,7 @@ impl Contestant for Baseline {
         let launches = slice(&self.launches, n, self.turn);
         let begun = Instant::now();
         for launch in launches {
-            let State { phase, velocity } = launch.state;
+            let PartState { phase, velocity } = launch.state;
             // By reference, so that the result is not copied.
             black_box(&(self.first_impact)(launch.k, phase, velocity));
         }
@@ -155,7 +155,7 @@ impl Contestant for Baseline {
     fn errors(&mut self) -> Errors {
         let mut judge = Judge::default();
         for launch in &self.launches {
-            let State { phase, velocity } = launch.state;
+            let PartState { phase, velocity } = launch.state;
             let flight = (self.first_impact)(launch.k, phase, velocity);
             judge.judge(
                 launch.k,
@@ -308,7 +308,7 @@ struct Orbits {
 }
 
 /// The map of each lane, and its state after the flight that follows lift-off.
-type Lanes = Vec<(Map, State)>;
+type Lanes = Vec<(Map, PartState)>;
 
 impl Orbits {
     fn new() -> Self {
@@ -317,7 +317,7 @@ impl Orbits {
             let lane = |n: usize| {
                 let (k, start) = sweep_start(first + n);
                 let map = Map::build(k, restitution).ok()?;
-                let thrown = State {
+                let thrown = PartState {
                     phase: k.asin(),
                     velocity: 0.0,
                 };
@@ -378,7 +378,7 @@ impl Contestant for Orbits {
     fn errors(&mut self) -> Errors {
         let mut judge = Judge::default();
         for (block, lanes) in &mut self.blocks {
-            let before: Vec<Option<State>> = (0..LANES).map(|lane| block.state(lane)).collect();
+            let before: Vec<Option<PartState>> = (0..LANES).map(|lane| block.state(lane)).collect();
             block.advance(1);
             for (lane, state) in before.into_iter().enumerate() {
                 if let (Some(state), Some(impact)) = (state, block.impact(lane)) {

@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::impact::{
-    Count, Impact, Kernel, Map, Observer, Orbit, PassedHumps, Skips, State, Tangential,
+    Count, Impact, Kernel, Map, Observer, Orbit, PartState, PassedHumps, Skips, Tangential,
     TangentialSettings,
 };
 
@@ -20,11 +20,11 @@ struct Along {
 }
 
 impl Observer for Along {
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         self.velocity = self.tangential.after(launch, impact, self.velocity);
     }
 
-    fn rest(&mut self, _: State, _: f64, _: f64) {
+    fn rest(&mut self, _: PartState, _: f64, _: f64) {
         self.velocity = 0.0;
     }
 }
@@ -35,7 +35,7 @@ impl Observer for Along {
 pub fn lines(turns: usize) -> Vec<Measurement> {
     let mut lines = Vec::new();
     let launches = Workload::High.launches(2_048);
-    let maps: Vec<(Map, State)> = launches
+    let maps: Vec<(Map, PartState)> = launches
         .iter()
         .filter_map(|launch| Some((Map::build(launch.k, launch.restitution).ok()?, launch.state)))
         .collect();
@@ -60,7 +60,7 @@ pub fn lines(turns: usize) -> Vec<Measurement> {
             phase_lead: 0.0,
             incline_tangent: 0.05,
         };
-        let start = State {
+        let start = PartState {
             phase: 1.0,
             velocity: 2.0,
         };

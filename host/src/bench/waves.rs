@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::impact::{
-    Impact, Kernel, State, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
+    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
     WaveSingle,
 };
 
@@ -85,7 +85,7 @@ impl<K: WaveKernel> Waves<K> {
         self.tracks.len().div_ceil(LAUNCHES / TOGETHER)
     }
 
-    fn judged(&self, impacts: impl Fn(&Track<K>) -> Vec<(f64, State)>) -> Errors {
+    fn judged(&self, impacts: impl Fn(&Track<K>) -> Vec<(f64, PartState)>) -> Errors {
         let mut judge = Judge::default();
         for track in &self.tracks {
             let Some(Launch { k, restitution, .. }) = track.launches.first() else {
@@ -147,15 +147,15 @@ impl<K: WaveKernel> Contestant for Waves<K> {
 struct Batch(Waves<WaveMap>);
 
 impl Batch {
-    fn fly(track: &Track<WaveMap>, impacts: &mut [Impact<State>; TOGETHER]) {
+    fn fly(track: &Track<WaveMap>, impacts: &mut [Impact<PartState>; TOGETHER]) {
         track.kernel.elastic_impacts(&track.states, impacts);
     }
 }
 
 /// Room for impacts.
-const STILL: Impact<State> = Impact {
+const STILL: Impact<PartState> = Impact {
     flight: 0.0,
-    next: State {
+    next: PartState {
         phase: 0.0,
         velocity: 0.0,
     },

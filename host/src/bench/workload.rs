@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Contact, Event, Kernel, Map, Orbit, State};
+use kband::impact::{Contact, Kernel, Map, Orbit, OrbitEvent, PartState};
 
 /// A launch: the map and the state it starts from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,7 +12,7 @@ pub struct Launch {
     /// Restitution of the part.
     pub restitution: f64,
     /// Phase and velocity.
-    pub state: State,
+    pub state: PartState,
 }
 
 /// A set of launches.
@@ -70,7 +70,7 @@ impl Workload {
                 Self::Low => 3.0 * part,
                 _ => 10_f64.powf(-6.0 * part),
             };
-            let state = State { phase, velocity };
+            let state = PartState { phase, velocity };
             // A chatter that closes is not hopped through.
             let flies = Contact::build(k, restitution)
                 .is_ok_and(|contact| contact.time_to_rest(state).is_none());
@@ -103,9 +103,9 @@ impl Random {
 
 /// The start of an orbit of the sweep.
 #[must_use]
-pub fn sweep_start(n: usize) -> (f64, State) {
+pub fn sweep_start(n: usize) -> (f64, PartState) {
     let k = 0.02 + 0.96 * ((n % SWEEP_K) as f64 + 0.5) / SWEEP_K as f64;
-    let state = State {
+    let state = PartState {
         phase: 1.0 + 0.7 * (n / SWEEP_K % 8) as f64,
         velocity: 2.0,
     };
@@ -128,7 +128,7 @@ fn sweep(count: usize) -> Vec<Launch> {
             while impacts < SETTLING as usize + 3 * each + 6 {
                 let state = orbit.state();
                 match orbit.next() {
-                    Some(Event::Impact(_)) => {
+                    Some(OrbitEvent::Impact(_)) => {
                         impacts += 1;
                         // The flight after lift-off is known for ever, and no search.
                         if impacts > SETTLING as usize && impacts % 3 == 0 && state.velocity > 0.0 {

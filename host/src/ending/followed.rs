@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Impact, State};
+use kband::impact::{Impact, PartState};
 use kband::regime::classify::Regime;
 use kband::regime::gear;
 
@@ -46,7 +46,7 @@ impl Followed {
     }
 
     /// Takes the next impact; the ending, once it is known.
-    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<State>) -> Option<Regime> {
+    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Option<Regime> {
         self.count += 1;
         if let Some(lock) = endings.lock_after(impact.flight)
             && (impact.next.velocity - lock.state().velocity).abs() < AT_THE_LOCK
@@ -136,7 +136,7 @@ fn named(impacts: u32, cycles: u32) -> Regime {
 /// of impacts, so that it leaves the transient behind (Brent).
 #[derive(Clone, Copy, Debug, Default)]
 struct Kept {
-    state: Option<State>,
+    state: Option<PartState>,
     impacts: u32,
     time: f64,
     /// Impacts and time of the first return.
@@ -146,7 +146,7 @@ struct Kept {
 impl Kept {
     /// Impacts and time of one period, once `state` came back twice to the last bits after the same
     /// number of impacts; once can happen by chance in chaos.
-    fn returned(&mut self, state: State, flight: f64) -> Option<(u32, f64)> {
+    fn returned(&mut self, state: PartState, flight: f64) -> Option<(u32, f64)> {
         let kept = self.state?;
         self.impacts += 1;
         self.time += flight;
@@ -164,7 +164,7 @@ impl Kept {
     }
 }
 
-fn near(a: State, b: State) -> bool {
+fn near(a: PartState, b: PartState) -> bool {
     const LAST_BITS: f64 = 1e-9;
     let apart = (a.phase - b.phase).abs();
     (a.velocity - b.velocity).abs() < LAST_BITS && apart.min(TAU - apart) < LAST_BITS

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use kband::impact::{Impact, Observer, State};
+use kband::impact::{Impact, Observer, PartState};
 use kband::regime::gear::GearWatch;
 
 use crate::refusal::Refusal;
@@ -82,14 +82,14 @@ impl Gears {
 }
 
 impl Observer for Gears {
-    fn impact(&mut self, _: State, impact: &Impact<State>) {
+    fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
         self.time += impact.flight;
         for gear in &mut self.gears {
             gear.landed(self.time, impact.flight);
         }
     }
 
-    fn rest(&mut self, _: State, chatter: f64, _: f64) {
+    fn rest(&mut self, _: PartState, chatter: f64, _: f64) {
         self.time += chatter;
         for gear in &mut self.gears {
             gear.rested(self.time);

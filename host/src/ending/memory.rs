@@ -65,7 +65,7 @@ impl Memory {
 
 #[cfg(test)]
 mod tests {
-    use kband::impact::{Event, Kernel, Map, Orbit};
+    use kband::impact::{Kernel, Map, Orbit, OrbitEvent};
     use kband::regime::exponent;
 
     use super::*;
@@ -83,7 +83,7 @@ mod tests {
                 .take(1500)
                 .skip(900)
             {
-                if let Event::Impact(impact) = event {
+                if let OrbitEvent::Impact(impact) = event {
                     memory.take(impact.flight);
                     classifier.flight(impact.flight);
                 }

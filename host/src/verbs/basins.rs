@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use kband::impact::{Kernel, Map, State};
+use kband::impact::{Kernel, Map, PartState};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde_json::json;
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let velocity = move |row: usize| top * (row as f64 + 0.5) / side as f64;
     Map::state(0.0, top)?;
     let rows = desk.map("basins", side, |row| {
-        let start = |column| State {
+        let start = |column| PartState {
             phase: phase(column),
             velocity: velocity(row),
         };

@@ -1,6 +1,6 @@
 //! `kband exponent`: Lyapunov exponents.
 
-use kband::impact::{Kernel, Map, State};
+use kband::impact::{Kernel, Map, PartState};
 use kband::regime::cascade::Estimate;
 use kband::regime::chaos::ChaoticBand;
 use kband::regime::classify::Regime;
@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let found = desk.try_map("exponent", values.len(), |n| {
         let map = Map::build(values[n], arguments.restitution)?;
         let start = match (arguments.phase, arguments.velocity) {
-            (Some(phase), Some(velocity)) => State { phase, velocity },
+            (Some(phase), Some(velocity)) => PartState { phase, velocity },
             _ => start(&map, arguments.order as u32),
         };
         if let Some(scatter) = arguments.scatter.stream(map.restitution(), n as u64)? {
@@ -152,7 +152,7 @@ const ORBITS: u32 = 8;
 /// The exponent of several orbits that begin beside each other. One alone may stay for some 100 000 impacts where it is
 /// not what it is in the long run, and its own scatter does not tell (k = 0.34, R = 0.2); the scatter of several does. Where
 /// one comes to rest, that is told of the first.
-fn among(map: &Map, start: State, settings: ExponentSettings) -> Result<Exponent, Refusal> {
+fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent, Refusal> {
     let share = ExponentSettings {
         impacts: settings.impacts / ORBITS,
         ..settings
@@ -162,7 +162,7 @@ fn among(map: &Map, start: State, settings: ExponentSettings) -> Result<Exponent
     }
     let mut found = Vec::new();
     for n in 0..ORBITS {
-        let beside = State {
+        let beside = PartState {
             phase: start.phase + 1e-4 * f64::from(n),
             ..start
         };

@@ -14,7 +14,7 @@ use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::simulate::Fidelity;
-use survey::{Lot, Survey};
+use survey::{Followed, Survey};
 
 /// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
 #[derive(Clone, Debug, clap::Args)]
@@ -129,7 +129,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let output = arguments.drawn.output()?;
     let order = arguments.order as u32;
-    let lot = Lot::new(arguments)?;
+    let lot = Followed::new(arguments)?;
     let k = match (arguments.k, arguments.b) {
         (Some(range), _) => range,
         (None, Some(b)) => over_amplitude(b, &arguments.drive.track()?)?,

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Exact, Hybrid, Impact, Integer, Kernel, Map, Single, State, Tone, WaveExact, WaveHybrid,
+    Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
     WaveInteger, WaveKernel, WaveMap, WaveSingle,
 };
 
@@ -156,7 +156,7 @@ fn on_tones(
     }
 }
 
-fn in_registers(rows: &[Row<WaveMap>]) -> Vec<Impact<State>> {
+fn in_registers(rows: &[Row<WaveMap>]) -> Vec<Impact<PartState>> {
     rows.iter()
         .map(|row| {
             // Room for one, which the map fills.
@@ -177,7 +177,7 @@ fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {
         .collect()
 }
 
-fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<State>> {
+fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<PartState>> {
     let mut impacts = Vec::with_capacity(rows.len());
     for rows in rows.chunks(LANES) {
         for (lane, row) in rows.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! `kband margins`: gain and phase margin of the amplitude loop.
 
-use kband::control::{Margins, Settings};
+use kband::control::{LoopMargins, Settings};
 use serde_json::json;
 
 use crate::arguments::{Drawn, Printed};
@@ -50,7 +50,7 @@ fn detunings() -> Vec<f32> {
 struct Line {
     quality: f32,
     wrong: f32,
-    margins: Vec<(f32, Margins)>,
+    margins: Vec<(f32, LoopMargins)>,
 }
 
 impl Line {
@@ -65,7 +65,7 @@ impl Line {
                 gain: wrong * told.gain,
                 ..told
             };
-            Ok((detuning, Margins::of(&told, &is)?))
+            Ok((detuning, LoopMargins::of(&told, &is)?))
         });
         Ok(Self {
             quality,
@@ -75,7 +75,7 @@ impl Line {
     }
 
     /// The least of a margin, and the detuning.
-    fn least(&self, margin: impl Fn(&Margins) -> f64) -> (f64, f32) {
+    fn least(&self, margin: impl Fn(&LoopMargins) -> f64) -> (f64, f32) {
         let least = (self.margins.iter())
             .map(|(detuning, margins)| (margin(margins), *detuning))
             .min_by(|one, other| one.0.total_cmp(&other.0));
@@ -142,7 +142,7 @@ fn picture(lines: &[Line]) -> Picture {
             20.0,
         )
     };
-    let panel = |wrong: f32, axis: Axis, margin: &dyn Fn(&Margins) -> f64| {
+    let panel = |wrong: f32, axis: Axis, margin: &dyn Fn(&LoopMargins) -> f64| {
         let mut panel = Panel::new(detuning(), axis).height(230.0);
         let shown = lines.iter().filter(|line| line.wrong == wrong);
         let shown = shown.filter(|line| DRAWN.iter().any(|n| QUALITIES[*n] == line.quality));
@@ -154,7 +154,7 @@ fn picture(lines: &[Line]) -> Picture {
         }
         panel
     };
-    let gain = |margins: &Margins| margins.gain.min(HIGHEST);
+    let gain = |margins: &LoopMargins| margins.gain.min(HIGHEST);
     let factor = |label: &str| Axis::new(label, Unit::NONE, 1.0, HIGHEST).logarithmic();
     Picture::new("Margins of the amplitude loop")
         .caption("at any drive frequency; each line a quality of the drive")

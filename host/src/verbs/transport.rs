@@ -6,7 +6,7 @@ mod interval;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{State, TangentialSettings};
+use kband::impact::{PartState, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
@@ -262,7 +262,7 @@ fn starts(k: f64, restitution: f64, count: usize) -> Vec<Origin> {
     );
     starts.extend((0..count).map(|n| {
         let n = n as f64 + 1.0;
-        Origin::Hop(State {
+        Origin::Hop(PartState {
             phase: (0.5 + n / PLASTIC).fract() * std::f64::consts::TAU,
             velocity: (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest,
         })

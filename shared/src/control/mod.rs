@@ -11,7 +11,7 @@
 //! | `drive` | the track's amplitude and frequency, brought to where they are wanted |
 //! | `identify` | the restitution of the parts from their chatter |
 //! | `aim` | the setpoint of a target, and the searches for it |
-//! | `course` | the state machine, captures, faults and limits |
+//! | `supervise` | the state machine, captures, faults and limits |
 //! | `controller` | [`Controller`]: the wings in the order of one drive cycle |
 //!
 //! On the ground: `settings`, `angle`, `saturate`, `target`, `inputs` (what goes in each cycle), `state` (the numbered lists and the
@@ -22,7 +22,6 @@
 mod aim;
 mod angle;
 mod controller;
-mod course;
 mod drive;
 mod hear;
 mod identify;
@@ -31,6 +30,7 @@ mod report;
 mod saturate;
 mod settings;
 mod state;
+mod supervise;
 mod target;
 
 pub use aim::NoSetpoint;
@@ -41,11 +41,11 @@ pub(crate) use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
 #[cfg(feature = "unstable")]
-pub use drive::Margins;
+pub use drive::LoopMargins;
 pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
 #[cfg(all(test, feature = "plant"))]
 pub(crate) use hear::Energy;
-pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, Margin, Overtone, Sampled, Signal};
+pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, Overtone, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, SECTORS,

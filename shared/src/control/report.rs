@@ -1,7 +1,7 @@
 //! What comes out of a controller each cycle.
 
 use crate::control::drive::Shape;
-use crate::control::hear::{Command, Margin};
+use crate::control::hear::{Command, GearMargin};
 use crate::control::identify::Identification;
 use crate::control::state::{Events, Fault, Limits, State};
 use crate::regime::classify::Verdict;
@@ -47,7 +47,7 @@ pub struct Report {
     /// of the lot; infinite where neither is known.
     pub to_loss: f32,
     /// How far the parts are from losing gear; `None` where that is not heard.
-    pub margin: Option<Margin>,
+    pub margin: Option<GearMargin>,
     /// Share of time in gear to expect of the lot at the setpoint, 0..1; 0 for a target other than gear.
     pub expected_in_gear: f32,
     /// Kicks begun for the present target.

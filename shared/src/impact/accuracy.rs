@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 use std::vec::Vec;
 
 use super::{
-    Exact, Hybrid, Integer, Kernel, Map, Single, State, Tone, WaveInteger, WaveKernel, WaveMap,
+    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, Tone, WaveInteger, WaveKernel, WaveMap,
 };
 use crate::arithmetic::Phase;
 
@@ -65,7 +65,7 @@ struct Errors {
     wrong: usize,
 }
 
-fn measure<K: Kernel, M: Kernel<State = State>>(
+fn measure<K: Kernel, M: Kernel<State = PartState>>(
     count: usize,
     mut case: impl FnMut(&mut Random) -> Case,
     build: impl Fn(f64) -> (K, M),
@@ -113,7 +113,7 @@ fn measure<K: Kernel, M: Kernel<State = State>>(
 }
 
 /// From rest within one step of a phase around `arcsin k` the rounded phase decides.
-fn resting_by_rounding(k: f64, state: State) -> bool {
+fn resting_by_rounding(k: f64, state: PartState) -> bool {
     state.velocity == 0.0 && (libm::sin(state.phase) - k).abs() < 1.5e-9
 }
 
@@ -378,7 +378,7 @@ fn says_where_its_range_ends<K: Kernel>(top: f64) {
         .find(|&next| K::observe(next).velocity > top)
         .unwrap();
     assert!(!K::flies(fast) && K::flies(highest(1.0)));
-    let State { phase, velocity } = K::observe(fast);
+    let PartState { phase, velocity } = K::observe(fast);
     assert!(K::state(phase, velocity).is_err());
     assert_eq!(
         kernel.impact(fast).flight,

@@ -8,7 +8,7 @@ use crate::feeder::{OutOfRange, accept};
 
 /// Where an orbit stands just after an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State {
+pub struct PartState {
     /// Phase of the drive (symbol t) in rad, 0..2 pi.
     pub phase: f64,
     /// Velocity relative to the track (symbol psi) in units of `b w`, at least 0.
@@ -40,8 +40,8 @@ impl HybridState {
     }
 
     /// The state as phase in rad and velocity in `b w`.
-    pub(super) fn observed(self) -> State {
-        State {
+    pub(super) fn observed(self) -> PartState {
+        PartState {
             phase: self.phase.radians(),
             velocity: self.velocity.value(),
         }
@@ -151,7 +151,7 @@ pub trait Kernel: Sized {
     }
 
     /// The state as phase in rad and velocity in `b w`.
-    fn observe(state: Self::State) -> State;
+    fn observe(state: Self::State) -> PartState;
 
     /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays: flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
@@ -159,7 +159,7 @@ pub trait Kernel: Sized {
     /// [`Kernel::impact`] in f32, each number to its rounding; without f64 where the arithmetic has none.
     fn impact_single(&self, state: Self::State) -> SingleImpact<Self::State> {
         let impact = self.impact(state);
-        let State { phase, velocity } = Self::observe(impact.next);
+        let PartState { phase, velocity } = Self::observe(impact.next);
         SingleImpact {
             flight: impact.flight as f32,
             phase: phase as f32,
@@ -171,7 +171,7 @@ pub trait Kernel: Sized {
     /// The state at the same phase with its velocity times `factor`, at least 0: that of a part on a track that has
     /// come to move less by it.
     fn scaled(state: Self::State, factor: f32) -> Result<Self::State, OutOfRange> {
-        let State { phase, velocity } = Self::observe(state);
+        let PartState { phase, velocity } = Self::observe(state);
         Self::state(phase, velocity * f64::from(factor))
     }
 

@@ -3,7 +3,7 @@
 //! A part launched at phase t with velocity psi relative to the track, in units of `b w`, flies for
 //! the FIRST d > 0 with
 //! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0` and leaves again with
-//! `psi' = R s`, where `s = -u'(d)` is its arrival speed. On a track of several tones S stands for the sine
+//! `psi' = R v`, where `v = -u'(d)` is its arrival speed. On a track of several tones S stands for the sine
 //! and S' for the cosine (`Wave`).
 //!
 //! Where the first impact is found, for each arithmetic:
@@ -53,7 +53,7 @@ pub use integer::Integer;
 pub use integer::WaveInteger;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
-pub use kernel::{HybridState, Impact, Kernel, Landing, SingleImpact, State};
+pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
 #[cfg(feature = "plant")]
 pub(crate) use orbit::AlongLaw;
 #[cfg(feature = "control")]
@@ -62,7 +62,7 @@ pub(crate) use orbit::Release;
 pub use orbit::Skips;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use orbit::{Along, Friction, FrictionSettings, Lain};
-pub use orbit::{Contact, Count, Ended, Event, Growth, Observer, Orbit, Tangent};
+pub use orbit::{Contact, Count, Ended, Growth, Observer, Orbit, OrbitEvent, Tangent};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) use orbit::{LATE, Next, WavePart};
 #[cfg(any(test, feature = "analysis", feature = "control"))]

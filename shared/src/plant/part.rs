@@ -8,8 +8,8 @@ use crate::arithmetic::Phase;
 use crate::control::{Shape, UpperTone};
 use crate::feeder::OutOfRange;
 use crate::impact::{
-    AlongLaw, Contact, Event, Friction, Impact, Kernel, Map, Next, Release, Scatter, State,
-    Tangential, Tone, Wave, WaveMap, WavePart,
+    AlongLaw, Contact, Friction, Impact, Kernel, Map, Next, OrbitEvent, PartState, Release,
+    Scatter, Tangential, Tone, Wave, WaveMap, WavePart,
 };
 
 /// A part's motion between two events.
@@ -248,7 +248,7 @@ impl Part {
             let left = self.restitution.draw() * arrival;
             self.rub(track, arrival, left);
             let velocity = left / (amplitude * track.angular);
-            let state = State { phase, velocity };
+            let state = PartState { phase, velocity };
             self.bounce_on_tones(wave, k, state, amplitude, track, time);
             return Some(strike);
         }
@@ -260,7 +260,7 @@ impl Part {
         let left = self.restitution.draw() * arrival;
         self.rub(track, arrival, left);
         let velocity = left / (amplitude * track.angular);
-        let state = State { phase, velocity };
+        let state = PartState { phase, velocity };
         // A chatter is closed below 5e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask. That of a part
         // which scatters is closed at its mean.
         let slow = velocity < 1e-3 * (1.0 + k) || k > 1000.0;
@@ -293,7 +293,7 @@ impl Part {
             return;
         };
         let mut part = WavePart::at_rest(1.0, swing.phase.radians() - BACK);
-        let Some(Next::Contact(Event::LiftOff { wait, .. })) = part.next(&map) else {
+        let Some(Next::Contact(OrbitEvent::LiftOff { wait, .. })) = part.next(&map) else {
             return;
         };
         let Some(Next::Flight(launch)) = part.next(&map) else {
@@ -318,7 +318,7 @@ impl Part {
         &mut self,
         wave: &Wave,
         k: f64,
-        state: State,
+        state: PartState,
         amplitude: f64,
         track: &Track<'_>,
         time: u64,
@@ -329,7 +329,7 @@ impl Part {
             return;
         };
         match WavePart::new(self.restitution.mean(), state).next(&map) {
-            Some(Next::Contact(Event::Rest { chatter, .. })) => {
+            Some(Next::Contact(OrbitEvent::Rest { chatter, .. })) => {
                 self.spare(track, state.velocity * amplitude * track.angular);
                 self.motion = Motion::Chattering {
                     until: time + (chatter / TAU * Phase::TURN) as u64,
@@ -408,7 +408,7 @@ impl Part {
         let Flight {
             k, phase, impact, ..
         } = flight;
-        let launch = State {
+        let launch = PartState {
             phase: *phase,
             velocity: 0.0,
         };
@@ -451,14 +451,14 @@ struct Flight {
     k: f64,
     /// Phase of the launch in rad.
     phase: f64,
-    impact: Impact<State>,
+    impact: Impact<PartState>,
     /// Speed relative to the track at its end in units of b w (symbol s).
     arrival: f64,
 }
 
 impl Flight {
     /// The flight of a part on a sine.
-    fn on_sine(map: &Map, phase: f64, impact: Impact<State>) -> Self {
+    fn on_sine(map: &Map, phase: f64, impact: Impact<PartState>) -> Self {
         Self {
             k: map.k(),
             phase,
@@ -468,7 +468,7 @@ impl Flight {
     }
 
     /// The flight on several tones of a part that loses nothing, whose next velocity is its arrival speed.
-    fn on_tones(map: &WaveMap, phase: f64, impact: Impact<State>) -> Self {
+    fn on_tones(map: &WaveMap, phase: f64, impact: Impact<PartState>) -> Self {
         Self {
             k: map.k(),
             phase,
@@ -479,7 +479,7 @@ impl Flight {
 }
 
 /// Speed relative to the track at the end of a flight in units of b w (symbol s).
-fn arrival_speed(map: &Map, phase: f64, impact: &Impact<State>) -> f64 {
+fn arrival_speed(map: &Map, phase: f64, impact: &Impact<PartState>) -> f64 {
     if map.restitution() > 1e-6 {
         return impact.next.velocity / map.restitution();
     }

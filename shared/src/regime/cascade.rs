@@ -9,7 +9,7 @@ use super::lock::{Lock, accept_order, accept_restitution};
 use super::spread;
 use super::wave_band::{Bifurcation, WaveBands};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Impact, Kernel, Map, State, Tangent, Wave, WaveMap};
+use crate::impact::{Impact, Kernel, Map, PartState, Tangent, Wave, WaveMap};
 
 /// Feigenbaum's constant: the limit of the ratio of successive gaps between doublings.
 pub const FEIGENBAUM: f64 = 4.669_201_609_102_99;
@@ -50,7 +50,7 @@ pub struct Estimate {
 pub struct Cascade {
     flips: Vec<f64, HIGHEST_DOUBLINGS>,
     /// The orbit at each of them.
-    states: Vec<State, HIGHEST_DOUBLINGS>,
+    states: Vec<PartState, HIGHEST_DOUBLINGS>,
     end: CascadeEnd,
     birth: f64,
     track: Track,
@@ -92,14 +92,14 @@ impl Track {
 }
 
 impl Over {
-    fn impact(&self, state: State) -> Impact<State> {
+    fn impact(&self, state: PartState) -> Impact<PartState> {
         match self {
             Self::Sine(map) => map.impact(state),
             Self::Tones(map) => map.impact(state),
         }
     }
 
-    fn tangent(&self, state: State, impact: &Impact<State>) -> Option<Tangent> {
+    fn tangent(&self, state: PartState, impact: &Impact<PartState>) -> Option<Tangent> {
         match self {
             Self::Sine(map) => Tangent::of(map, state, impact),
             Self::Tones(map) => Tangent::on_tones(map, state, impact),
@@ -169,7 +169,7 @@ impl Cascade {
             },
             order,
         };
-        let state = State {
+        let state = PartState {
             phase: band.low.phase,
             velocity: TAU * f64::from(order) * flip * restitution / (1.0 + restitution),
         };
@@ -177,7 +177,7 @@ impl Cascade {
     }
 
     /// The flips after the first one, on the orbit that `state` is on there.
-    fn followed(mut self, mut state: State, doublings: usize) -> Self {
+    fn followed(mut self, mut state: PartState, doublings: usize) -> Self {
         // There is room for as many as may be asked for.
         let _ = self.states.push(state);
         while self.flips.len() < doublings {
@@ -302,7 +302,7 @@ struct Walker {
 
 impl Walker {
     /// The next flip below `flip` and the orbit there, begun `inside` below it.
-    fn next_flip(&self, flip: f64, inside: f64, state: State) -> Option<(f64, State)> {
+    fn next_flip(&self, flip: f64, inside: f64, state: PartState) -> Option<(f64, PartState)> {
         let mut k = flip - inside;
         let mut state = self.solve(k, self.attracted(k, state)?)?;
         let mut condition = self.condition(k, state)?;
@@ -354,7 +354,7 @@ impl Walker {
     }
 
     /// Where the attracting orbit is after long enough, begun near the orbit that flipped.
-    fn attracted(&self, k: f64, state: State) -> Option<State> {
+    fn attracted(&self, k: f64, state: PartState) -> Option<PartState> {
         let map = self.track.at(k)?;
         let mut state =
             Map::state(state.phase + 1e-3 / f64::from(self.impacts), state.velocity).ok()?;
@@ -369,7 +369,7 @@ impl Walker {
     }
 
     /// The orbit at `k` by Newton from `state`.
-    fn solve(&self, k: f64, state: State) -> Option<State> {
+    fn solve(&self, k: f64, state: PartState) -> Option<PartState> {
         let map = self.track.at(k)?;
         let mut state = state;
         let mut last = f64::INFINITY;
@@ -397,7 +397,7 @@ impl Walker {
     }
 
     /// How the orbit moves with k: `(1 - J)^-1` times the derivative of once around by k.
-    fn drift(&self, k: f64, state: State) -> Option<(f64, f64)> {
+    fn drift(&self, k: f64, state: PartState) -> Option<(f64, f64)> {
         let map = self.track.at(k)?;
         let Around {
             by_k: [x, y],
@@ -413,7 +413,7 @@ impl Walker {
     }
 
     /// `1 + trace + determinant`: 0 where a multiplier is -1.
-    fn condition(&self, k: f64, state: State) -> Option<f64> {
+    fn condition(&self, k: f64, state: PartState) -> Option<f64> {
         let map = self.track.at(k)?;
         let [[a, b], [c, d]] = self.around(&map, state)?.jacobian;
         let value = 1.0 + a + d + (a * d - b * c);
@@ -421,11 +421,11 @@ impl Walker {
     }
 
     /// The relative scatter of restitution up to which the halves of the orbit are told apart.
-    fn parted(&self, k: f64, start: State) -> Option<f64> {
+    fn parted(&self, k: f64, start: PartState) -> Option<f64> {
         const MOST: usize = 1 << HIGHEST_DOUBLINGS;
         let map = self.track.at(k)?;
         let around = self.around(&map, start)?;
-        let step = |state: State, covariance: [[f64; 2]; 2]| {
+        let step = |state: PartState, covariance: [[f64; 2]; 2]| {
             let impact = map.impact(state);
             let jacobian = map.tangent(state, &impact)?.jacobian;
             let mut then = spread::carried(jacobian, covariance);
@@ -456,7 +456,7 @@ impl Walker {
     }
 
     /// Once around.
-    fn around(&self, map: &Over, start: State) -> Option<Around> {
+    fn around(&self, map: &Over, start: PartState) -> Option<Around> {
         let mut state = start;
         let mut product = [[1.0, 0.0], [0.0, 1.0]];
         let mut by_k = [0.0, 0.0];

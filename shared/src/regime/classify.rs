@@ -70,9 +70,9 @@ impl HearingSettings {
         resolution: 1e-3,
     };
 
-    /// The board's ear at an impact-to-noise ratio of 26 dB and 20 kHz.
+    /// What the board hears at an impact-to-noise ratio of 26 dB and 20 kHz.
     #[cfg(any(test, feature = "control"))]
-    pub(crate) const EAR: Self = Self {
+    pub(crate) const BOARD: Self = Self {
         noise: 0.03,
         resolution: 0.2,
     };
@@ -381,11 +381,11 @@ impl<const N: usize> Classifier<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Event, Kernel, Map, Orbit, State};
+    use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
     use crate::regime::{Lock, exponent};
 
     /// The verdict on an orbit, `settle` events after its start, over `events` more.
-    fn verdict(k: f64, restitution: f64, start: Option<State>, events: usize) -> Verdict {
+    fn verdict(k: f64, restitution: f64, start: Option<PartState>, events: usize) -> Verdict {
         let map = Map::build(k, restitution).unwrap();
         let orbit = match start {
             Some(start) => Orbit::new(&map, start),
@@ -394,15 +394,15 @@ mod tests {
         let mut classifier = Classifier::<256>::build(HearingSettings::COMPUTED).unwrap();
         for event in orbit.take(3000 + events).skip(3000) {
             match event {
-                Event::Impact(impact) => classifier.flight(impact.flight),
-                Event::Rest { chatter, .. } => classifier.wait(chatter),
-                Event::LiftOff { wait, .. } => classifier.wait(wait),
+                OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
+                OrbitEvent::Rest { chatter, .. } => classifier.wait(chatter),
+                OrbitEvent::LiftOff { wait, .. } => classifier.wait(wait),
             }
         }
         classifier.verdict()
     }
 
-    fn near_lock(k: f64, restitution: f64, order: u32) -> Option<State> {
+    fn near_lock(k: f64, restitution: f64, order: u32) -> Option<PartState> {
         Some(exponent::start(&Map::build(k, restitution).unwrap(), order))
     }
 
@@ -491,7 +491,7 @@ mod tests {
 
     #[test]
     fn silence_is_rest_and_little_is_undecided() {
-        let mut classifier = Classifier::<64>::build(HearingSettings::EAR).unwrap();
+        let mut classifier = Classifier::<64>::build(HearingSettings::BOARD).unwrap();
         assert_eq!(classifier.verdict().regime, Regime::Undecided);
         for cycle in 0..4 {
             classifier.impact(cycle, Phase::from_bits(1 << 28));
@@ -528,7 +528,7 @@ mod tests {
     fn heard(
         k: f64,
         restitution: f64,
-        start: Option<State>,
+        start: Option<PartState>,
         noise: f64,
         cycles: f64,
         seed: u64,
@@ -540,16 +540,16 @@ mod tests {
         };
         let settings = HearingSettings {
             noise,
-            ..HearingSettings::EAR
+            ..HearingSettings::BOARD
         };
         let mut classifier = Classifier::<64>::build(settings).unwrap();
         let mut random = Noise(seed);
         let (mut time, mut last) = (0.0, -1.0);
         for event in orbit {
             match event {
-                Event::Impact(impact) => {
+                OrbitEvent::Impact(impact) => {
                     time += impact.flight;
-                    // The ear takes what comes within its resolution for one impact.
+                    // The onset detector takes what comes within its resolution for one impact.
                     if time - last > settings.resolution {
                         last = time;
                         let stamp = ((time + noise * random.next()) / TAU).max(0.0);
@@ -557,8 +557,8 @@ mod tests {
                         classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
                     }
                 }
-                Event::Rest { chatter, .. } => time += chatter,
-                Event::LiftOff { wait, .. } => time += wait,
+                OrbitEvent::Rest { chatter, .. } => time += chatter,
+                OrbitEvent::LiftOff { wait, .. } => time += wait,
             }
             if time > cycles * TAU {
                 break;
@@ -586,7 +586,7 @@ mod tests {
             let right = (1..=40)
                 .filter(|&seed| {
                     // Each time another part of the chaos.
-                    let start = locked(k, restitution).map(|start| State {
+                    let start = locked(k, restitution).map(|start| PartState {
                         phase: start.phase + 1e-7 * seed as f64,
                         ..start
                     });
@@ -612,7 +612,7 @@ mod tests {
     fn confidence_falls_with_missed_and_invented_impacts() {
         let phase = Phase::from_radians(Lock::at(0.43, 0.2, 1).unwrap().unwrap().state().phase);
         let confidence = |missed_every: u32| {
-            let mut classifier = Classifier::<64>::build(HearingSettings::EAR).unwrap();
+            let mut classifier = Classifier::<64>::build(HearingSettings::BOARD).unwrap();
             for cycle in 0..100 {
                 if cycle % missed_every != missed_every - 1 {
                     classifier.impact(cycle, phase);
@@ -632,7 +632,7 @@ mod tests {
 
     #[test]
     fn times_that_run_backwards_are_ignored() {
-        let mut plain = Classifier::<64>::build(HearingSettings::EAR).unwrap();
+        let mut plain = Classifier::<64>::build(HearingSettings::BOARD).unwrap();
         let mut disturbed = plain;
         for cycle in 1..100 {
             plain.impact(cycle, Phase::ZERO);

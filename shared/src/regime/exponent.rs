@@ -6,7 +6,7 @@ use super::cascade::Estimate;
 use super::lock::Lock;
 use super::series::standard_error;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Event, Kernel, Map, Orbit, Scatter, State, Tangent};
+use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tangent};
 
 /// Most batches, from which the statistical error and the autocorrelation time are told.
 const MOST: usize = 512;
@@ -86,7 +86,7 @@ pub struct Exponent {
 /// ```
 pub fn measure(
     map: &Map,
-    start: State,
+    start: PartState,
     settings: ExponentSettings,
 ) -> Result<Exponent, OutOfRange> {
     let start = Map::state(start.phase, start.velocity)?;
@@ -97,7 +97,7 @@ pub fn measure(
 /// restitutions.
 pub fn measure_scattered(
     map: &Map,
-    start: State,
+    start: PartState,
     settings: ExponentSettings,
     scatter: Scatter,
 ) -> Result<Exponent, OutOfRange> {
@@ -128,10 +128,10 @@ fn measure_along(
     while count < all {
         let before = orbit.state();
         let impact = match orbit.next() {
-            Some(Event::Impact(impact)) => impact,
+            Some(OrbitEvent::Impact(impact)) => impact,
             // A start at rest lifts off; an orbit that comes to rest is over.
-            Some(Event::LiftOff { .. }) if count == 0 => continue,
-            Some(Event::LiftOff { .. } | Event::Rest { .. }) | None => {
+            Some(OrbitEvent::LiftOff { .. }) if count == 0 => continue,
+            Some(OrbitEvent::LiftOff { .. } | OrbitEvent::Rest { .. }) | None => {
                 rest = Some(count);
                 break;
             }
@@ -172,13 +172,13 @@ fn measure_along(
 /// A start near the locked orbit of `order` where there is one, else lift-off: from there an orbit of
 /// the cascade or of the chaos behind it is met, which a start from rest mostly is not.
 #[must_use]
-pub fn start(map: &Map, order: u32) -> State {
+pub fn start(map: &Map, order: u32) -> PartState {
     match Lock::at(map.k(), map.restitution(), order) {
-        Ok(Some(lock)) => State {
+        Ok(Some(lock)) => PartState {
             phase: lock.state().phase + 1e-3,
             velocity: lock.state().velocity,
         },
-        _ => State {
+        _ => PartState {
             phase: libm::asin(map.k().min(1.0)),
             velocity: 0.0,
         },

@@ -21,7 +21,7 @@ use super::lock::accept_order;
 #[cfg(any(test, feature = "control"))]
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Event, Impact, Next, Scatter, State, WaveMap, WavePart};
+use crate::impact::{Impact, Next, OrbitEvent, PartState, Scatter, WaveMap, WavePart};
 
 #[cfg(feature = "control")]
 pub(crate) use limits::{GearLimits, peaks};
@@ -310,7 +310,7 @@ struct Rider {
 fn ride(map: &WaveMap, riders: &mut [Rider]) {
     let still = Impact {
         flight: 0.0,
-        next: State {
+        next: PartState {
             phase: 0.0,
             velocity: 0.0,
         },
@@ -355,17 +355,17 @@ struct Watch {
 }
 
 impl Watch {
-    fn see(&mut self, event: &Event) {
+    fn see(&mut self, event: &OrbitEvent) {
         match event {
-            Event::Impact(impact) => {
+            OrbitEvent::Impact(impact) => {
                 self.time += impact.flight;
                 self.gear.landed(self.time, impact.flight);
             }
-            Event::Rest { chatter, .. } => {
+            OrbitEvent::Rest { chatter, .. } => {
                 self.time += chatter;
                 self.gear.rested(self.time);
             }
-            Event::LiftOff { wait, .. } => self.time += wait,
+            OrbitEvent::LiftOff { wait, .. } => self.time += wait,
         }
     }
 }

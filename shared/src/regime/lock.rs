@@ -3,7 +3,7 @@
 use core::f64::consts::{PI, TAU};
 
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Kernel, Map, State};
+use crate::impact::{Kernel, Map, PartState};
 
 /// Highest lock order that is computed; the band of order 100 is narrower than 1e-5 in k up to R = 0.2.
 pub const HIGHEST_ORDER: u32 = 100;
@@ -89,7 +89,7 @@ pub struct Lock {
     order: u32,
     k: f64,
     restitution: f64,
-    state: State,
+    state: PartState,
 }
 
 impl Lock {
@@ -109,7 +109,7 @@ impl Lock {
             order,
             k,
             restitution,
-            state: State {
+            state: PartState {
                 phase: libm::acos(cosine),
                 velocity: TAU * r * k * restitution / (1.0 + restitution),
             },
@@ -136,7 +136,7 @@ impl Lock {
 
     /// State just after each impact: phase t0 in rad, 0..pi/2, and velocity psi in `b w`.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> PartState {
         self.state
     }
 
@@ -172,7 +172,7 @@ impl Lock {
     /// Distance of `state` to the orbit: the larger of the phase difference in rad and the velocity
     /// difference in units of `b w`.
     #[must_use]
-    pub fn distance(&self, state: State) -> f64 {
+    pub fn distance(&self, state: PartState) -> f64 {
         let apart = state.phase - self.state.phase;
         let apart = apart - TAU * libm::round(apart / TAU);
         libm::fabs(apart).max(libm::fabs(state.velocity - self.state.velocity))

@@ -2,7 +2,7 @@
 
 use super::lock::Lock;
 use crate::feeder::OutOfRange;
-use crate::impact::{Event, Kernel, Map, Orbit};
+use crate::impact::{Kernel, Map, Orbit, OrbitEvent};
 
 /// What becomes of a part that starts from rest at a constant amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,9 +30,9 @@ pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOf
     let map = Map::build(k, restitution)?;
     for event in Orbit::from_rest(&map).take(5000) {
         match event {
-            Event::LiftOff { .. } => {}
-            Event::Rest { .. } => return Ok(FromRest::Rests),
-            Event::Impact(impact) => {
+            OrbitEvent::LiftOff { .. } => {}
+            OrbitEvent::Rest { .. } => return Ok(FromRest::Rests),
+            OrbitEvent::Impact(impact) => {
                 if lock.is_some_and(|lock| lock.distance(impact.next) < 1e-3) {
                     return Ok(FromRest::Locks);
                 }

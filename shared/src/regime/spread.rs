@@ -46,7 +46,7 @@ impl Spread {
     /// About a lock that strikes where the track's push is `push`.
     fn about(push: f64, k: f64, r: f64, order: u32) -> Self {
         let turns = f64::from(order);
-        // d/s with the flight d = 2 pi r and the arrival s = 2 pi r k/(1 + R).
+        // d/v with the flight d = 2 pi r and the arrival v = 2 pi r k/(1 + R).
         let (ratio, pull) = ((1.0 + r) / k, k - push);
         Self {
             jacobian: [
@@ -153,12 +153,12 @@ pub fn heard_recursion([c0, c1, c2]: [f32; 3]) -> Option<[f32; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Map, Scatter, State, Tone, Wave, WaveMap};
+    use crate::impact::{Kernel, Map, PartState, Scatter, Tone, Wave, WaveMap};
 
     /// Deviations of 40 000 impacts of a part that scatters, from its lock.
-    fn simulated<K: Kernel<State = State>>(
+    fn simulated<K: Kernel<State = PartState>>(
         build: impl Fn(f64) -> K,
-        lock: State,
+        lock: PartState,
         restitution: f64,
         scatter: f64,
         mut seen: impl FnMut(f64, f64),

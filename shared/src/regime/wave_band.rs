@@ -4,7 +4,7 @@ use core::f64::consts::{PI, TAU};
 
 use super::lock::{Multipliers, accept_order, accept_restitution};
 use crate::feeder::{OutOfRange, Restitution};
-use crate::impact::{Kernel, State, Wave, WaveMap, WaveOrbit};
+use crate::impact::{Kernel, PartState, Wave, WaveMap, WaveOrbit};
 
 /// The period-1 orbit of one order that strikes at one phase of the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +13,7 @@ pub struct WaveLock {
     order: u32,
     k: f64,
     restitution: f64,
-    state: State,
+    state: PartState,
 }
 
 impl WaveLock {
@@ -39,7 +39,7 @@ impl WaveLock {
             order,
             k,
             restitution,
-            state: State {
+            state: PartState {
                 phase: phase - TAU * libm::floor(phase / TAU),
                 velocity: TAU * r * k * restitution / (1.0 + restitution),
             },
@@ -96,7 +96,7 @@ impl WaveLock {
 
     /// State just after each impact: phase t0 in rad and velocity psi in `b w`.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> PartState {
         self.state
     }
 
@@ -421,7 +421,7 @@ mod tests {
                     assert!(band.contains(lock.k()) && lock.attracts() && lock.is_first_return());
                     let map = WaveMap::on(wave, lock.k(), restitution).unwrap();
                     let at = |phase: f64, velocity: f64| {
-                        let state = State {
+                        let state = PartState {
                             phase: lock.state().phase + phase,
                             velocity: lock.state().velocity + velocity,
                         };

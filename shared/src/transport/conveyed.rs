@@ -1,6 +1,6 @@
 //! Way and time of an orbit.
 
-use crate::impact::{Along, Contact, Impact, Lain, Observer, State, Tangential};
+use crate::impact::{Along, Contact, Impact, Lain, Observer, PartState, Tangential};
 
 /// What an orbit conveyed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -172,7 +172,7 @@ impl<A: Along> Conveying<A> {
 
 impl<A: Along> Observer for Conveying<A> {
     #[inline]
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let (distance, velocity) = self.along.fly(launch, impact, self.velocity);
         self.conveyed.distance += distance;
         self.conveyed.flying += impact.flight;
@@ -181,7 +181,7 @@ impl<A: Along> Observer for Conveying<A> {
         self.velocity = velocity;
     }
 
-    fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+    fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         let lain = self
             .along
             .chatter(&self.contact, last, chatter, self.velocity);

@@ -1,7 +1,7 @@
 //! The limit of dead parts, R and Rt to 0: a one-dimensional map (equation 38; docs/theory-transport.md#t8.9).
 
 use crate::feeder::OutOfRange;
-use crate::impact::{Contact, Kernel, Map, State};
+use crate::impact::{Contact, Kernel, Map, PartState};
 
 /// Parts that neither bounce nor keep any velocity: each flight begins with psi = 0 and phi = 0 at a
 /// phase where the track throws, and the phase of launch is all that the next flight depends on.
@@ -60,7 +60,7 @@ impl Inelastic {
         if impact.flight <= 0.0 {
             return None;
         }
-        let State { phase: landing, .. } = impact.next;
+        let PartState { phase: landing, .. } = impact.next;
         let wait = self.contact.wait(landing)?;
         Some(DeadFlight {
             flight: impact.flight,
@@ -81,7 +81,7 @@ impl Inelastic {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Ended, Event, Impact, Orbit, Tangential, TangentialSettings};
+    use crate::impact::{Ended, Impact, Orbit, OrbitEvent, Tangential, TangentialSettings};
 
     #[test]
     fn it_is_the_limit_of_the_full_map() {
@@ -99,11 +99,11 @@ mod tests {
                 let first = Orbit::new(&nearly, impact.next).next().unwrap();
                 if flight.wait > 0.01 {
                     assert!(
-                        matches!(first, Event::Rest { chatter, .. } if chatter < 1e-5),
+                        matches!(first, OrbitEvent::Rest { chatter, .. } if chatter < 1e-5),
                         "{k} {phase}"
                     );
                 } else if flight.wait == 0.0 {
-                    assert!(matches!(first, Event::Impact(_)));
+                    assert!(matches!(first, OrbitEvent::Impact(_)));
                 }
                 assert!((low - 1e-12..=high + 1e-12).contains(&flight.next));
             }
@@ -119,7 +119,7 @@ mod tests {
             let mut orbit = Orbit::from_rest(&map);
             let mut flights = 0;
             let mut seen = orbit.by_ref().filter_map(|event| match event {
-                Event::Impact(impact) => Some(impact.flight),
+                OrbitEvent::Impact(impact) => Some(impact.flight),
                 _ => None,
             });
             // At lift-off itself the rounding of arcsin k decides whether the track throws; from the

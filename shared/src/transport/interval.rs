@@ -1,7 +1,7 @@
 //! The times between impacts: their distribution and how far they are from independent (the renewal
 //! picture of equations 28 to 32).
 
-use crate::impact::{Impact, Observer, State};
+use crate::impact::{Impact, Observer, PartState};
 
 /// Histogram and autocorrelation of the times between impacts (symbol z, in rad), an observer.
 ///
@@ -126,7 +126,7 @@ impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
 }
 
 impl<const BINS: usize, const LAGS: usize> Observer for Intervals<BINS, LAGS> {
-    fn impact(&mut self, _: State, impact: &Impact<State>) {
+    fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
         let z = impact.flight;
         let place = (z - self.low) / (self.high - self.low) * BINS as f64;
         match self.bins.get_mut(place as usize) {
@@ -160,7 +160,7 @@ mod tests {
     use crate::impact::{Kernel, Map, Orbit};
     use crate::transport::Spread;
 
-    fn interval(flight: f64) -> Impact<State> {
+    fn interval(flight: f64) -> Impact<PartState> {
         Impact {
             flight,
             next: Map::state(0.0, 0.0).unwrap(),

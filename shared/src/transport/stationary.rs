@@ -1,6 +1,6 @@
 //! The exact impact mean of any hopping regime, locked or chaotic (equation 34, corrected; docs/theory-transport.md#t8.5).
 
-use crate::impact::{Impact, Observer, State, TangentialSettings};
+use crate::impact::{Impact, Observer, PartState, TangentialSettings};
 
 /// Impact mean of the velocity along the track in units of `b w`, at gamma = 0, for parts that hop
 /// without rest at a mean interval D (in rad):
@@ -86,7 +86,7 @@ impl PhaseMeans {
 
 impl Observer for PhaseMeans {
     #[inline]
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let half = 0.5 * impact.flight;
         self.impacts += 1;
         self.flying += impact.flight;
@@ -115,13 +115,13 @@ pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Contact, Impact, Kernel, Map, Observer, Orbit, State, Tangential};
+    use crate::impact::{Contact, Impact, Kernel, Map, Observer, Orbit, PartState, Tangential};
     use crate::transport::Conveying;
 
     struct Launches(f64);
 
     impl Observer for Launches {
-        fn impact(&mut self, launch: State, _: &Impact<State>) {
+        fn impact(&mut self, launch: PartState, _: &Impact<PartState>) {
             self.0 += launch.velocity;
         }
     }

@@ -2,7 +2,7 @@
 
 use super::{Conveyed, Conveying};
 use crate::feeder::OutOfRange;
-use crate::impact::{Along, Contact, Ended, Map, Observer, Orbit, Scatter, State};
+use crate::impact::{Along, Contact, Ended, Map, Observer, Orbit, PartState, Scatter};
 
 /// Rad between rests from which on a part counts as hopping: a rest is shorter than a drive period, so that less than a
 /// hundredth of its time is spent in them. At 2 pi `motion_is_told_apart` fails.
@@ -23,7 +23,7 @@ pub enum Origin {
     /// The part lies on the track.
     Rest,
     /// The part has just struck the track.
-    Hop(State),
+    Hop(PartState),
 }
 
 /// What a part does once it has settled, as far as conveying goes.

@@ -239,7 +239,7 @@ impl From<Command> for control::Command {
     }
 }
 
-/// How far the parts are from losing gear; [`control::Margin`] on the line.
+/// How far the parts are from losing gear; [`control::GearMargin`] on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Margin {
     /// Trace of the tangent map (symbol tr J).
@@ -392,9 +392,9 @@ mirrored!(Regime of classify: Rest, HopAndRest { cycles }, Locked { order }, Dou
 mirrored!(Identification of control: Idle, Listening { hops }, Found(found), NotFound(why));
 mirrored!(Unidentified of control: Quiet, Unlike, Dead, Scattered, Unsteady);
 
-impl From<control::Margin> for Margin {
-    fn from(own: control::Margin) -> Self {
-        let control::Margin {
+impl From<control::GearMargin> for Margin {
+    fn from(own: control::GearMargin) -> Self {
+        let control::GearMargin {
             trace,
             restitution,
             error,
@@ -413,7 +413,7 @@ impl From<control::Margin> for Margin {
     }
 }
 
-impl From<Margin> for control::Margin {
+impl From<Margin> for control::GearMargin {
     fn from(sent: Margin) -> Self {
         let Margin {
             trace,
@@ -521,7 +521,7 @@ mod tests {
             in_gear_error: 0.03125,
             gear: 1,
             to_loss: 500.0,
-            margin: Some(control::Margin {
+            margin: Some(control::GearMargin {
                 trace: -0.5,
                 restitution: 0.25,
                 error: 0.125,

@@ -1,6 +1,6 @@
 //! The impacts of every column, and where along the columns period 1 attracts.
 
-use kband::impact::{Ended, Event, Impact, Map, Observer, Orbit, Scatter, State};
+use kband::impact::{Ended, Impact, Map, Observer, Orbit, OrbitEvent, PartState, Scatter};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
@@ -35,7 +35,7 @@ pub(super) struct Branch {
 /// The impacts of one column, and what they are part of.
 #[derive(Clone)]
 pub(super) struct Struck {
-    pub(super) impacts: Vec<State>,
+    pub(super) impacts: Vec<PartState>,
     pub(super) ending: Ending,
 }
 
@@ -114,7 +114,7 @@ pub(super) fn follow(
         .iter()
         .map(|map| Endings::new(map.k(), map.restitution(), FOLLOWED))
         .collect::<Result<_, _>>()?;
-    let one = |start: ColumnStart, column: usize, state: &mut Option<State>| {
+    let one = |start: ColumnStart, column: usize, state: &mut Option<PartState>| {
         let map = &maps[column];
         let stream = (column as u64) << 2 | start as u64;
         let scatter = arguments.scatter.stream(map.restitution(), stream)?;
@@ -166,7 +166,7 @@ pub(super) fn follow(
 /// The impacts of one column whose restitution scatters, as [`column_of`] has them, and in which gear they are.
 fn column_in_gear(
     map: &Map,
-    state: &mut Option<State>,
+    state: &mut Option<PartState>,
     settle: usize,
     impacts: usize,
     scatter: Option<Scatter>,
@@ -194,10 +194,10 @@ fn column_in_gear(
 
 /// The states just after the impacts.
 #[derive(Default)]
-struct Landings(Vec<State>);
+struct Landings(Vec<PartState>);
 
 impl Observer for Landings {
-    fn impact(&mut self, _: State, impact: &Impact<State>) {
+    fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
         self.0.push(impact.next);
     }
 }
@@ -206,10 +206,10 @@ impl Observer for Landings {
 /// `state` is left where they end, `None` where the part rests for ever.
 pub(super) fn column_of(
     map: &Map,
-    state: &mut Option<State>,
+    state: &mut Option<PartState>,
     settle: usize,
     impacts: usize,
-) -> Vec<State> {
+) -> Vec<PartState> {
     let orbit = match *state {
         Some(state) => Orbit::new(map, state),
         None => Orbit::from_rest(map),
@@ -217,7 +217,7 @@ pub(super) fn column_of(
     let mut struck = Vec::with_capacity(impacts);
     let mut count = 0;
     for event in orbit {
-        if let Event::Impact(impact) = event {
+        if let OrbitEvent::Impact(impact) = event {
             count += 1;
             if count > settle {
                 struck.push(impact.next);

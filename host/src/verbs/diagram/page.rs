@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::io::Write;
 use std::sync::Arc;
 
-use kband::impact::State;
+use kband::impact::PartState;
 use kband::regime::Lock;
 
 use super::Arguments;
@@ -121,7 +121,7 @@ impl Diagram {
         Ok(())
     }
 
-    pub(super) fn shown(&self, state: State) -> f64 {
+    pub(super) fn shown(&self, state: PartState) -> f64 {
         match self.velocity {
             true => state.velocity,
             // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.

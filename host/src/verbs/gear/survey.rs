@@ -9,7 +9,7 @@ use crate::desk::Desk;
 use crate::refusal::Refusal;
 
 /// The parts that are followed.
-pub(super) struct Lot {
+pub(super) struct Followed {
     pub restitutions: Vec<f64>,
     scatter: f64,
     order: u32,
@@ -73,7 +73,7 @@ pub(super) struct Point {
 
 /// The whole map and the points named.
 pub(super) struct Survey {
-    pub lot: Lot,
+    pub lot: Followed,
     pub k: Vec<f64>,
     pub waves: Vec<Wave>,
     /// Mean share of each wave at each k, wave by wave, and the least of a part.
@@ -86,7 +86,7 @@ pub(super) struct Survey {
 /// Points of the map that are tried again, for each number of tones.
 const TRIED_AGAIN: usize = 16;
 
-impl Lot {
+impl Followed {
     pub fn new(arguments: &Arguments) -> Result<Self, Refusal> {
         let lot = arguments.restitution;
         let order = arguments.order as u32;
@@ -145,7 +145,7 @@ impl Lot {
 }
 
 impl Survey {
-    pub fn run(lot: Lot, k: &[f64], waves: &[Wave], desk: &Desk) -> Result<Self, Refusal> {
+    pub fn run(lot: Followed, k: &[f64], waves: &[Wave], desk: &Desk) -> Result<Self, Refusal> {
         let place = |n: usize| (&waves[n / k.len()], k[n % k.len()]);
         let map = desk.try_map("gear", waves.len() * k.len(), |n| {
             let (wave, k) = place(n);
@@ -211,8 +211,8 @@ mod tests {
     use super::*;
     use kband::impact::Tone;
 
-    fn lot(restitutions: &[f64], scatter: f64) -> Lot {
-        Lot {
+    fn lot(restitutions: &[f64], scatter: f64) -> Followed {
+        Followed {
             restitutions: restitutions.to_vec(),
             scatter,
             order: 1,
@@ -251,7 +251,7 @@ mod tests {
         let k = [0.40, 0.44, 0.48];
         let run = |threads, seed| {
             let desk = Desk::new(Some(threads)).unwrap();
-            let lot = Lot {
+            let lot = Followed {
                 seed,
                 ..lot(&[0.2, 0.3], 0.06)
             };

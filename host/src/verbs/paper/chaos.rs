@@ -2,7 +2,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Impact, Kernel, Map, Observer, Orbit, State, Tangential, TangentialSettings};
+use kband::impact::{
+    Impact, Kernel, Map, Observer, Orbit, PartState, Tangential, TangentialSettings,
+};
 use kband::regime::band;
 use kband::transport::{Conveyed, Effort, Inelastic, Origin, Spread, locked, measure};
 
@@ -35,7 +37,7 @@ pub(super) fn largest_launch(k: f64, restitution: f64) -> f64 {
 struct Highest(f64);
 
 impl Observer for Highest {
-    fn impact(&mut self, _: State, impact: &Impact<State>) {
+    fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
         self.0 = self.0.max(impact.next.velocity);
     }
 }

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use kband::impact::{
-    Contact, Ended, Friction, FrictionSettings, Kernel, Map, Orbit, Scatter, State, Tangential,
+    Contact, Ended, Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, Tangential,
     Tone, Wave,
 };
 use kband::regime::cascade::{Cascade, FEIGENBAUM};
@@ -73,11 +73,11 @@ fn lyapunov() -> Result<Vec<Row>, Refusal> {
 }
 
 /// Starts beside the period-1 orbits of orders 1 to 3, and so many spread over phase and velocity.
-fn starts(k: f64, restitution: f64, spread: u32) -> Result<Vec<State>, Refusal> {
+fn starts(k: f64, restitution: f64, spread: u32) -> Result<Vec<PartState>, Refusal> {
     let mut starts = Vec::new();
     for order in 1..=3 {
         if let Some(lock) = Lock::at(k, restitution, order)? {
-            let State { phase, velocity } = lock.state();
+            let PartState { phase, velocity } = lock.state();
             starts.push(Map::state(phase + 1e-3, velocity)?);
         }
     }
@@ -287,7 +287,7 @@ fn robust() -> Result<Vec<Row>, Refusal> {
 fn spreading(
     k: f64,
     restitution: f64,
-    start: State,
+    start: PartState,
     lengths: [u64; 2],
 ) -> Result<[f64; 2], Refusal> {
     const FLIGHTS: u64 = 60_000;

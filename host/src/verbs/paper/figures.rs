@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Event, Kernel, Map, Orbit, State, Tangential, TangentialSettings};
+use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState, Tangential, TangentialSettings};
 use kband::regime::{Lock, band};
 
 use crate::desk::Desk;
@@ -41,7 +41,7 @@ fn way(restitution: f64, apart: f64, flights: usize) -> Result<Way, Refusal> {
     let map = Map::build(k, restitution)?;
     let tangential = Tangential::build(k, TRACK)?;
     let lock = Lock::at(k, restitution, 1)?.map(|lock| lock.state());
-    let State { phase, velocity } = lock.unwrap_or(State {
+    let PartState { phase, velocity } = lock.unwrap_or(PartState {
         phase: 0.5,
         velocity: 0.5,
     });
@@ -192,8 +192,8 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal>
             // Below its band an orbit of the cascade or of the chaos behind it is met from the lock's phase.
             // A little beside it, or the unstable orbit itself would be drawn.
             starts.extend(Lock::at(k, restitution, order)?.map(|lock| {
-                let State { phase, velocity } = lock.state();
-                Some(State {
+                let PartState { phase, velocity } = lock.state();
+                Some(PartState {
                     phase: phase + 1e-3,
                     velocity,
                 })
@@ -255,7 +255,7 @@ struct Columns {
 }
 
 /// Whether the settled orbit from `start` (else from rest) rests, and the phases at which it strikes.
-fn settled(map: &Map, start: Option<State>) -> (bool, Vec<f64>) {
+fn settled(map: &Map, start: Option<PartState>) -> (bool, Vec<f64>) {
     let mut orbit = match start {
         Some(state) => Orbit::new(map, state),
         None => Orbit::from_rest(map),
@@ -265,12 +265,12 @@ fn settled(map: &Map, start: Option<State>) -> (bool, Vec<f64>) {
     for event in orbit.take(160) {
         match event {
             // The last hops of a chatter all strike at the phase of rest.
-            Event::Impact(impact) if impact.next.velocity > 1e-3 => {
+            OrbitEvent::Impact(impact) if impact.next.velocity > 1e-3 => {
                 let phase = impact.next.phase;
                 phases.push(if phase > 1.5 * PI { phase - TAU } else { phase });
             }
-            Event::Impact(_) => {}
-            Event::Rest { .. } | Event::LiftOff { .. } => rests = true,
+            OrbitEvent::Impact(_) => {}
+            OrbitEvent::Rest { .. } | OrbitEvent::LiftOff { .. } => rests = true,
         }
     }
     (rests, phases)

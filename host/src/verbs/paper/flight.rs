@@ -281,7 +281,7 @@ fn flight_time() -> Result<Vec<Row>, Refusal> {
             .within(root, 4.0 * f64::EPSILON),
         Row::new(900, "finding", "(8) in f64 for chatter, ψ = 2e-7")
             .found(
-                "(8) loses all its digits; u/d = ψ + d {sin t C(d) − k/2 + d cos t S(d)} keeps them",
+                "(8) loses all its digits; u/d = ψ + d {sin t c₂(d) − k/2 + d cos t c₃(d)} keeps them",
             )
             .within(deflated, 1e-12)
             .off(printed.value),

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use kband::impact::{
-    Contact, Impact, Kernel, Map, Observer, Orbit, State, Tangential, TangentialSettings,
+    Contact, Impact, Kernel, Map, Observer, Orbit, PartState, Tangential, TangentialSettings,
 };
 use kband::regime::band;
 use kband::transport::stationary::{self, PhaseMeans};
@@ -144,7 +144,7 @@ struct Brackets {
 }
 
 impl Observer for Brackets {
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         self.velocity += launch.velocity;
         let (before, after) = (launch.phase, launch.phase + impact.flight);
         self.cosine += after.cos() - before.cos();
@@ -238,7 +238,7 @@ impl Stated {
 }
 
 impl Observer for Stated {
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let (t, d) = (launch.phase, impact.flight);
         self.count += 1.0;
         self.along += self.phi;
@@ -298,7 +298,7 @@ struct Moments {
 }
 
 impl Observer for Moments {
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let d = impact.flight;
         let eta = self.tangential.settings().amplitude_ratio;
         self.squares += d * d;
@@ -341,7 +341,7 @@ struct Energy {
 }
 
 impl Observer for Energy {
-    fn impact(&mut self, launch: State, _: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, _: &Impact<PartState>) {
         self.squares += launch.velocity * launch.velocity;
         self.mixed += launch.velocity * launch.phase.cos();
     }

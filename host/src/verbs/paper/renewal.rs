@@ -1,6 +1,6 @@
 //! Equations (30) to (33): impacts as a renewal process, what follows of that, and what impacts are.
 
-use kband::impact::{Impact, Kernel, Map, Observer, Orbit, State};
+use kband::impact::{Impact, Kernel, Map, Observer, Orbit, PartState};
 use kband::transport::{Intervals, Spread};
 
 use super::row::{Cases, Row, Work, Worst};
@@ -18,7 +18,7 @@ struct Windows {
 }
 
 impl Observer for Windows {
-    fn impact(&mut self, _: State, impact: &Impact<State>) {
+    fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
         self.time += impact.flight;
         while self.time >= self.length {
             self.time -= self.length;
@@ -34,7 +34,7 @@ impl Observer for Windows {
 struct Cosine(f64);
 
 impl Observer for Cosine {
-    fn impact(&mut self, launch: State, _: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, _: &Impact<PartState>) {
         self.0 += launch.phase.cos();
     }
 }

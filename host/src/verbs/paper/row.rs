@@ -1,7 +1,7 @@
 //! A row of the comparison, and what the recomputations share.
 
 use kband::feeder::OutOfRange;
-use kband::impact::{Impact, Kernel, Map, State};
+use kband::impact::{Impact, Kernel, Map, PartState};
 
 use crate::refusal::Refusal;
 
@@ -200,8 +200,8 @@ impl Cases {
 pub(super) struct Flight {
     pub k: f64,
     pub restitution: f64,
-    pub launch: State,
-    pub impact: Impact<State>,
+    pub launch: PartState,
+    pub impact: Impact<PartState>,
 }
 
 /// Way and velocity after `d` of a point that starts at 0 with `velocity` and is accelerated by

@@ -18,7 +18,7 @@ const HIGHEST: f64 = 0.935;
 /// `what_it_finds_is_chaotic_by_the_exponent_too` fails; from 0.7 to 0.85 it passes.
 const LOWEST: f64 = 0.80;
 /// Impacts after which a part is judged, by the last [`HEARD`] of them. In the 536 before, an orbit that draws a part by 1 %
-/// an impact has brought it from 1 rad to 0.005 rad, which the ear takes for the orbit; what settles slower is chaos to the
+/// an impact has brought it from 1 rad to 0.005 rad, which the classifier takes for the orbit; what settles slower is chaos to the
 /// board's own hearing too. From 264 to 1700 every test passes.
 const IMPACTS: u32 = 600;
 /// Impacts that the classifier remembers, as that of the board.
@@ -46,7 +46,7 @@ impl Trial {
             // Off the orbit, which repels here.
             state: Hybrid::state(state.phase + 0.02, state.velocity).ok()?,
             impacts: 0,
-            classifier: Classifier::build(HearingSettings::EAR).ok()?,
+            classifier: Classifier::build(HearingSettings::BOARD).ok()?,
         })
     }
 

@@ -2,7 +2,7 @@
 //! does not make.
 
 use crate::control::drive::UPPER;
-use crate::control::hear::Margin;
+use crate::control::hear::GearMargin;
 use crate::control::settings::Settings;
 use crate::regime::gear::GearPlanSettings;
 
@@ -36,7 +36,7 @@ impl Retuning {
     pub fn cycle(
         &mut self,
         planned: &GearPlanSettings,
-        margin: Option<&Margin>,
+        margin: Option<&GearMargin>,
         lacks: [bool; UPPER],
         settings: &Settings,
     ) -> Option<Settings> {
@@ -61,7 +61,7 @@ impl Retuning {
             let low = (heard.restitution - HALF).clamp(0.0, 0.95);
             let high = (heard.restitution + HALF).max(low).min(0.99);
             let scatter = heard.scatter.clamp(0.0, 0.3);
-            // A lot that is narrower than what one is planned for by ear is not wrong for that.
+            // A lot that is narrower than what one is planned for by what is heard is not wrong for that.
             wrong = wanted.restitution_low < low - FAR
                 || wanted.restitution_high > high + FAR
                 || heard.restitution < wanted.restitution_low - FAR
@@ -100,7 +100,7 @@ mod tests {
     }
 
     /// Cycles until the plan is made anew, and with what.
-    fn anew(margin: Option<Margin>, lacks: [bool; UPPER]) -> Option<(u32, Settings)> {
+    fn anew(margin: Option<GearMargin>, lacks: [bool; UPPER]) -> Option<(u32, Settings)> {
         let mut retuning = Retuning::default();
         let settings = Settings::default();
         (1..5000).find_map(|n| {
@@ -109,12 +109,12 @@ mod tests {
         })
     }
 
-    fn heard(restitution: f32, error: f32, scatter: f32) -> Option<Margin> {
-        Some(Margin {
+    fn heard(restitution: f32, error: f32, scatter: f32) -> Option<GearMargin> {
+        Some(GearMargin {
             restitution,
             error,
             scatter,
-            ..Margin::default()
+            ..GearMargin::default()
         })
     }
 

@@ -7,7 +7,7 @@ use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint};
 use super::speed::SpeedSearch;
 use crate::control::drive::{Scale, Shape, UPPER};
-use crate::control::hear::{LockWindow, Margin};
+use crate::control::hear::{GearMargin, LockWindow};
 use crate::control::settings::Settings;
 use crate::control::state::{Event, Events};
 use crate::control::target::Target;
@@ -146,7 +146,7 @@ impl Selection {
     /// drive does not make a tone of its motion. The setpoint stays until that plan is settled.
     pub fn retune(
         &mut self,
-        margin: Option<&Margin>,
+        margin: Option<&GearMargin>,
         lacks: [bool; UPPER],
         settings: &Settings,
         scale: &Scale,

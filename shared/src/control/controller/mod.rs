@@ -6,7 +6,7 @@ use crate::arithmetic::Phase;
 use crate::arithmetic::square_root_single;
 use crate::control::aim::Selection;
 use crate::control::angle::{phase_of, radians_of};
-use crate::control::course::{
+use crate::control::supervise::{
     Decision, EnableResponse, Expected, FaultDetector, LimitInputs, LimitMonitor, Observation,
     Standstill, StateMachine,
 };
@@ -14,7 +14,7 @@ use crate::control::target::Target;
 use num_complex::Complex32 as Complex;
 
 use crate::control::drive::{
-    AmplitudeLoop, Asked, Motion, Move, Reference, Resonance, Scale, Shape, Tones, UPPER, size,
+    AmplitudeLoop, Asked, Move, Reference, Resonance, Scale, Shape, Tones, TrackMotion, UPPER, size,
 };
 use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound, Tuned};
 use crate::control::identify::{self, Driven, Identifier, Step};
@@ -286,19 +286,19 @@ impl Controller {
     }
 
     /// What the demodulators found of the track's motion.
-    fn motion(&self, cycle: &Cycle, first: Complex) -> Motion {
+    fn motion(&self, cycle: &Cycle, first: Complex) -> TrackMotion {
         // Displacement for an acceleration at twice and three times the frequency.
         let scales = [-1.0 / 4.0, -1.0 / 9.0];
         let mut upper = [Complex::default(); UPPER];
         for ((tone, [cosine, sine]), scale) in upper.iter_mut().zip(cycle.upper).zip(scales) {
             *tone = Complex::new(sine, cosine) * (scale / self.scale.square);
         }
-        Motion { first, upper }
+        TrackMotion { first, upper }
     }
 
     /// A cycle of the tones above the first, where the drive affords any. They are made at the chosen setpoint alone: not while
     /// the link is lost, no setpoint serves the target, or the drive stops.
-    fn make_tones(&mut self, motion: &Motion, events: &mut Events) {
+    fn make_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
         }
@@ -423,8 +423,8 @@ impl Controller {
         self.deafness.cycle(&Sound {
             listening: settled && wanted && self.selection.chosen(),
             near,
-            rate: self.listener.hearing.rate() * turns,
-            concentration: self.listener.hearing.concentration(),
+            rate: self.listener.phases.rate() * turns,
+            concentration: self.listener.phases.concentration(),
             thrown: unit * self.listener.gear.thrown(),
             locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
             kicked: self.machine.attempts() > 0,

@@ -15,7 +15,7 @@ impl Controller {
     /// What was seen and done in the last cycle.
     #[must_use]
     pub fn report(&self) -> Report {
-        let (seen, hearing) = (&self.seen, &self.listener.hearing);
+        let (seen, phases) = (&self.seen, &self.listener.phases);
         Report {
             cycle: self.count,
             k: self.k(seen.amplitude),
@@ -24,9 +24,9 @@ impl Controller {
             shape: seen.shape,
             reference: self.reference.now,
             setpoint: self.setpoint(),
-            rate: hearing.rate(),
-            phase: hearing.phase(),
-            concentration: hearing.concentration(),
+            rate: phases.rate(),
+            phase: phases.phase(),
+            concentration: phases.concentration(),
             confidence: self.listener.confidence(self.selection.lock()),
             in_gear: self.in_gear(),
             in_gear_error: self.in_gear_error(),

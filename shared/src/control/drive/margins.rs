@@ -19,7 +19,7 @@ const LOWEST: f64 = 1e-5;
 
 /// Margins of a loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Margins {
+pub struct LoopMargins {
     /// Factor on the loop's gain at which it swings.
     pub gain: f64,
     /// Phase lag more, in degrees, at which it swings; 180 where its gain is below 1 at all frequencies.
@@ -73,7 +73,7 @@ fn length(z: Complex) -> f64 {
     libm::sqrt(z.norm_sqr())
 }
 
-impl Margins {
+impl LoopMargins {
     /// Of the loop that is built for the settings as told, on the drive that is; `gain` and `resonance` may be others.
     ///
     /// At the resonance that is the PI loop at the gain as told, before it has learned. Off the resonance feedback comes by the learned
@@ -201,7 +201,7 @@ mod tests {
                         gain: told.gain * wrong,
                         ..told
                     };
-                    let found = Margins::of(&told, &is).unwrap();
+                    let found = LoopMargins::of(&told, &is).unwrap();
                     let found = [found.gain, found.phase, found.distance];
                     for (least, found) in least.iter_mut().zip(found) {
                         *least = least.min(found);
@@ -232,7 +232,7 @@ mod tests {
                     safe_amplitude: 0.0,
                     ..Settings::default()
                 };
-                let found = Margins::of(&settings, &settings).unwrap();
+                let found = LoopMargins::of(&settings, &settings).unwrap();
                 least = [least[0].min(found.gain), least[1].min(found.phase)];
             }
         }
@@ -250,7 +250,7 @@ mod tests {
                     let (told, mut is) = (drive(quality, told), drive(quality, is));
                     is.resonance *= told.frequency / is.frequency;
                     is.frequency = told.frequency;
-                    let Some(found) = Margins::explained(&told, &is).unwrap() else {
+                    let Some(found) = LoopMargins::explained(&told, &is).unwrap() else {
                         continue;
                     };
                     let found = [found.gain, found.phase, found.distance];

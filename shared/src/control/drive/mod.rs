@@ -29,9 +29,9 @@ pub use amplitude::AmplitudeLoop;
 pub use answer::Answer;
 pub use envelope::size;
 #[cfg(feature = "unstable")]
-pub use margins::Margins;
+pub use margins::LoopMargins;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;
-pub use shape::{Motion, Shape, UPPER, UpperTone};
+pub use shape::{Shape, TrackMotion, UPPER, UpperTone};
 pub use tones::{Asked, Tones, affordable_tones};

@@ -149,14 +149,14 @@ impl Shape {
 /// What the demodulators found in a cycle, as phasors of the displacement in m: `x = Im(first e^(i phi)) + Im(upper[0] e^(2 i
 /// phi)) + Im(upper[1] e^(3 i phi))` with the output's phase phi.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub struct TrackMotion {
     /// The first tone.
     pub first: Complex,
     /// Those above it.
     pub upper: [Complex; UPPER],
 }
 
-impl Motion {
+impl TrackMotion {
     /// The tones above the first over it, as `e (cos th + i sin th)`; 0 at rest.
     pub fn phasors(&self) -> [Complex; UPPER] {
         let size = self.first.norm_sqr();
@@ -203,7 +203,7 @@ mod tests {
                 let UpperTone { ratio, phase } = told[n];
                 turned(phase + (n + 2) as f32 * lead) * ratio
             };
-            let motion = Motion {
+            let motion = TrackMotion {
                 first: turned(lead),
                 upper: [tone(0), tone(1)],
             };

@@ -5,7 +5,7 @@ use num_complex::Complex32 as Complex;
 use super::answer::Answer;
 use super::envelope::size;
 use super::scale::Scale;
-use super::shape::{Motion, Shape, UPPER, UpperTone};
+use super::shape::{Shape, TrackMotion, UPPER, UpperTone};
 use super::tone::ToneLoop;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, accept};
@@ -22,7 +22,7 @@ const SHORT: u16 = 25;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
     /// What the demodulators found.
-    pub motion: Motion,
+    pub motion: TrackMotion,
     /// The shape wanted.
     pub wanted: Shape,
     /// Amplitude b in m that the first tone goes to.
@@ -180,7 +180,7 @@ impl Tones {
             self.shape = asked.wanted;
             self.peaks = self.shape.peaks();
         }
-        let Motion { first, upper } = asked.motion;
+        let TrackMotion { first, upper } = asked.motion;
         let long = size(first);
         self.share = self.left(asked, long);
         let short = self.short;

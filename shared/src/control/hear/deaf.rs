@@ -19,7 +19,7 @@ const PATIENCE: u8 = 32;
 /// Cycles in a row in which the parts are heard, after which it hears again: the memory of the impacts' rate.
 const AGAIN: u8 = 16;
 
-/// What a cycle shows of the hearing.
+/// What a cycle shows of what is heard.
 #[derive(Clone, Copy, Debug)]
 pub struct Sound {
     /// Whether the drive holds a setpoint and what is heard decides something.

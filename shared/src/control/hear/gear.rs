@@ -7,7 +7,7 @@
 
 use core::f32::consts::TAU;
 
-use super::margin::Margin;
+use super::margin::GearMargin;
 use super::onset::Heard;
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
@@ -490,7 +490,7 @@ impl GearHearing {
 
     /// How far the part is from losing gear; `None` where too little was heard, or not one part alone.
     #[must_use]
-    pub fn margin(&self) -> Option<Margin> {
+    pub fn margin(&self) -> Option<GearMargin> {
         if self.impacts < ENOUGH {
             return None;
         }
@@ -506,7 +506,7 @@ impl GearHearing {
         }
         let squeezed = (1.0 + mean) * (1.0 + mean);
         let trace = 1.0 + mean * mean - squeezed * self.bends / (self.impacts * self.k);
-        Some(Margin {
+        Some(GearMargin {
             trace,
             restitution: mean,
             error: scatter / square_root_single(self.impacts),
@@ -521,7 +521,7 @@ impl GearHearing {
 mod tests {
     use core::f64::consts::TAU;
 
-    use crate::control::hear::Margin;
+    use crate::control::hear::GearMargin;
     use crate::control::target::Target;
     use crate::plant::{EnvelopeLoop, Scene};
     use crate::regime::classify::Regime;
@@ -532,7 +532,7 @@ mod tests {
         truth: f64,
         heard: f64,
         locked: usize,
-        margin: Option<Margin>,
+        margin: Option<GearMargin>,
     }
 
     /// One part of a restitution and a scatter at a fixed k for a minute, some runs.

@@ -1,7 +1,7 @@
 //! What the parts are heard to do: the lock, and the regime.
 
 use super::gear::{GearHearing, HeardWith};
-use super::margin::Margin;
+use super::margin::GearMargin;
 use super::phases::PhaseStatistics;
 use super::share::{GearShare, ShareHearing, Tuned};
 use super::signal::Cycle;
@@ -27,7 +27,7 @@ const LOST: f32 = 0.4;
 #[derive(Clone, Debug)]
 pub struct Listener {
     /// When in a cycle they strike.
-    pub hearing: PhaseStatistics,
+    pub phases: PhaseStatistics,
     /// How much of their time they are in gear.
     pub gear: GearHearing,
     /// The same of many at once.
@@ -45,10 +45,10 @@ impl Listener {
     /// Nothing heard yet.
     pub fn build(gear: GearHearing) -> Result<Self, OutOfRange> {
         Ok(Self {
-            hearing: PhaseStatistics::default(),
+            phases: PhaseStatistics::default(),
             gear,
             share: ShareHearing::new(),
-            classifier: Classifier::build(HearingSettings::EAR)?,
+            classifier: Classifier::build(HearingSettings::BOARD)?,
             regime: None,
             geared: false,
             watched: true,
@@ -57,14 +57,14 @@ impl Listener {
 
     /// Begins the time of the regimes anew, with the count of cycles.
     pub fn begin(&mut self) {
-        if let Ok(fresh) = Classifier::build(HearingSettings::EAR) {
+        if let Ok(fresh) = Classifier::build(HearingSettings::BOARD) {
             self.classifier = fresh;
         }
     }
 
     /// Forgets what the parts were heard to do.
     pub fn forget(&mut self) {
-        self.hearing.reset();
+        self.phases.reset();
         self.gear.reset();
         self.share.reset();
         self.classifier.forget();
@@ -89,7 +89,7 @@ impl Listener {
             Some(heard) => heard.share - heard.error > GEARED,
             None => self.in_gear_at_least() > if self.geared { LOST } else { GEARED },
         };
-        self.hearing.cycle(cycle, count, lead, lock);
+        self.phases.cycle(cycle, count, lead, lock);
         for heard in &cycle.heard {
             let time = (u64::from(count) << 32 | u64::from(heard.phase.bits()))
                 .wrapping_add_signed(i64::from(lead.bits() as i32));
@@ -105,7 +105,7 @@ impl Listener {
     /// A verdict, but for parts that strike as regularly as a lock where none strikes: they hop, chatter unheard and rest.
     fn judged(&self, verdict: Verdict) -> Verdict {
         match verdict.regime {
-            Regime::Locked { order } if !self.gear.may_lock_at(self.hearing.phase()) => Verdict {
+            Regime::Locked { order } if !self.gear.may_lock_at(self.phases.phase()) => Verdict {
                 regime: Regime::HopAndRest { cycles: order },
                 ..verdict
             },
@@ -114,7 +114,7 @@ impl Listener {
     }
 
     /// How far one part is from losing gear; `None` before enough was heard, and where many are.
-    pub fn margin(&self) -> Option<Margin> {
+    pub fn margin(&self) -> Option<GearMargin> {
         let mut margin = self.gear.margin()?;
         if self.share.share().is_some() && !self.is_one() {
             return None;
@@ -173,7 +173,7 @@ impl Listener {
             Some(heard) => heard.share + 2.0 * heard.error,
             None => 1.0,
         };
-        lock.map_or(0.0, |lock| self.hearing.lock_confidence(lock.order))
+        lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))
             .min(most)
     }
 }

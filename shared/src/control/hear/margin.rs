@@ -2,7 +2,7 @@
 
 /// What the parts' phases say of their gear, without the setpoint being moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Margin {
+pub struct GearMargin {
     /// Trace of the tangent map of one impact (symbol tr J), `1 + R^2 - A (1 + R)^2/k`, with A averaged over the impacts.
     pub trace: f32,
     /// Restitution (symbol R) as heard, 0..1.

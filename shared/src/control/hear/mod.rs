@@ -37,7 +37,7 @@ pub use fold::{HANDED, Layout, PLACES};
 pub use gear::{GEAR_WINDOW, GearHearing, HeardWith};
 pub use listener::Listener;
 pub use lock::LockWindow;
-pub use margin::Margin;
+pub use margin::GearMargin;
 
 pub use share::{GearShare, Tuned};
 

@@ -193,12 +193,12 @@ mod tests {
                 phase: phase_of(0.45),
                 width: 0.3,
             };
-            let mut hearing = PhaseStatistics::default();
+            let mut statistics = PhaseStatistics::default();
             for n in 0..60 {
                 let cycle = heard(phases[n % phases.len()]);
-                hearing.cycle(&cycle, n as u32, Phase::ZERO, Some(&lock));
+                statistics.cycle(&cycle, n as u32, Phase::ZERO, Some(&lock));
             }
-            hearing.lock_confidence(order)
+            statistics.lock_confidence(order)
         };
         assert!(run(&[&[0.5]], 1) > 0.99);
         assert!(run(&[&[0.5], &[]], 2) > 0.95);

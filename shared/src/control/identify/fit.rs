@@ -8,7 +8,7 @@
 use core::f32::consts::{PI, TAU};
 
 use super::chatter::{Chatter, IMPACTS};
-use super::train::{Explained, Impact, Ringing, explain, leaked};
+use super::train::{Explained, Pulse, SampledRinging, explain, leaked};
 use crate::arithmetic::Phase;
 use crate::control::hear::{HANDED, Layout, PLACES};
 
@@ -79,7 +79,7 @@ pub enum Verdict {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Best {
     explained: Explained,
-    ringing: Ringing,
+    ringing: SampledRinging,
     onset: f32,
 }
 
@@ -107,7 +107,7 @@ pub struct Fit {
     lowest: f32,
     apart: f32,
     stage: Stage,
-    ringing: Option<Ringing>,
+    ringing: Option<SampledRinging>,
     /// Samples from the beginning of the fold to the first landing, and to the end of its own time.
     onset: f32,
     alone: f32,
@@ -207,7 +207,7 @@ impl Fit {
     }
 
     fn try_ringing(&mut self, n: u16) -> Stage {
-        let ringing = Ringing {
+        let ringing = SampledRinging {
             decay: 1.0 / LASTING[usize::from(n) % LASTING.len()],
             angle: ANGLE + ANGLE_STEP * f32::from(n / LASTING.len() as u16),
         };
@@ -225,7 +225,7 @@ impl Fit {
         }
     }
 
-    fn try_onsets(&mut self, n: u16, ringing: Ringing) -> Stage {
+    fn try_onsets(&mut self, n: u16, ringing: SampledRinging) -> Stage {
         self.best = None;
         let (middle, stride) = if n == 0 {
             (BEFORE * self.per_radian, 1.0)
@@ -246,7 +246,13 @@ impl Fit {
 
     /// Looks for the first landing around a time, in steps of so many samples; where it explains more than the
     /// best so far.
-    fn landing(&mut self, ringing: Ringing, middle: f32, step: f32, tuned: bool) -> Option<f32> {
+    fn landing(
+        &mut self,
+        ringing: SampledRinging,
+        middle: f32,
+        step: f32,
+        tuned: bool,
+    ) -> Option<f32> {
         let range = (EARLY * self.per_radian).min(MOST_EARLY) as i32;
         let mut found = None;
         for shift in -range..=range {
@@ -264,7 +270,7 @@ impl Fit {
     }
 
     /// Takes what explains more than the best so far; whether it does.
-    fn better(&mut self, explained: Explained, ringing: Ringing, onset: f32) -> bool {
+    fn better(&mut self, explained: Explained, ringing: SampledRinging, onset: f32) -> bool {
         // Shares, for the pieces of different onsets differ in length.
         let better = self.best.is_none_or(
             |Best {
@@ -281,7 +287,7 @@ impl Fit {
         better
     }
 
-    fn try_train(&mut self, n: u16, ringing: Ringing) -> Stage {
+    fn try_train(&mut self, n: u16, ringing: SampledRinging) -> Stage {
         let (index, shift) = (usize::from(n / SHIFTS), n % SHIFTS);
         let onset = self.onset + 0.5 * (f32::from(shift) - 1.0);
         if let Some(chatter) = Chatter::of(self.k, self.tried(index)) {
@@ -381,7 +387,7 @@ impl Fit {
     }
 
     /// The impacts of a chatter that lands first at this sample; those that it has not come after any fold.
-    fn train(&self, chatter: &Chatter, onset: f32) -> [Impact; IMPACTS] {
+    fn train(&self, chatter: &Chatter, onset: f32) -> [Pulse; IMPACTS] {
         let impacts = *chatter.impacts();
         impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
     }

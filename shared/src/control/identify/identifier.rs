@@ -19,7 +19,7 @@ use super::chatter::Chatter;
 use super::fit::{BEFORE, Circumstances, Fit, Verdict};
 use crate::arithmetic::Phase;
 use crate::control::angle::phase_of;
-use crate::control::hear::{Cycle, Margin};
+use crate::control::hear::{Cycle, GearMargin};
 use crate::control::hear::{HANDED, Layout};
 
 /// k at which it begins: a part of R = 0.84 still rests each cycle there.
@@ -184,7 +184,7 @@ pub struct Driven {
     /// Advance of the phase per sample.
     pub step: u32,
     /// What is heard of parts in gear, of whatever restitution.
-    pub margin: Option<Margin>,
+    pub margin: Option<GearMargin>,
 }
 
 /// The steps of one identification.
@@ -452,7 +452,7 @@ impl Identifier {
     }
 
     /// What is heard in gear, once that was listened to for long enough.
-    fn checked(&mut self, margin: Option<Margin>, folded: Identification) -> Step {
+    fn checked(&mut self, margin: Option<GearMargin>, folded: Identification) -> Step {
         let Some(margin) = margin.filter(|margin| margin.error < HEARD) else {
             return self.check(folded);
         };

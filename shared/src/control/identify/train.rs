@@ -22,14 +22,14 @@ const NOTHING: f32 = 1e-9;
 
 /// How a ringing decays and turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ringing {
+pub struct SampledRinging {
     /// Decay of its height per sample, as a logarithm: positive.
     pub decay: f32,
     /// Angle that it turns by per sample, in rad.
     pub angle: f32,
 }
 
-impl Ringing {
+impl SampledRinging {
     /// What is left of it after some samples.
     fn after(self, samples: f32) -> Complex {
         let (sine, cosine) = sine_cosine_single(phase_of(self.angle * samples));
@@ -59,18 +59,18 @@ pub struct Explained {
     /// Sum of the squares that are left without any impact.
     pub without: f32,
     /// The ringing that explains more, to first order.
-    pub better: Ringing,
+    pub better: SampledRinging,
     /// Height of the ringing of unit strength, in and out of phase.
     height: Complex,
 }
 
 /// An impact: its time in samples since the beginning of the fold, and its strength.
-pub type Impact = (f32, f32);
+pub type Pulse = (f32, f32);
 
 /// The ringing of a train, sample by sample, and its change with the ringing's turn.
 struct Rung<'a> {
-    impacts: core::slice::Iter<'a, Impact>,
-    ringing: Ringing,
+    impacts: core::slice::Iter<'a, Pulse>,
+    ringing: SampledRinging,
     turn: Complex,
     now: Complex,
     change: Complex,
@@ -78,7 +78,7 @@ struct Rung<'a> {
 }
 
 impl<'a> Rung<'a> {
-    fn new(ringing: Ringing, train: &'a [Impact]) -> Self {
+    fn new(ringing: SampledRinging, train: &'a [Pulse]) -> Self {
         Self {
             impacts: train.iter(),
             ringing,
@@ -115,9 +115,9 @@ impl<'a> Rung<'a> {
 pub fn explain(
     folded: &[f32],
     stride: u32,
-    ringing: Ringing,
+    ringing: SampledRinging,
     tuned: bool,
-    train: &[Impact],
+    train: &[Pulse],
 ) -> Explained {
     let mut rung = Rung::new(ringing, train);
     let mut passes = [HighPass::<Complex>::default(); 4];
@@ -159,7 +159,7 @@ pub fn explain(
     let ([without, left], [re, im, by_re, by_im]) = solve(&mut matrix, &mut sums, squares);
     let size = (re * re + im * im).max(f32::MIN_POSITIVE);
     // The change of the ringing's logarithm is the quotient of the two complex heights.
-    let better = Ringing {
+    let better = SampledRinging {
         decay: ringing.decay - CHANGE * (by_re * re + by_im * im) / size,
         angle: ringing.angle + CHANGE * (by_im * re - by_re * im) / size,
     };
@@ -218,10 +218,10 @@ fn inverse(diagonal: f32) -> f32 {
 /// first and goes on by `step` (both in rad): what a demodulator takes for the drive's own swing.
 pub fn leaked(
     explained: &Explained,
-    ringing: Ringing,
+    ringing: SampledRinging,
     samples: u32,
     [begin, step]: [f32; 2],
-    train: &[Impact],
+    train: &[Pulse],
 ) -> f32 {
     let mut rung = Rung::new(ringing, train);
     let (mut phase, step) = (phase_of(begin), phase_of(step));
@@ -242,7 +242,7 @@ mod tests {
     use crate::control::hear::OnsetDetector;
     use crate::plant::Noise;
 
-    const RINGING: Ringing = Ringing {
+    const RINGING: SampledRinging = SampledRinging {
         decay: 0.05,
         angle: 0.754,
     };
@@ -292,7 +292,7 @@ mod tests {
         let folded = folded(0.01);
         let every_second: Vec<f32> = folded.iter().copied().step_by(2).collect();
         for (folded, stride) in [(&folded, 1), (&every_second, 2)] {
-            let mut ringing = Ringing {
+            let mut ringing = SampledRinging {
                 decay: 0.065,
                 angle: 0.77,
             };

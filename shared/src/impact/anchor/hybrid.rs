@@ -13,7 +13,7 @@ use crate::arithmetic::positive::Positive;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, sine_cosine_fine};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, SingleImpact, State};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
 use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
@@ -476,7 +476,7 @@ impl Kernel for Hybrid {
         state.velocity.fixed() <= TOP_VELOCITY
     }
 
-    fn observe(state: HybridState) -> State {
+    fn observe(state: HybridState) -> PartState {
         state.observed()
     }
 
@@ -535,7 +535,7 @@ mod tests {
     /// What a kernel does that has f64.
     fn expected(kernel: &Hybrid, state: HybridState) -> SingleImpact<HybridState> {
         let impact = kernel.impact(state);
-        let State { phase, velocity } = Hybrid::observe(impact.next);
+        let PartState { phase, velocity } = Hybrid::observe(impact.next);
         SingleImpact {
             flight: impact.flight as f32,
             phase: phase as f32,
@@ -553,7 +553,7 @@ mod tests {
             let state = Hybrid::state(6.0 * spread(0.732_051), velocity).unwrap();
             assert_eq!(kernel.impact_single(state), expected(&kernel, state), "{n}");
             let factor = (4.0 * spread(0.444_444_1)) as f32 + 0.01;
-            let State { phase, velocity } = Hybrid::observe(state);
+            let PartState { phase, velocity } = Hybrid::observe(state);
             let slower = Hybrid::state(phase, velocity * f64::from(factor));
             assert_eq!(
                 Hybrid::scaled(state, factor).ok(),

@@ -12,7 +12,7 @@ use super::shape::Shape;
 use super::solve::Found;
 use crate::arithmetic::{Phase, node, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{Impact, Kernel, Landing, State, accept_phase};
+use crate::impact::kernel::{Impact, Kernel, Landing, PartState, accept_phase};
 use crate::impact::set_up::SetUp;
 
 /// A state of [`Single`]: 8 bytes.
@@ -363,8 +363,8 @@ impl Kernel for Single {
         state.velocity <= TOP as f32
     }
 
-    fn observe(state: SingleState) -> State {
-        State {
+    fn observe(state: SingleState) -> PartState {
+        PartState {
             phase: state.phase.radians(),
             velocity: f64::from(state.velocity),
         }

@@ -16,7 +16,7 @@ mod stages;
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::Map;
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 use columns::Columns;
 use lanes::{Queue, Set};
 use plan::Plan;
@@ -114,7 +114,7 @@ impl Block {
     ///
     /// # Errors
     /// Where there is no such lane.
-    pub fn put(&mut self, lane: usize, map: &Map, state: State) -> Result<(), OutOfRange> {
+    pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
         self.withdraw(lane);
         self.columns.put(lane, map.track(), map.restitution());
@@ -126,7 +126,7 @@ impl Block {
     ///
     /// # Errors
     /// Where there is no orbit in such a lane.
-    pub fn restart(&mut self, lane: usize, state: State) -> Result<(), OutOfRange> {
+    pub fn restart(&mut self, lane: usize, state: PartState) -> Result<(), OutOfRange> {
         let filled = self.filled.contains(lane);
         accept("lane", lane as f64, filled, "a lane with an orbit in it")?;
         self.withdraw(lane);
@@ -146,7 +146,7 @@ impl Block {
         self.resting.put(lane, false);
     }
 
-    fn start(&mut self, lane: usize, state: State) {
+    fn start(&mut self, lane: usize, state: PartState) {
         self.columns.start(lane, state.phase, state.velocity);
         self.filled.put(lane, true);
         self.grazing.put(lane, false);
@@ -155,17 +155,17 @@ impl Block {
 
     /// The state of the orbit in a lane; `None` where there is none.
     #[must_use]
-    pub fn state(&self, lane: usize) -> Option<State> {
+    pub fn state(&self, lane: usize) -> Option<PartState> {
         self.filled.contains(lane).then(|| {
             let [phase, velocity] = self.columns.state(lane);
-            State { phase, velocity }
+            PartState { phase, velocity }
         })
     }
 
     /// The last impact of the orbit in a lane (flight 0 where it had none); `None` where there is no
     /// orbit.
     #[must_use]
-    pub fn impact(&self, lane: usize) -> Option<Impact<State>> {
+    pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
         self.state(lane).map(|next| Impact {
             flight: self.columns.flight(lane),
             next,
@@ -309,7 +309,7 @@ mod tests {
     use crate::impact::kernel::Kernel;
 
     /// Orbits over the whole range of k and restitution, from every kind of launch.
-    fn starts() -> impl Iterator<Item = (Map, State)> {
+    fn starts() -> impl Iterator<Item = (Map, PartState)> {
         (0..LANES).map(|n| {
             let spread = |factor: f64| (n as f64 * factor).rem_euclid(1.0);
             let k = 0.02 + 1.4 * spread(0.618_034);

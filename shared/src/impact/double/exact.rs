@@ -9,7 +9,7 @@ use crate::arithmetic::lane::Node;
 use crate::arithmetic::node;
 use crate::arithmetic::twofold::Twofold;
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{Impact, Kernel, State};
+use crate::impact::kernel::{Impact, Kernel, PartState};
 
 /// The impact map of [`Map`], its root polished once by the gap in twofold arithmetic.
 ///
@@ -49,10 +49,10 @@ pub struct Refined {
 
 impl Refined {
     /// The impact in f64.
-    pub(in crate::impact) fn rounded(&self) -> Impact<State> {
+    pub(in crate::impact) fn rounded(&self) -> Impact<PartState> {
         Impact {
             flight: self.flight[0],
-            next: State {
+            next: PartState {
                 phase: self.phase[0],
                 velocity: self.velocity[0],
             },
@@ -65,7 +65,7 @@ impl Exact {
     /// The first impact after `state` to more digits than an f64 holds: absolute error of flight and
     /// phase about 1e-19 rad times the condition of the flight; with it other kernels are judged.
     #[must_use]
-    pub fn refine(&self, state: State) -> Refined {
+    pub fn refine(&self, state: PartState) -> Refined {
         let track = self.map.track();
         let launch = Launch::new(state.phase, state.velocity);
         let Some((landing, grazes)) = first_impact(track, &launch) else {
@@ -105,7 +105,7 @@ impl Exact {
 }
 
 impl Kernel for Exact {
-    type State = State;
+    type State = PartState;
 
     const NAME: &'static str = "f64-exact";
 
@@ -113,15 +113,15 @@ impl Kernel for Exact {
         Map::build(k, restitution).map(|map| Self { map })
     }
 
-    fn state(phase: f64, velocity: f64) -> Result<State, OutOfRange> {
+    fn state(phase: f64, velocity: f64) -> Result<PartState, OutOfRange> {
         Map::state(phase, velocity)
     }
 
-    fn observe(state: State) -> State {
+    fn observe(state: PartState) -> PartState {
         state
     }
 
-    fn impact(&self, state: State) -> Impact<State> {
+    fn impact(&self, state: PartState) -> Impact<PartState> {
         self.refine(state).rounded()
     }
 }
@@ -193,7 +193,7 @@ pub(in crate::impact) fn sine_cosine(phase: f64) -> (Twofold, Twofold) {
 }
 
 /// One Newton step on the gap at `d`, around the nearest node.
-fn flight_from_node(k: f64, state: State, d: f64) -> Polished {
+fn flight_from_node(k: f64, state: PartState, d: f64) -> Polished {
     let (s, c) = sine_cosine(state.phase);
     let v = Twofold::from(state.velocity).plus(c);
     let near = Node::near(state.phase, d);
@@ -225,7 +225,7 @@ fn flight_from_node(k: f64, state: State, d: f64) -> Polished {
 const SHORT: f64 = 0.25;
 
 /// One Newton step on the gap of a short hop divided by its time.
-fn short_hop(k: f64, state: State, d: f64) -> Polished {
+fn short_hop(k: f64, state: PartState, d: f64) -> Polished {
     let (s, c) = sine_cosine(state.phase);
     let psi = Twofold::from(state.velocity);
     let pull = Twofold::from(k).minus(s);

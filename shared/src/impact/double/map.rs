@@ -10,7 +10,7 @@ use super::step::impact_of;
 #[cfg(any(test, feature = "unstable"))]
 use crate::arithmetic::lane::Lane;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{Impact, Kernel, State, accept_phase};
+use crate::impact::kernel::{Impact, Kernel, PartState, accept_phase};
 
 /// The impact map in f64 for one k and one restitution.
 ///
@@ -47,7 +47,7 @@ impl Map {
     /// to rounding.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
-    pub fn search(&self, state: State, passed: PassedHumps) -> Impact<State> {
+    pub fn search(&self, state: PartState, passed: PassedHumps) -> Impact<PartState> {
         let launch = Launch::new(state.phase, state.velocity);
         let rests = f64::any(launch.rests(&self.track));
         impact_of(
@@ -85,7 +85,7 @@ impl Map {
 }
 
 impl Kernel for Map {
-    type State = State;
+    type State = PartState;
 
     const NAME: &'static str = "f64";
 
@@ -97,7 +97,7 @@ impl Kernel for Map {
         })
     }
 
-    fn state(phase: f64, velocity: f64) -> Result<State, OutOfRange> {
+    fn state(phase: f64, velocity: f64) -> Result<PartState, OutOfRange> {
         accept_phase(phase)?;
         accept(
             "velocity",
@@ -106,18 +106,18 @@ impl Kernel for Map {
             "0..1000 (units of b w)",
         )?;
         let turned = phase - TAU * libm::floor(phase / TAU);
-        Ok(State {
+        Ok(PartState {
             phase: if turned < TAU { turned } else { 0.0 },
             velocity,
         })
     }
 
-    fn observe(state: State) -> State {
+    fn observe(state: PartState) -> PartState {
         state
     }
 
     #[inline]
-    fn impact(&self, state: State) -> Impact<State> {
+    fn impact(&self, state: PartState) -> Impact<PartState> {
         let launch = Launch::new(state.phase, state.velocity);
         impact_of(self.restitution, state, first_impact(&self.track, &launch))
     }

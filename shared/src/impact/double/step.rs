@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use super::launch::{Launch, Track};
 use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDER};
 use crate::arithmetic::node;
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 
 /// The end of a flight.
 #[derive(Clone, Copy, Debug)]
@@ -22,9 +22,9 @@ pub(crate) struct Landing<L> {
 #[inline(always)]
 pub(crate) fn impact_of(
     restitution: f64,
-    state: State,
+    state: PartState,
     landing: Option<(Landing<f64>, bool)>,
-) -> Impact<State> {
+) -> Impact<PartState> {
     let Some((landing, grazes)) = landing else {
         return Impact {
             flight: 0.0,
@@ -34,7 +34,7 @@ pub(crate) fn impact_of(
     };
     Impact {
         flight: landing.flight,
-        next: State {
+        next: PartState {
             phase: landing.phase,
             velocity: restitution * landing.arrival,
         },

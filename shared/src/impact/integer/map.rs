@@ -9,7 +9,7 @@ use crate::arithmetic::Velocity;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::sine_cosine_narrow;
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, PartState};
 use crate::impact::set_up::SetUp;
 
 /// The impact map in integers (`integer`).
@@ -132,7 +132,7 @@ impl Kernel for Integer {
         state.velocity.fixed() <= TOP_VELOCITY
     }
 
-    fn observe(state: HybridState) -> State {
+    fn observe(state: HybridState) -> PartState {
         state.observed()
     }
 

@@ -2,7 +2,7 @@
 
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 
 /// What every law asks of the track's motion: `k`, `eta`, gamma in rad, and the tangent of the incline.
 pub(super) fn accept_motion(
@@ -59,10 +59,10 @@ pub trait AlongLaw: Copy {
     const FORGETS: bool;
 
     /// The flight of `impact` from `launch`, left with `velocity` along the track: way in b and velocity after the impact.
-    fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64);
+    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64);
 
     /// The endless hops of `chatter` rad that bring a part to rest after `last`.
-    fn chatter(&self, contact: &Contact, last: State, chatter: f64, velocity: f64) -> Lain;
+    fn chatter(&self, contact: &Contact, last: PartState, chatter: f64, velocity: f64) -> Lain;
 
     /// The part lies on the track from `phase` on for `wait` rad.
     fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain;

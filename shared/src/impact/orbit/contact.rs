@@ -6,16 +6,16 @@ use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
 use crate::impact::double::launch::{Launch, REMAINDER, Track};
-use crate::impact::kernel::{Kernel, State};
+use crate::impact::kernel::{Kernel, PartState};
 
 /// When contact of a part with the track begins and ends.
 ///
 /// ```
-/// use kband::impact::{Contact, State};
+/// use kband::impact::{Contact, PartState};
 ///
 /// let contact = Contact::build(0.9, 0.5)?;
 /// // A hop of 1e-6 b w chatters out in 2 z to first order, z = psi/((k - sin t)(1 - R)).
-/// let hop = State { phase: 3.5, velocity: 1e-6 };
+/// let hop = PartState { phase: 3.5, velocity: 1e-6 };
 /// let z = 1e-6 / ((0.9 - 3.5_f64.sin()) * 0.5);
 /// let chatter = contact.time_to_rest(hop).unwrap();
 /// assert!((chatter / (2.0 * z) - 1.0).abs() < 1e-5);
@@ -76,8 +76,8 @@ impl Contact {
     /// comes to rest. A velocity of 0 rests at once where the track does not throw it. A lane of
     /// `batch::Block` waits on the same decision.
     #[must_use]
-    pub fn time_to_rest(&self, state: State) -> Option<f64> {
-        let State { phase, velocity } = state;
+    pub fn time_to_rest(&self, state: PartState) -> Option<f64> {
+        let PartState { phase, velocity } = state;
         if velocity > self.ceiling {
             return None;
         }
@@ -98,7 +98,7 @@ impl Contact {
     /// velocity, in rad: `2 psi / (A (1 - R Rt))`, to first order in psi.
     #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[must_use]
-    pub(crate) fn chatter_reach(&self, state: State, tangential_restitution: f64) -> f64 {
+    pub(crate) fn chatter_reach(&self, state: PartState, tangential_restitution: f64) -> f64 {
         let pull = self.track.k - libm::sin(state.phase);
         if pull > 0.0 && state.velocity > 0.0 {
             2.0 * state.velocity / (pull * (1.0 - self.restitution * tangential_restitution))
@@ -149,7 +149,7 @@ pub(super) fn turned(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::orbit::{Event, Orbit};
+    use crate::impact::orbit::{Orbit, OrbitEvent};
 
     /// docs/theory-reference.md#t11.2: (k, R, phase, velocity), time of rest, time of lift-off.
     #[expect(
@@ -182,14 +182,14 @@ mod tests {
             let mut time = phase;
             let mut ended = None;
             let mut left = None;
-            for event in Orbit::new(&map, State { phase, velocity }).take(3000) {
+            for event in Orbit::new(&map, PartState { phase, velocity }).take(3000) {
                 match event {
-                    Event::Impact(impact) => time += impact.flight,
-                    Event::Rest { chatter, .. } => {
+                    OrbitEvent::Impact(impact) => time += impact.flight,
+                    OrbitEvent::Rest { chatter, .. } => {
                         time += chatter;
                         ended = Some(time);
                     }
-                    Event::LiftOff { wait, .. } => {
+                    OrbitEvent::LiftOff { wait, .. } => {
                         left = Some(time + wait);
                         break;
                     }
@@ -215,7 +215,7 @@ mod tests {
                 let contact = Contact::new(&map);
                 for step in 0..32 {
                     let phase = f64::from(step) * TAU / 32.0;
-                    let mut state = State {
+                    let mut state = PartState {
                         phase,
                         velocity: 1e-4,
                     };
@@ -257,21 +257,21 @@ mod tests {
         let lift_off = contact.lift_off().unwrap();
         for velocity in [1e-6, 1e-9, 1e-12, 1e-30] {
             let phase = lift_off - 1e-9;
-            let closed = contact.time_to_rest(State { phase, velocity });
+            let closed = contact.time_to_rest(PartState { phase, velocity });
             assert_eq!(closed.is_some(), velocity < 1e-13, "{velocity}");
-            let thrown = State {
+            let thrown = PartState {
                 phase: lift_off + 1e-9,
                 velocity,
             };
             assert_eq!(contact.time_to_rest(thrown), None);
         }
         let elastic = Contact::build(0.5, 1.0).unwrap();
-        let falling = State {
+        let falling = PartState {
             phase: 4.0,
             velocity: 1e-9,
         };
         assert_eq!(elastic.time_to_rest(falling), None);
-        let still = State {
+        let still = PartState {
             velocity: 0.0,
             ..falling
         };
@@ -289,7 +289,7 @@ mod tests {
                 };
                 for step in 0..64 {
                     for decade in -60..10 {
-                        let state = State {
+                        let state = PartState {
                             phase: f64::from(step) * TAU / 64.0,
                             velocity: libm::exp10(0.1 * f64::from(decade)),
                         };

@@ -5,7 +5,7 @@ use super::observe::Observer;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::Map;
-use crate::impact::kernel::{Impact, Kernel, State};
+use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
 
 /// Least mean restitution about which one is drawn.
@@ -13,9 +13,9 @@ const LEAST_SCATTERED: f64 = 1e-6;
 
 /// What happens to a part next.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event {
+pub enum OrbitEvent {
     /// It flew and struck the track.
-    Impact(Impact<State>),
+    Impact(Impact<PartState>),
     /// It chattered to rest.
     Rest {
         /// Duration of the chatter that the closure summed, in rad.
@@ -84,24 +84,24 @@ pub enum Ended {
 ///
 /// ```
 /// use core::f64::consts::TAU;
-/// use kband::impact::{Event, Kernel, Map, Orbit};
+/// use kband::impact::{OrbitEvent, Kernel, Map, Orbit};
 /// let map = Map::build(0.405, 0.2)?;
 /// // From rest this part comes to fly once in every cycle.
-/// let Some(Event::Impact(impact)) = Orbit::from_rest(&map).nth(200) else {
+/// let Some(OrbitEvent::Impact(impact)) = Orbit::from_rest(&map).nth(200) else {
 ///     panic!("it hops");
 /// };
 /// assert!((impact.flight - TAU).abs() < 1e-9);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug)]
-pub struct Orbit<'a, K: Kernel<State = State> = Map> {
+pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     kernel: &'a K,
     contact: Contact,
     skips: Skips,
-    state: State,
+    state: PartState,
     stage: Stage,
     /// The release of the part, once known.
-    release: Option<Release<State>>,
+    release: Option<Release<PartState>>,
     scatter: Option<Scatter>,
     /// The restitution of the last impact over that of the kernel.
     drawn: f64,
@@ -120,14 +120,14 @@ enum Stage {
 impl<'a> Orbit<'a> {
     /// The orbit that begins just after an impact with `start`.
     #[must_use]
-    pub fn new(map: &'a Map, start: State) -> Self {
+    pub fn new(map: &'a Map, start: PartState) -> Self {
         Self::on(map, Contact::new(map), start)
     }
 
     /// The orbit that begins at rest; it lifts off at `arcsin k`.
     #[must_use]
     pub fn from_rest(map: &'a Map) -> Self {
-        let origin = State {
+        let origin = PartState {
             phase: 0.0,
             velocity: 0.0,
         };
@@ -137,10 +137,10 @@ impl<'a> Orbit<'a> {
     }
 }
 
-impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
+impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
     /// The orbit of any kernel with an f64 state, on a track with this `contact`.
     #[must_use]
-    pub fn on(kernel: &'a K, contact: Contact, start: State) -> Self {
+    pub fn on(kernel: &'a K, contact: Contact, start: PartState) -> Self {
         Self {
             kernel,
             contact,
@@ -157,12 +157,12 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
     /// A chatter is closed at the kernel's.
     ///
     /// ```
-    /// use kband::impact::{Event, Kernel, Map, Orbit, Scatter};
+    /// use kband::impact::{OrbitEvent, Kernel, Map, Orbit, Scatter};
     /// let map = Map::build(0.45, 0.3)?;
     /// let scatter = Scatter::build(0.3, 0.05, 7)?;
     /// let flights = |orbit: Orbit<'_>| -> Vec<f64> {
     ///     let flight = |event| match event {
-    ///         Event::Impact(impact) => Some(impact.flight),
+    ///         OrbitEvent::Impact(impact) => Some(impact.flight),
     ///         _ => None,
     ///     };
     ///     orbit.filter_map(flight).take(20).collect()
@@ -193,7 +193,7 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
     }
 
     /// `impact` with the speed that a drawn restitution leaves.
-    fn scattered(&mut self, mut impact: Impact<State>) -> Impact<State> {
+    fn scattered(&mut self, mut impact: Impact<PartState>) -> Impact<PartState> {
         if let Some(scatter) = &mut self.scatter {
             self.drawn = scatter.draw() / scatter.mean();
             impact.next.velocity *= self.drawn;
@@ -211,7 +211,7 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
 
     /// The state after the last event.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> PartState {
         self.state
     }
 
@@ -226,12 +226,12 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
             let before = self.state;
             match self.next() {
                 None => return Ended::RestsForEver,
-                Some(Event::Impact(impact)) => {
+                Some(OrbitEvent::Impact(impact)) => {
                     observer.impact(before, &impact);
                     seen += 1;
                 }
-                Some(Event::Rest { chatter, phase }) => observer.rest(before, chatter, phase),
-                Some(Event::LiftOff { wait, phase }) => {
+                Some(OrbitEvent::Rest { chatter, phase }) => observer.rest(before, chatter, phase),
+                Some(OrbitEvent::LiftOff { wait, phase }) => {
                     observer.lift_off(wait, phase);
                     lift_offs += 1;
                     if lift_offs == 2 && self.skips.repeat && self.scatter.is_none() {
@@ -245,24 +245,24 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
 
     /// The release of this orbit's part; `None` where the kernel sees no flight at all, which is k within
     /// rounding of 1.
-    fn released(&mut self) -> Option<Release<State>> {
+    fn released(&mut self) -> Option<Release<PartState>> {
         if !self.skips.release || self.release.is_none() {
             self.release = Release::of(self.kernel, self.contact.lift_off()?, 0.0);
         }
         self.release
     }
 
-    fn settle(&mut self, chatter: f64) -> Event {
+    fn settle(&mut self, chatter: f64) -> OrbitEvent {
         let phase = turned(self.state.phase + chatter);
-        self.state = State {
+        self.state = PartState {
             phase,
             velocity: 0.0,
         };
         self.stage = Stage::Resting;
-        Event::Rest { chatter, phase }
+        OrbitEvent::Rest { chatter, phase }
     }
 
-    fn lift_off(&mut self) -> Option<Event> {
+    fn lift_off(&mut self) -> Option<OrbitEvent> {
         let wait = if self.skips.rest_jump {
             self.contact.wait(self.state.phase)?
         } else {
@@ -270,17 +270,17 @@ impl<'a, K: Kernel<State = State>> Orbit<'a, K> {
         };
         self.state = self.released()?.launch;
         self.stage = Stage::Released;
-        Some(Event::LiftOff {
+        Some(OrbitEvent::LiftOff {
             wait,
             phase: self.state.phase,
         })
     }
 }
 
-impl<K: Kernel<State = State>> Iterator for Orbit<'_, K> {
-    type Item = Event;
+impl<K: Kernel<State = PartState>> Iterator for Orbit<'_, K> {
+    type Item = OrbitEvent;
 
-    fn next(&mut self) -> Option<Event> {
+    fn next(&mut self) -> Option<OrbitEvent> {
         let impact = match self.stage {
             Stage::Resting => return self.lift_off(),
             Stage::Released => self.released()?.impact,
@@ -299,7 +299,7 @@ impl<K: Kernel<State = State>> Iterator for Orbit<'_, K> {
         let impact = self.scattered(impact);
         self.stage = Stage::Hopping;
         self.state = impact.next;
-        Some(Event::Impact(impact))
+        Some(OrbitEvent::Impact(impact))
     }
 }
 
@@ -310,7 +310,7 @@ mod tests {
     use super::super::observe::Count;
     use super::*;
 
-    fn events(map: &Map, start: State, skips: Skips, count: usize) -> Vec<Event> {
+    fn events(map: &Map, start: PartState, skips: Skips, count: usize) -> Vec<OrbitEvent> {
         Orbit::new(map, start).with(skips).take(count).collect()
     }
 
@@ -337,11 +337,11 @@ mod tests {
         ] {
             let map = Map::build(k, restitution).unwrap();
             let mut orbit = Orbit::from_rest(&map);
-            let Some(Event::LiftOff { wait, phase }) = orbit.next() else {
+            let Some(OrbitEvent::LiftOff { wait, phase }) = orbit.next() else {
                 panic!("a resting part lifts off");
             };
             assert!((wait - libm::asin(k)).abs() < 1e-15 && (phase - libm::asin(k)).abs() < 1e-15);
-            let Some(Event::Impact(impact)) = orbit.next() else {
+            let Some(OrbitEvent::Impact(impact)) = orbit.next() else {
                 panic!("then it flies");
             };
             // Rounding of arcsin k (1e-16) times the sensitivity of the flight (below 10), and the
@@ -391,14 +391,14 @@ mod tests {
     fn after_a_second_lift_off_the_orbit_repeats_itself_bit_for_bit() {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
-            let all: Vec<Event> = Orbit::from_rest(&map)
+            let all: Vec<OrbitEvent> = Orbit::from_rest(&map)
                 .with(Skips::NONE)
                 .skip(1)
                 .take(4000)
                 .collect();
             let cycle = all
                 .iter()
-                .position(|event| matches!(event, Event::LiftOff { .. }))
+                .position(|event| matches!(event, OrbitEvent::LiftOff { .. }))
                 .unwrap_or_else(|| panic!("k {k} R {restitution} comes to rest"))
                 + 1;
             for (n, event) in all.iter().enumerate() {
@@ -431,7 +431,7 @@ mod tests {
         let map = Map::build(1.2, 0.8).unwrap();
         let mut orbit = Orbit::new(&map, Map::state(1.0, 3.3).unwrap());
         assert_eq!(orbit.watch(2000, &mut ()), Ended::Counted);
-        let State { phase, velocity } = orbit.state();
+        let PartState { phase, velocity } = orbit.state();
         // The reference is printed to 15 digits; the orbit contracts its own rounding.
         assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");
         assert!(
@@ -451,9 +451,9 @@ mod tests {
                     let mut orbit = Orbit::new(&map, Map::state(phase, 0.0).unwrap());
                     for event in orbit.by_ref().take(400) {
                         let passed = match event {
-                            Event::Impact(impact) => impact.flight,
-                            Event::Rest { chatter, .. } => chatter,
-                            Event::LiftOff { wait, .. } => wait,
+                            OrbitEvent::Impact(impact) => impact.flight,
+                            OrbitEvent::Rest { chatter, .. } => chatter,
+                            OrbitEvent::LiftOff { wait, .. } => wait,
                         };
                         assert!(passed >= 0.0 && passed.is_finite());
                         // A rest and a lift-off may take no time, but never without a flight after.

@@ -23,7 +23,7 @@ pub use along::{Along, Lain};
 pub use contact::Contact;
 #[cfg(any(test, feature = "unstable"))]
 pub use events::Skips;
-pub use events::{Ended, Event, Orbit};
+pub use events::{Ended, Orbit, OrbitEvent};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use friction::{Friction, FrictionSettings};
 pub use observe::{Count, Observer};

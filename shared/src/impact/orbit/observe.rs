@@ -1,6 +1,6 @@
 //! What is wanted of an orbit: observers, composed at compile time.
 
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 
 /// Something that watches an orbit.
 ///
@@ -9,13 +9,13 @@ use crate::impact::kernel::{Impact, State};
 /// computed: `()` watches nothing and costs nothing.
 ///
 /// ```
-/// use kband::impact::{Count, Impact, Kernel, Map, Observer, Orbit, State};
+/// use kband::impact::{Count, Impact, Kernel, Map, Observer, Orbit, PartState};
 ///
 /// #[derive(Default)]
 /// struct Longest(f64);
 ///
 /// impl Observer for Longest {
-///     fn impact(&mut self, _: State, impact: &Impact<State>) {
+///     fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
 ///         self.0 = self.0.max(impact.flight);
 ///     }
 /// }
@@ -30,14 +30,14 @@ use crate::impact::kernel::{Impact, State};
 pub trait Observer {
     /// The part left the track with `launch`, flew and struck it again.
     #[inline]
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let _ = (launch, impact);
     }
 
     /// The part chattered to rest from `last`, its state after the last impact that was computed, in
     /// `chatter` rad; it rests from `phase` on.
     #[inline]
-    fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+    fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         let _ = (last, chatter, phase);
     }
 
@@ -52,12 +52,12 @@ impl Observer for () {}
 
 impl<O: Observer> Observer for &mut O {
     #[inline]
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         O::impact(self, launch, impact);
     }
 
     #[inline]
-    fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+    fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         O::rest(self, last, chatter, phase);
     }
 
@@ -71,14 +71,14 @@ macro_rules! compose {
     ($($name:ident),+) => {
         impl<$($name: Observer),+> Observer for ($($name,)+) {
             #[inline]
-            fn impact(&mut self, launch: State, impact: &Impact<State>) {
+            fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
                 #[allow(non_snake_case)]
                 let ($($name,)+) = self;
                 $($name.impact(launch, impact);)+
             }
 
             #[inline]
-            fn rest(&mut self, last: State, chatter: f64, phase: f64) {
+            fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
                 #[allow(non_snake_case)]
                 let ($($name,)+) = self;
                 $($name.rest(last, chatter, phase);)+
@@ -112,12 +112,12 @@ pub struct Count {
 
 impl Observer for Count {
     #[inline]
-    fn impact(&mut self, _: State, _: &Impact<State>) {
+    fn impact(&mut self, _: PartState, _: &Impact<PartState>) {
         self.impacts += 1;
     }
 
     #[inline]
-    fn rest(&mut self, _: State, _: f64, _: f64) {
+    fn rest(&mut self, _: PartState, _: f64, _: f64) {
         self.rests += 1;
     }
 
@@ -138,7 +138,7 @@ mod tests {
     struct Hash(u64);
 
     impl Observer for Hash {
-        fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
             for value in [launch.phase, impact.flight, impact.next.velocity] {
                 self.0 = (self.0 ^ value.to_bits()).wrapping_mul(0x100_0000_01b3);
             }

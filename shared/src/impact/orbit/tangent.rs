@@ -2,7 +2,7 @@
 
 use super::observe::Observer;
 use crate::impact::double::Map;
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 use crate::impact::tones::WaveMap;
 
@@ -31,8 +31,8 @@ impl Tangent {
     /// The tangent of the impact that `map` took from `state`; `None` where it arrives with speed 0,
     /// where no derivative exists.
     #[must_use]
-    pub fn of(map: &Map, state: State, impact: &Impact<State>) -> Option<Self> {
-        let State {
+    pub fn of(map: &Map, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
+        let PartState {
             phase: t,
             velocity: psi,
         } = state;
@@ -63,7 +63,7 @@ impl Tangent {
     /// The same on a track of several tones.
     #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[must_use]
-    pub fn on_tones(map: &WaveMap, state: State, impact: &Impact<State>) -> Option<Self> {
+    pub fn on_tones(map: &WaveMap, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
         let (d, k, r) = (impact.flight, map.k(), map.restitution());
         let [_, _, push, _] = map.wave().motion(state.phase);
         let tones = [
@@ -161,7 +161,7 @@ impl<'a> Growth<'a> {
 }
 
 impl Observer for Growth<'_> {
-    fn impact(&mut self, launch: State, impact: &Impact<State>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let Some(tangent) = Tangent::of(self.map, launch, impact) else {
             return;
         };
@@ -194,7 +194,7 @@ impl Observer for Growth<'_> {
 mod tests {
     use super::*;
     use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Event, Orbit, Skips};
+    use crate::impact::orbit::{Orbit, OrbitEvent, Skips};
 
     #[test]
     fn the_determinant_is_r_squared_psi_over_psi_next() {
@@ -331,7 +331,7 @@ mod tests {
     }
 
     impl Observer for Determinants<'_> {
-        fn impact(&mut self, launch: State, impact: &Impact<State>) {
+        fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
             if let Some(tangent) = Tangent::of(self.map, launch, impact) {
                 self.sum += libm::log(tangent.determinant().abs());
             }
@@ -339,7 +339,7 @@ mod tests {
     }
 
     /// A start near the period-1 orbit of order 1, which all regimes of the test grow from.
-    fn near_lock(k: f64, restitution: f64) -> State {
+    fn near_lock(k: f64, restitution: f64) -> PartState {
         use core::f64::consts::{PI, TAU};
         let phase = libm::acos((PI * k * (1.0 - restitution) / (1.0 + restitution)).min(1.0));
         Map::state(phase + 0.01, TAU * k * restitution / (1.0 + restitution)).unwrap()
@@ -353,6 +353,6 @@ mod tests {
         orbit.watch(10_000, &mut growth);
         assert!(growth.impacts < 200);
         let event = orbit.with(Skips::NONE).next();
-        assert!(matches!(event, Some(Event::Impact(_))));
+        assert!(matches!(event, Some(OrbitEvent::Impact(_))));
     }
 }

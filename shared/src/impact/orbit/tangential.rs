@@ -3,7 +3,7 @@
 use super::along::{AlongLaw, Lain, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 #[cfg(feature = "plant")]
 use crate::impact::wave::Wave;
 
@@ -96,7 +96,7 @@ impl Tangential {
     /// Written as `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
     /// (k/2) tan(alpha) }`, which keeps its digits down to the shortest hops.
     #[must_use]
-    pub fn distance(&self, launch: State, impact: &Impact<State>, velocity: f64) -> f64 {
+    pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
         let d = impact.flight;
         let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
         let shaken = sine * versine(d) + cosine * d * sagitta(d);
@@ -110,8 +110,8 @@ impl Tangential {
     pub(crate) fn distance_on(
         &self,
         wave: &Wave,
-        launch: State,
-        impact: &Impact<State>,
+        launch: PartState,
+        impact: &Impact<PartState>,
         velocity: f64,
     ) -> f64 {
         let d = impact.flight;
@@ -145,8 +145,8 @@ impl Tangential {
     pub(crate) fn after_on(
         &self,
         wave: &Wave,
-        launch: State,
-        impact: &Impact<State>,
+        launch: PartState,
+        impact: &Impact<PartState>,
         velocity: f64,
     ) -> f64 {
         let d = impact.flight;
@@ -164,7 +164,7 @@ impl Tangential {
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
     #[must_use]
-    pub fn after(&self, launch: State, impact: &Impact<State>, velocity: f64) -> f64 {
+    pub fn after(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
         let d = impact.flight;
         let half = 0.5 * d;
         let lead = launch.phase + self.settings.phase_lead;
@@ -179,14 +179,14 @@ impl AlongLaw for Tangential {
     const FORGETS: bool = true;
 
     #[inline]
-    fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64) {
+    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
         let distance = self.distance(launch, impact, velocity);
         (distance, self.after(launch, impact, velocity))
     }
 
     /// The velocity dies geometrically over hops that shrink geometrically. What the shaking does meanwhile is of second
     /// order in a chatter of at most 1e-4 rad.
-    fn chatter(&self, contact: &Contact, last: State, _: f64, velocity: f64) -> Lain {
+    fn chatter(&self, contact: &Contact, last: PartState, _: f64, velocity: f64) -> Lain {
         Lain {
             distance: velocity * contact.chatter_reach(last, self.settings.restitution),
             ..Lain::default()
@@ -229,7 +229,7 @@ mod tests {
     use super::*;
     use crate::impact::double::Map;
     use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Event, Orbit};
+    use crate::impact::orbit::{Orbit, OrbitEvent};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
@@ -265,7 +265,9 @@ mod tests {
             let mut launch = Map::state(1.0, 2.0).unwrap();
             let mut velocity = 0.7;
             for event in Orbit::new(&map, launch).take(40) {
-                let Event::Impact(impact) = event else { break };
+                let OrbitEvent::Impact(impact) = event else {
+                    break;
+                };
                 let (distance, speed) = integrated(k, launch.phase, impact.flight, velocity);
                 // The rule's error is of order d^2 (d/4000)^4 < 1e-8 for d up to 130.
                 assert!((tangential.distance(launch, &impact, velocity) - distance).abs() < 1e-6);

@@ -1,7 +1,7 @@
 //! How a chatter on a track of several tones comes to rest.
 
 use crate::impact::double::launch::{CHANGE, REMAINDER};
-use crate::impact::kernel::State;
+use crate::impact::kernel::PartState;
 use crate::impact::tones::track::Track;
 
 /// Duration of the infinitely many hops that end at rest, in rad, where `state` chatters to rest so closely that the
@@ -10,7 +10,7 @@ use crate::impact::tones::track::Track;
 /// [`Contact`](super::Contact) with the track's push A for the sine, A' for the cosine and -A'' for the sine of its
 /// curvature: with the pull `P = k - A` and `z = psi / (P (1 - R))` it is `2 z + (4/3) (A'/P) z^2`; the third order is at
 /// most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A velocity of 0 rests at once where the track does not throw the part.
-pub(super) fn time_to_rest(track: &Track, restitution: f64, state: State) -> Option<f64> {
+pub(super) fn time_to_rest(track: &Track, restitution: f64, state: PartState) -> Option<f64> {
     let hop = state.velocity;
     let at = track.wave.at(state.phase);
     let pull = track.k - at.push;

@@ -1,8 +1,8 @@
 //! The stream of events of one part on a track of several tones.
 
-use super::events::Event;
+use super::events::OrbitEvent;
 use super::wave_contact::time_to_rest;
-use crate::impact::kernel::{Impact, Kernel, State};
+use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::tones::WaveMap;
 use crate::impact::wave::in_turn;
 
@@ -16,7 +16,7 @@ pub struct WaveOrbit {
 impl WaveOrbit {
     /// The orbit that begins just after an impact with `start`.
     #[must_use]
-    pub fn new(map: &WaveMap, start: State) -> Self {
+    pub fn new(map: &WaveMap, start: PartState) -> Self {
         Self {
             map: *map,
             part: WavePart::new(map.restitution(), start),
@@ -34,15 +34,15 @@ impl WaveOrbit {
 
     /// The state after the last event.
     #[must_use]
-    pub(crate) fn state(&self) -> State {
+    pub(crate) fn state(&self) -> PartState {
         self.part.state
     }
 }
 
 impl Iterator for WaveOrbit {
-    type Item = Event;
+    type Item = OrbitEvent;
 
-    fn next(&mut self) -> Option<Event> {
+    fn next(&mut self) -> Option<OrbitEvent> {
         Some(match self.part.next(&self.map)? {
             Next::Contact(event) => event,
             Next::Flight(launch) => {
@@ -58,7 +58,7 @@ impl Iterator for WaveOrbit {
 pub(crate) struct WavePart {
     /// The restitution at which a chatter is closed.
     restitution: f64,
-    state: State,
+    state: PartState,
     stage: Stage,
 }
 
@@ -76,15 +76,15 @@ enum Stage {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Next {
     /// It came to rest, or was thrown off.
-    Contact(Event),
+    Contact(OrbitEvent),
     /// It flies from this state; [`WavePart::land`] takes the impact.
-    Flight(State),
+    Flight(PartState),
 }
 
 impl WavePart {
     /// A part just after an impact, in `state`.
     #[must_use]
-    pub fn new(restitution: f64, state: State) -> Self {
+    pub fn new(restitution: f64, state: PartState) -> Self {
         Self {
             restitution,
             state,
@@ -95,7 +95,7 @@ impl WavePart {
     /// A part that rests at a phase in rad.
     #[must_use]
     pub fn at_rest(restitution: f64, phase: f64) -> Self {
-        let state = State {
+        let state = PartState {
             phase: in_turn(phase),
             velocity: 0.0,
         };
@@ -118,7 +118,7 @@ impl WavePart {
     }
 
     /// Takes the impact that ends its flight, with the velocity of an elastic part, and its restitution there.
-    pub fn land(&mut self, mut impact: Impact<State>, restitution: f64) -> Event {
+    pub fn land(&mut self, mut impact: Impact<PartState>, restitution: f64) -> OrbitEvent {
         if impact.flight <= 0.0 {
             // Within rounding of the edge of a window: it rests.
             return self.settle(0.0);
@@ -126,33 +126,33 @@ impl WavePart {
         impact.next.velocity *= restitution;
         self.stage = Stage::Hopping;
         self.state = impact.next;
-        Event::Impact(impact)
+        OrbitEvent::Impact(impact)
     }
 
-    fn settle(&mut self, chatter: f64) -> Event {
+    fn settle(&mut self, chatter: f64) -> OrbitEvent {
         let phase = in_turn(self.state.phase + chatter);
-        self.state = State {
+        self.state = PartState {
             phase,
             velocity: 0.0,
         };
         self.stage = Stage::Resting;
-        Event::Rest { chatter, phase }
+        OrbitEvent::Rest { chatter, phase }
     }
 
-    fn lift_off(&mut self, map: &WaveMap) -> Option<Event> {
+    fn lift_off(&mut self, map: &WaveMap) -> Option<OrbitEvent> {
         let (wait, phase) = map.track().throw(self.state.phase)?;
         // Rounding may put the edge before the crossing as the map sees it, where the part still rests; the flat
         // top of a window that is hardly one needs more than an ulp.
         let mut late = 0.0;
         for _ in 0..40 {
-            let start = State {
+            let start = PartState {
                 phase: in_turn(phase + late),
                 velocity: 0.0,
             };
             if map.impact(start).flight > 0.0 {
                 self.state = start;
                 self.stage = Stage::Released;
-                return Some(Event::LiftOff {
+                return Some(OrbitEvent::LiftOff {
                     wait,
                     phase: start.phase,
                 });
@@ -186,11 +186,12 @@ mod tests {
                 .take(12)
             {
                 let apart = match (a, b) {
-                    (Event::Impact(a), Event::Impact(b)) => (a.flight - b.flight).abs(),
-                    (Event::Rest { phase: a, .. }, Event::Rest { phase: b, .. })
-                    | (Event::LiftOff { phase: a, .. }, Event::LiftOff { phase: b, .. }) => {
-                        (a - b).abs()
-                    }
+                    (OrbitEvent::Impact(a), OrbitEvent::Impact(b)) => (a.flight - b.flight).abs(),
+                    (OrbitEvent::Rest { phase: a, .. }, OrbitEvent::Rest { phase: b, .. })
+                    | (
+                        OrbitEvent::LiftOff { phase: a, .. },
+                        OrbitEvent::LiftOff { phase: b, .. },
+                    ) => (a - b).abs(),
                     other => panic!("{k} {restitution}: {other:?}"),
                 };
                 assert!(apart < 1e-6, "{k} {restitution}: {a:?} {b:?}");
@@ -215,9 +216,9 @@ mod tests {
                 let mut idle = 0;
                 for event in WaveOrbit::from_rest(&map).take(300) {
                     let passed = match event {
-                        Event::Impact(impact) => impact.flight,
-                        Event::Rest { chatter, .. } => chatter,
-                        Event::LiftOff { wait, .. } => wait,
+                        OrbitEvent::Impact(impact) => impact.flight,
+                        OrbitEvent::Rest { chatter, .. } => chatter,
+                        OrbitEvent::LiftOff { wait, .. } => wait,
                     };
                     assert!(passed >= 0.0 && passed.is_finite());
                     // A rest and a lift-off may take no time, but never without a flight after.

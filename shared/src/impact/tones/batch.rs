@@ -7,10 +7,10 @@ use super::track::Track;
 use crate::arithmetic::lane::simd::Simd;
 use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::double::step::Landing;
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 
 /// The impacts of parts that lose nothing, in the widest registers of this CPU.
-pub(super) fn impacts(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+pub(super) fn impacts(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
     let width = if states.len() > 1 {
         Simd::widest()
     } else {
@@ -20,7 +20,7 @@ pub(super) fn impacts(track: &Track, states: &[State], impacts: &mut [Impact<Sta
 }
 
 /// The same in registers of a width that this CPU has.
-fn impacts_in(simd: Simd, track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+fn impacts_in(simd: Simd, track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
     match simd {
         #[cfg(target_arch = "x86_64")]
         Simd::Avx512 => x86::all_avx512(track, states, impacts),
@@ -31,7 +31,7 @@ fn impacts_in(simd: Simd, track: &Track, states: &[State], impacts: &mut [Impact
 }
 
 #[inline(always)]
-fn all<L: Lane>(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+fn all<L: Lane>(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
     for (states, impacts) in states.chunks(L::WIDTH).zip(impacts.chunks_mut(L::WIDTH)) {
         if track.wave.is_of_two() {
             register::<L, 2>(track, states, impacts);
@@ -45,8 +45,8 @@ fn all<L: Lane>(track: &Track, states: &[State], impacts: &mut [Impact<State>]) 
 #[inline(always)]
 fn register<L: Lane, const N: usize>(
     track: &Track,
-    states: &[State],
-    impacts: &mut [Impact<State>],
+    states: &[PartState],
+    impacts: &mut [Impact<PartState>],
 ) {
     let Some(first) = states.first() else {
         return;
@@ -88,7 +88,7 @@ fn register<L: Lane, const N: usize>(
 
 /// A launch of which the quick forms are not certain, or none at all.
 #[cold]
-fn alone<const N: usize>(track: &Track, state: State) -> Impact<State> {
+fn alone<const N: usize>(track: &Track, state: PartState) -> Impact<PartState> {
     let launch = Launch::new::<N>(track, state.phase, state.velocity);
     if f64::any(launch.rests(track)) {
         return Impact {
@@ -101,10 +101,10 @@ fn alone<const N: usize>(track: &Track, state: State) -> Impact<State> {
     landed(landing, grazes)
 }
 
-fn landed(landing: Landing<f64>, grazes: bool) -> Impact<State> {
+fn landed(landing: Landing<f64>, grazes: bool) -> Impact<PartState> {
     Impact {
         flight: landing.flight,
-        next: State {
+        next: PartState {
             phase: landing.phase,
             velocity: landing.arrival,
         },
@@ -115,22 +115,26 @@ fn landed(landing: Landing<f64>, grazes: bool) -> Impact<State> {
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 mod x86 {
-    use super::{Impact, State, Track, all};
+    use super::{Impact, PartState, Track, all};
     use crate::arithmetic::lane::avx2::Avx2;
     use crate::arithmetic::lane::avx512::Avx512;
 
-    pub(super) fn all_avx2(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+    pub(super) fn all_avx2(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
         #[target_feature(enable = "avx2")]
-        fn inner(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+        fn inner(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
             all::<Avx2>(track, states, impacts);
         }
         // SAFETY: this width is chosen only where the CPU has AVX2.
         unsafe { inner(track, states, impacts) }
     }
 
-    pub(super) fn all_avx512(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+    pub(super) fn all_avx512(
+        track: &Track,
+        states: &[PartState],
+        impacts: &mut [Impact<PartState>],
+    ) {
         #[target_feature(enable = "avx512f,avx512dq,avx2")]
-        fn inner(track: &Track, states: &[State], impacts: &mut [Impact<State>]) {
+        fn inner(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
             all::<Avx512>(track, states, impacts);
         }
         // SAFETY: this width is chosen only where the CPU has AVX-512 F and DQ.
@@ -163,7 +167,7 @@ mod tests {
             };
             let wave = Wave::build(tone(0.618, 0.414), third).unwrap();
             let map = WaveMap::on(wave, 0.03 + 1.4 * spread(0.303), 1.0).unwrap();
-            let states: Vec<State> = (0..61)
+            let states: Vec<PartState> = (0..61)
                 .map(|m| {
                     let spread = |factor: f64| (f64::from(61 * n + m) * factor).rem_euclid(1.0);
                     let velocity = if m % 7 == 0 {

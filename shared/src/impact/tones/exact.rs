@@ -8,7 +8,7 @@ use crate::arithmetic::twofold::Twofold;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Refined;
 use crate::impact::double::exact::{Polished, at_node, nodes, sine_cosine, turned};
-use crate::impact::kernel::{Impact, Kernel, State, WaveKernel};
+use crate::impact::kernel::{Impact, Kernel, PartState, WaveKernel};
 use crate::impact::wave::{Tone, Wave};
 
 /// The impact map of [`WaveMap`], its root polished once by the gap in twofold arithmetic
@@ -55,7 +55,7 @@ impl WaveExact {
     /// The first impact after `state` to more digits than an f64 holds: absolute error of flight and
     /// phase about 1e-19 rad times the condition of the flight.
     #[must_use]
-    pub fn refine(&self, state: State) -> Refined {
+    pub fn refine(&self, state: PartState) -> Refined {
         if self.map.wave().is_of_two() {
             self.refined::<2>(state)
         } else {
@@ -63,7 +63,7 @@ impl WaveExact {
         }
     }
 
-    fn refined<const N: usize>(&self, state: State) -> Refined {
+    fn refined<const N: usize>(&self, state: PartState) -> Refined {
         let track = self.map.track();
         let launch = Launch::new::<N>(track, state.phase, state.velocity);
         let Some((landing, grazes)) = first_impact::<N>(track, &launch) else {
@@ -121,7 +121,7 @@ impl WaveExact {
     }
 
     /// One Newton step on the gap at `d`, around the nearest node.
-    fn flight_from_node<const N: usize>(&self, state: State, d: f64) -> Polished {
+    fn flight_from_node<const N: usize>(&self, state: PartState, d: f64) -> Polished {
         let k = self.map.k();
         let launch = self.parts::<N>(sine_cosine(state.phase));
         let v = Twofold::from(state.velocity).plus(sum(&launch, 1, 1));
@@ -148,7 +148,7 @@ impl WaveExact {
     }
 
     /// One Newton step on the gap of a short hop divided by its time.
-    fn short_hop<const N: usize>(&self, state: State, d: f64) -> Polished {
+    fn short_hop<const N: usize>(&self, state: PartState, d: f64) -> Polished {
         let launch = self.parts::<N>(sine_cosine(state.phase));
         let psi = Twofold::from(state.velocity);
         let pull = Twofold::from(self.map.k()).minus(sum(&launch, 0, 2));
@@ -216,7 +216,7 @@ fn halved(value: Twofold) -> Twofold {
 const SHORT: f64 = 0.25;
 
 impl Kernel for WaveExact {
-    type State = State;
+    type State = PartState;
 
     const NAME: &'static str = "f64-exact-tones";
 
@@ -225,15 +225,15 @@ impl Kernel for WaveExact {
         Self::on(Wave::sine(), k, restitution)
     }
 
-    fn state(phase: f64, velocity: f64) -> Result<State, OutOfRange> {
+    fn state(phase: f64, velocity: f64) -> Result<PartState, OutOfRange> {
         WaveMap::state(phase, velocity)
     }
 
-    fn observe(state: State) -> State {
+    fn observe(state: PartState) -> PartState {
         state
     }
 
-    fn impact(&self, state: State) -> Impact<State> {
+    fn impact(&self, state: PartState) -> Impact<PartState> {
         self.refine(state).rounded()
     }
 }

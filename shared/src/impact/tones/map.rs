@@ -11,7 +11,7 @@ use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
 use crate::impact::double::step::impact_of;
-use crate::impact::kernel::{Impact, Kernel, State, WaveKernel};
+use crate::impact::kernel::{Impact, Kernel, PartState, WaveKernel};
 use crate::impact::wave::{Tone, Wave};
 
 /// The impact map in f64 for one [`Wave`], one k and one restitution; with the sine alone it is the map of
@@ -73,7 +73,7 @@ impl WaveMap {
     /// to rounding.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
-    pub fn search(&self, state: State) -> Impact<State> {
+    pub fn search(&self, state: PartState) -> Impact<PartState> {
         if self.track.wave.is_of_two() {
             self.searched::<2>(state)
         } else {
@@ -82,7 +82,7 @@ impl WaveMap {
     }
 
     #[cfg(any(test, feature = "unstable"))]
-    fn searched<const N: usize>(&self, state: State) -> Impact<State> {
+    fn searched<const N: usize>(&self, state: PartState) -> Impact<PartState> {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
         let rests = f64::any(launch.rests(&self.track));
         impact_of(
@@ -93,7 +93,7 @@ impl WaveMap {
     }
 
     #[inline(always)]
-    fn flown<const N: usize>(&self, state: State) -> Impact<State> {
+    fn flown<const N: usize>(&self, state: PartState) -> Impact<PartState> {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
         impact_of(
             self.restitution,
@@ -103,7 +103,7 @@ impl WaveMap {
     }
 
     /// The impact of a part that loses nothing: its velocity is the speed of arrival.
-    pub(in crate::impact) fn elastic_impact(&self, state: State) -> Impact<State> {
+    pub(in crate::impact) fn elastic_impact(&self, state: PartState) -> Impact<PartState> {
         let mut impact = [Impact {
             flight: 0.0,
             next: state,
@@ -117,7 +117,7 @@ impl WaveMap {
     /// The impacts of parts that lose nothing, their velocities the speeds of arrival, from each of some states on this
     /// track, as many as there is room for: side by side in the widest registers of this CPU, with the bits of each
     /// alone.
-    pub fn elastic_impacts(&self, states: &[State], impacts: &mut [Impact<State>]) {
+    pub fn elastic_impacts(&self, states: &[PartState], impacts: &mut [Impact<PartState>]) {
         batch::impacts(&self.track, states, impacts);
     }
 
@@ -134,7 +134,7 @@ impl WaveMap {
 }
 
 impl Kernel for WaveMap {
-    type State = State;
+    type State = PartState;
 
     const NAME: &'static str = "f64-tones";
 
@@ -143,16 +143,16 @@ impl Kernel for WaveMap {
         Self::on(Wave::sine(), k, restitution)
     }
 
-    fn state(phase: f64, velocity: f64) -> Result<State, OutOfRange> {
+    fn state(phase: f64, velocity: f64) -> Result<PartState, OutOfRange> {
         Map::state(phase, velocity)
     }
 
-    fn observe(state: State) -> State {
+    fn observe(state: PartState) -> PartState {
         state
     }
 
     #[inline]
-    fn impact(&self, state: State) -> Impact<State> {
+    fn impact(&self, state: PartState) -> Impact<PartState> {
         if self.track.wave.is_of_two() {
             self.flown::<2>(state)
         } else {

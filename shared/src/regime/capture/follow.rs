@@ -2,10 +2,10 @@
 
 use core::f32::consts::{PI, TAU};
 
-use super::{DriveLag, Envelope, Kick};
+use super::{DriveLag, Kick, KickEnvelope};
 use crate::arithmetic::{Phase, arcsine_single, sine_cosine_single};
 use crate::feeder::OutOfRange;
-use crate::impact::{Kernel, LATE, SingleImpact, State};
+use crate::impact::{Kernel, LATE, PartState, SingleImpact};
 use crate::regime::Lock;
 
 /// One part on one drive: what a kick is tried on.
@@ -85,7 +85,7 @@ pub struct Follow<K: Kernel> {
     restitution: f32,
     /// Phase, velocity and cycles per impact of the locked orbit, where there is one that attracts.
     lock: Option<(f32, f32, f32)>,
-    envelope: Envelope,
+    envelope: KickEnvelope,
     /// Amplitude over target that `map` is set up for.
     amplitude: f32,
     map: K,
@@ -108,10 +108,10 @@ impl<K: Kernel> Follow<K> {
             lock: Lock::at(trial.k, trial.restitution, trial.order)?
                 .filter(Lock::attracts)
                 .map(|lock| {
-                    let State { phase, velocity } = lock.state();
+                    let PartState { phase, velocity } = lock.state();
                     (phase as f32, velocity as f32, lock.order() as f32)
                 }),
-            envelope: Envelope::new(drive, kick),
+            envelope: KickEnvelope::new(drive, kick),
             amplitude: 1.0,
             map: K::build(trial.k, trial.restitution)?,
             state: None,
@@ -360,7 +360,7 @@ mod tests {
             let map = Map::build(k, restitution).unwrap();
             for corner in 0..4 {
                 let side = |bit: i32| f64::from(if corner & bit == 0 { HELD } else { -HELD });
-                let State { phase, velocity } = lock.state();
+                let PartState { phase, velocity } = lock.state();
                 let mut state = Map::state(phase + side(1), velocity + side(2)).unwrap();
                 for _ in 0..200 {
                     state = map.impact(state).next;

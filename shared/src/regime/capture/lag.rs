@@ -75,7 +75,7 @@ const SETTLED: f32 = 2e-3;
 /// The command changes once a cycle, at phase 0; the amplitude between two cycle starts is the straight
 /// line between their exact values, which is within `step / (8 tau^2)` of the exponential.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Envelope {
+pub struct KickEnvelope {
     drive: DriveLag,
     kick: Kick,
     cycle: u32,
@@ -83,7 +83,7 @@ pub struct Envelope {
     next: f32,
 }
 
-impl Envelope {
+impl KickEnvelope {
     /// The envelope of `kick` on `drive`, at the start of cycle 0; the command is held at the limit of
     /// the drive.
     #[must_use]
@@ -151,7 +151,7 @@ mod tests {
         })
         .unwrap();
         let kick = Kick::rectangle(2.0, 20).unwrap();
-        let mut envelope = Envelope::new(drive, kick);
+        let mut envelope = KickEnvelope::new(drive, kick);
         for step in 0..2000 {
             let time = step as f32 * 0.05;
             let rise = |time: f32| 2.0 - libm::exp(f64::from(-time) / 5.0);
@@ -178,7 +178,7 @@ mod tests {
             limit: 1.5,
         })
         .unwrap();
-        let mut envelope = Envelope::new(drive, Kick::rectangle(2.0, 3).unwrap());
+        let mut envelope = KickEnvelope::new(drive, Kick::rectangle(2.0, 3).unwrap());
         assert_eq!(envelope.amplitude(0.0), 0.0);
         assert_eq!(envelope.amplitude(1.0), 1.5);
         assert_eq!(envelope.amplitude(3.0), 1.5);

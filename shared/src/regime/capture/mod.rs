@@ -15,6 +15,6 @@ pub use follow::{Follow, Outcome, Trial};
 #[cfg(not(feature = "unstable"))]
 use follow::{Follow, Outcome, Trial};
 pub use kick::{Kick, KickSettings};
-pub(crate) use lag::Envelope;
+pub(crate) use lag::KickEnvelope;
 pub use lag::{DriveLag, DriveLagSettings};
 pub use plan::{Lot, Plan, PlanSettings, Planner, Scored};

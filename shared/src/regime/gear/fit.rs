@@ -80,7 +80,7 @@ impl Fit {
     }
 
     /// The share over the place, of a lot all of whose parts count alike.
-    pub fn solve(&self) -> Shape {
+    pub fn solve(&self) -> FittedShare {
         // A ridge of so many runs holds what no run told, as the second tone where there is none, at zero; from a tenth
         // to three times of it the plans are as good.
         const RIDGE: f32 = 0.3;
@@ -105,15 +105,15 @@ impl Fit {
         let mut shape = self.right;
         solve_down(&factor, &mut shape);
         solve_up(&factor, &mut shape);
-        Shape(shape)
+        FittedShare(shape)
     }
 }
 
 /// A share over the region.
 #[derive(Clone, Copy, Debug)]
-pub struct Shape([f32; TERMS]);
+pub struct FittedShare([f32; TERMS]);
 
-impl Shape {
+impl FittedShare {
     /// The share at a place whose first coordinate is off by up to `error` either way, each as likely.
     pub fn at(&self, place: [f32; 3], error: f32) -> f32 {
         // Mean of (x + d)^2 over it is x^2 + error^2/3, of (x + d)^3 x^3 + x error^2.
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     /// Places and noise of so many runs.
-    fn fitted(runs: u32, noise: f32, lots: bool) -> Shape {
+    fn fitted(runs: u32, noise: f32, lots: bool) -> FittedShare {
         let mut fit = Fit::EMPTY;
         for n in 0..runs {
             let part = |step: u32| 2.0 * (n.wrapping_mul(step) >> 8) as f32 / 16_777_216.0 - 1.0;

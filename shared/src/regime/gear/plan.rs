@@ -7,7 +7,7 @@ use heapless::Vec;
 
 use super::Gear;
 use super::draw::Draw;
-use super::fit::{Fit, Shape};
+use super::fit::{Fit, FittedShare};
 use super::limits::GearLimits;
 use super::rider::{Rider, Span, Surface, Tones};
 use crate::feeder::{OutOfRange, Restitution, accept};
@@ -169,7 +169,7 @@ enum Stage {
 enum Tried {
     Candidates(Vec<Candidate, CANDIDATES>),
     Fit(Fit),
-    Shape(Shape),
+    Share(FittedShare),
 }
 
 /// Where runs are set: k, and amplitude and angle of one of the tones, vary.
@@ -617,7 +617,7 @@ impl GearPlanner {
                 self.told[1] += 1.0;
                 fit.take(run.inside, run.lot, share);
             }
-            Tried::Shape(_) => {
+            Tried::Share(_) => {
                 self.told[0] += share;
                 self.told[1] += 1.0;
             }
@@ -635,7 +635,7 @@ impl GearPlanner {
             }
             Stage::Near => {
                 if let Tried::Fit(fit) = &self.tried {
-                    self.tried = Tried::Shape(fit.solve());
+                    self.tried = Tried::Share(fit.solve());
                 }
                 self.best = None;
                 self.stage = Stage::Choice(0);
@@ -712,7 +712,7 @@ impl GearPlanner {
             return;
         }
         let (centre, half) = (self.region.varied(self.region.centre), self.region.half);
-        let Tried::Shape(shape) = self.tried else {
+        let Tried::Share(shape) = self.tried else {
             self.end_choice();
             return;
         };
@@ -811,7 +811,7 @@ impl GearPlanner {
     /// The share fitted at a place.
     fn fitted(&self, place: Place) -> f32 {
         match &self.tried {
-            Tried::Shape(shape) => shape.at(self.region.inside(place), self.error()),
+            Tried::Share(shape) => shape.at(self.region.inside(place), self.error()),
             _ => 0.0,
         }
     }

@@ -102,7 +102,7 @@ impl Span {
 
 /// An impact of a part that is followed.
 #[derive(Clone, Copy, Debug)]
-pub struct Heard {
+pub struct FollowedImpact {
     launch: SingleState,
     /// Phase of the track.
     pub phase: Phase,
@@ -116,7 +116,7 @@ pub struct Heard {
     pub in_gear: bool,
 }
 
-impl Heard {
+impl FollowedImpact {
     /// Speed of arrival in `b w`.
     pub fn speed(&self, surface: &Surface) -> f32 {
         if self.restitution > TELLS {
@@ -186,7 +186,7 @@ impl Rider {
 
     /// As [`Rider::step`]; `heard` is told the impact that ended the flight.
     #[inline]
-    pub fn step_heard(&mut self, surface: &Surface, heard: impl FnOnce(Heard)) -> bool {
+    pub fn step_heard(&mut self, surface: &Surface, heard: impl FnOnce(FollowedImpact)) -> bool {
         let rested = self.rests;
         if rested {
             let Some(wait) = surface.wait(self.phase) else {
@@ -213,7 +213,7 @@ impl Rider {
         let from = (self.time - added).max(self.span.begin);
         self.in_gear += (self.time.min(self.span.end) - from).max(0);
         self.velocity = next.velocity;
-        heard(Heard {
+        heard(FollowedImpact {
             launch,
             phase: self.phase,
             restitution,

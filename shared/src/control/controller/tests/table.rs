@@ -71,7 +71,7 @@ fn the_table_is_what_the_controller_does() {
         let calm = [400, 100, 30][walk / 2 % 3];
         let mut inputs = Inputs::default();
         let (mut amplitude, mut frequency) = (0.0, 50.0);
-        let (mut ear, mut trouble) = (0, 0);
+        let (mut heard, mut trouble) = (0, 0);
         let mut state = State::Off;
         for _ in 0..1500 {
             // Half a second, 25 cycles, acknowledges a fault.
@@ -91,14 +91,14 @@ fn the_table_is_what_the_controller_does() {
             }
             controller.plan_step();
             if random.one_in(60) {
-                ear = random.next() % 3;
+                heard = random.next() % 3;
             }
             if random.one_in(if trouble == 0 { calm } else { 8 }) {
                 trouble = random.next() % 6;
             }
             let mut cycle = seen(amplitude, frequency);
-            if ear > 0 {
-                let turn = if ear == 1 { 0 } else { 1 << 31 };
+            if heard > 0 {
+                let turn = if heard == 1 { 0 } else { 1 << 31 };
                 let _ = cycle.heard.push(Heard {
                     phase: phase + Phase::from_bits(turn),
                     strength: 5.0,

@@ -18,7 +18,7 @@ use crate::impact::anchor::hybrid::{
 };
 use crate::impact::anchor::settle::settle;
 use crate::impact::anchor::solve::Found;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, PartState, WaveKernel};
 use crate::impact::wave::Tone;
 
 /// The impact map for the Cortex-M4F on a track of two or three tones (`hybrid-tones`); of one tone it is
@@ -335,7 +335,7 @@ impl Kernel for WaveHybrid {
         Hybrid::flies(state)
     }
 
-    fn observe(state: HybridState) -> State {
+    fn observe(state: HybridState) -> PartState {
         Hybrid::observe(state)
     }
 

@@ -14,7 +14,7 @@ use crate::impact::anchor::flight::{
 use crate::impact::anchor::single::Single;
 use crate::impact::anchor::single::{self, SingleState, TOP, settled, steps_after, steps_to};
 use crate::impact::anchor::solve::Found;
-use crate::impact::kernel::{Impact, Kernel, Landing, State, WaveKernel};
+use crate::impact::kernel::{Impact, Kernel, Landing, PartState, WaveKernel};
 use crate::impact::wave::Tone;
 
 /// The impact map in f32 on a track of two or three tones (`f32-tones`); of one tone it is [`Single`], bit for
@@ -229,7 +229,7 @@ impl Kernel for WaveSingle {
         Single::flies(state)
     }
 
-    fn observe(state: SingleState) -> State {
+    fn observe(state: SingleState) -> PartState {
         Single::observe(state)
     }
 

@@ -12,7 +12,7 @@ use crate::impact::integer::anchored::Anchored;
 use crate::impact::integer::approach::{StepsFrom, approach, near_launch};
 use crate::impact::integer::constants::{HALF, SHORT, SLOW};
 use crate::impact::integer::settle::{arrival, landing, settle, solve};
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, State, WaveKernel};
+use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, PartState, WaveKernel};
 use crate::impact::wave::Tone;
 
 /// The impact map in integers on a track of two or three tones (`integer-tones`); of one tone it is [`Integer`], bit
@@ -217,7 +217,7 @@ impl Kernel for WaveInteger {
         state.velocity.fixed() <= TOP_VELOCITY
     }
 
-    fn observe(state: HybridState) -> State {
+    fn observe(state: HybridState) -> PartState {
         state.observed()
     }
 

@@ -8,7 +8,7 @@ use push::{Push, first_zero};
 use super::along::{AlongLaw, Lain, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
-use crate::impact::kernel::{Impact, State};
+use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
 
 /// What the motion along the track depends on besides k, where parts rub on it.
@@ -299,7 +299,7 @@ impl Friction {
 impl AlongLaw for Friction {
     const FORGETS: bool = false;
 
-    fn fly(&self, launch: State, impact: &Impact<State>, velocity: f64) -> (f64, f64) {
+    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
         let (t, d) = (launch.phase, impact.flight);
         let (distance, arriving) = self.flown(t, d, velocity);
         let arrival = -(launch.velocity + self.normal.velocity(t, d));
@@ -307,7 +307,7 @@ impl AlongLaw for Friction {
         (distance, self.settings.struck(arriving, impulse))
     }
 
-    fn chatter(&self, _: &Contact, last: State, chatter: f64, velocity: f64) -> Lain {
+    fn chatter(&self, _: &Contact, last: PartState, chatter: f64, velocity: f64) -> Lain {
         // Over its whole length the impacts push as the contact would, but for the velocity that the part came with:
         // their impulses add up to the integral of N less psi.
         let spared = self.settings.spared(velocity, last.velocity);
@@ -334,7 +334,7 @@ mod tests {
     use super::*;
     use crate::impact::double::Map;
     use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Event, Orbit};
+    use crate::impact::orbit::{Orbit, OrbitEvent};
     use core::f64::consts::TAU;
 
     fn settings(eta: f64, mu: f64, degrees: f64) -> FrictionSettings {
@@ -481,17 +481,17 @@ mod tests {
             let mut orbit = Orbit::new(&map, start);
             for _ in 0..30 {
                 let (phase, d, u) = match orbit.next() {
-                    Some(Event::Impact(impact)) => {
+                    Some(OrbitEvent::Impact(impact)) => {
                         velocity = friction.fly(before, &impact, velocity).1;
                         (before.phase, impact.flight, impact.next.velocity)
                     }
-                    Some(Event::Rest { chatter, .. }) => {
+                    Some(OrbitEvent::Rest { chatter, .. }) => {
                         velocity = friction
                             .chatter(&contact, before, chatter, velocity)
                             .velocity;
                         (before.phase, chatter, 0.0)
                     }
-                    Some(Event::LiftOff { wait, .. }) => {
+                    Some(OrbitEvent::LiftOff { wait, .. }) => {
                         velocity = friction.lie(before.phase, wait, velocity).velocity;
                         (before.phase, wait, 0.0)
                     }
