@@ -1,6 +1,6 @@
 //! Scene files: strict TOML to a checked scene.
 
-use kband::control::{Controller, Settings, StartCause, affordable_tones};
+use kband::control::{Controller, NoSetpoint, Settings, StartCause, affordable_tones};
 use kband::feeder::OutOfRange;
 use kband::plant::{Change, DriveModel, Scene};
 use toml::{Table, Value};
@@ -268,8 +268,6 @@ impl SceneFile {
                 ));
             }
         }
-        let mut controller =
-            Controller::build(settings, self.scene.target, self.scene.start).map_err(named)?;
         self.scene.check().map_err(named)?;
         let targets = self.scene.disturbances.iter();
         let later = targets.filter_map(|disturbance| match disturbance.change {
@@ -277,26 +275,40 @@ impl SceneFile {
             _ => None,
         });
         for target in std::iter::once(self.scene.target).chain(later) {
-            controller.set_target(target).map_err(named)?;
+            let mut controller =
+                Controller::build(settings, target, self.scene.start).map_err(named)?;
             while !controller.chosen() && controller.plan_step() {}
-            let (needed, reach) = (controller.setpoint(), controller.reach());
-            if needed > reach {
-                let k = |b: f32| controller.k(b);
-                return Err(Refusal::value(
-                    format!("target {}", describe(target)),
-                    format!("b = {:.4} mm", needed * 1e3),
-                    format!(
-                        "b up to {:.4} mm (k from {:.4}), which is what this drive reaches within its limits",
-                        reach * 1e3,
-                        k(reach)
-                    ),
+            within_reach(&controller).map_err(|refused| {
+                refused.then(
                     "choose another target, or raise gain, output_maximum, amplitude_limit or \
                      acceleration_limit in [drive]",
-                ));
-            }
+                )
+            })?;
         }
         Ok(())
     }
+}
+
+/// Refused where the controller's drive does not reach what the target needs.
+pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
+    let needed = match controller.no_setpoint() {
+        Some(NoSetpoint::Output { needed, .. }) => needed,
+        _ => controller.setpoint() * 1e3,
+    };
+    let reach = controller.reach();
+    if needed <= reach * 1e3 {
+        return Ok(());
+    }
+    Err(Refusal::value(
+        format!("target {}", describe(controller.target())),
+        format!("b = {needed:.4} mm"),
+        format!(
+            "b up to {:.4} mm (k from {:.4}), which is what this drive reaches within its limits",
+            reach * 1e3,
+            controller.k(reach)
+        ),
+        "choose another target, or raise gain, output_maximum, amplitude_limit or acceleration_limit",
+    ))
 }
 
 /// What the controller is told of the scatter of parts: that of all of them, else the root of their mean square.

@@ -9,7 +9,7 @@ use crate::arguments::{self, Printed};
 use crate::board::{Address, BoardSettings, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::simulate::describe;
+use crate::simulate::{describe, within_reach};
 
 /// Tell a board what it is to do with its parts, or, without a target, print how it is.
 ///
@@ -117,9 +117,15 @@ impl Kind {
     }
 }
 
-/// Refused where the board would refuse it, or has nothing to choose for it; `settings` are the board's.
+/// Refused where the board would refuse it, or its drive does not reach what it needs; why there is nothing to choose for it,
+/// where that is known at once. `settings` are the board's.
 fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
     let controller = kband::control::Controller::build(settings, target, StartCause::Ordinary)?;
+    within_reach(&controller).map_err(|refused| {
+        refused.then(
+            "choose another target, or correct gain, output_maximum or the limits: kband settings",
+        )
+    })?;
     Ok(controller.no_setpoint())
 }
 
@@ -208,5 +214,17 @@ mod tests {
         let message = check(Target::K(-1.0), &settings).unwrap_err().to_string();
         assert!(message.contains("accepted"), "{message}");
         assert!(check(Target::Amplitude(0.2), &settings).is_ok());
+        let weak = Settings {
+            gain: 0.2,
+            ..settings
+        };
+        let message = check(Target::K(0.41), &weak).unwrap_err().to_string();
+        for words in [
+            "b = 0.2420 mm",
+            "up to 0.1900 mm (k from 0.5222)",
+            "kband settings",
+        ] {
+            assert!(message.contains(words), "{message}");
+        }
     }
 }

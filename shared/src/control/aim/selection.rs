@@ -39,7 +39,7 @@ pub struct Selection {
 impl Selection {
     /// At a target; the refusal names the number that is out of range.
     pub fn at(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
-        let mut choice = Choice::of(target, settings)?;
+        let mut choice = Choice::of(target, settings)?.within(settings, scale);
         let gear = match target {
             Target::Gear { order } => GearSearch::begin(order, settings, scale)?
                 .inspect_err(|why| choice.level = Level::None(*why))
@@ -172,7 +172,7 @@ impl Selection {
         if let Some(speed) = &mut self.speed {
             if let Some(choice) = speed.step(settings) {
                 self.speed = None;
-                self.choose(choice, settings, scale, news);
+                self.choose(choice.within(settings, scale), settings, scale, news);
             }
             return true;
         }

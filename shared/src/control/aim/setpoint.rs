@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::control::angle::phase_of;
-use crate::control::drive::Shape;
+use crate::control::drive::{Scale, Shape};
 use crate::control::hear::LockWindow;
 use crate::control::identify;
 use crate::control::settings::Settings;
@@ -23,6 +23,13 @@ pub enum NoSetpoint {
         /// The least amplitude b that would serve, in mm.
         needed: f32,
     },
+    /// The output does not reach the amplitude b that the target asks for.
+    Output {
+        /// That amplitude, in mm.
+        needed: f32,
+        /// The largest one that the output makes, by the drive as told, in mm.
+        reach: f32,
+    },
     /// The lot has no common chaotic stretch.
     Chaos,
     /// No lock conveys at this speed within 10 %; the nearest one's speed in mm/s, if there is any.
@@ -37,6 +44,11 @@ impl fmt::Display for NoSetpoint {
                 formatter,
                 "the drive does not reach the amplitude from which on parts of the lot are in gear, {needed:.4} mm; a \
                  higher limit, output_maximum or gain would allow it"
+            ),
+            Self::Output { needed, reach } => write!(
+                formatter,
+                "it needs an amplitude of {needed:.4} mm, and the output reaches {reach:.4} mm; a higher output_maximum or \
+                 gain would allow it"
             ),
             Self::Chaos => formatter.write_str(
                 "no k at which all parts of the interval are chaotic; a narrower interval of restitution would \
@@ -150,6 +162,22 @@ impl Choice {
                 Ok(Self::level(Level::Sought))
             }
         }
+    }
+
+    /// The choice without its amplitude where the output cannot make that, by the drive as told: less would be another
+    /// motion of the parts than the one asked for. What is beyond a hard limit is held at this.
+    pub fn within(self, settings: &Settings, scale: &Scale) -> Self {
+        let needed = match self.level {
+            Level::K(k) => scale.amplitude(k as f32),
+            Level::Amplitude(amplitude) => amplitude,
+            Level::Sought | Level::None(_) => return self,
+        };
+        let reach = settings.output_maximum * scale.strength;
+        if needed.min(scale.ceiling) <= reach {
+            return self;
+        }
+        let [needed, reach] = [needed, reach].map(|amplitude| amplitude * 1e3);
+        Self::level(Level::None(NoSetpoint::Output { needed, reach }))
     }
 
     /// The choice of a level without a lock.

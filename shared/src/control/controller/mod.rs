@@ -4,7 +4,7 @@ use core::f32::consts::TAU;
 
 use crate::arithmetic::Phase;
 use crate::arithmetic::square_root_single;
-use crate::control::aim::Selection;
+use crate::control::aim::{NoSetpoint, Selection};
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::supervise::{
     Decision, EnableResponse, Expected, FaultDetector, LimitInputs, LimitMonitor, Observation,
@@ -166,12 +166,20 @@ impl Controller {
         Ok(controller)
     }
 
-    /// Takes a new target; refused, with the old one kept, where its number is out of range.
+    /// Takes a new target; refused, with the old one kept, where its number is out of range or the drive's output does not
+    /// reach its amplitude. A target that the settings have put out of reach since then, or that the controller is built with,
+    /// has [no setpoint](Controller::no_setpoint).
     ///
     /// The lock for a speed is searched for by [`Controller::plan_step`]: until it is
     /// [chosen](Controller::chosen) a running drive keeps its amplitude, and one that is off does not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
-        self.selection = Selection::at(target, &self.settings, &self.scale)?;
+        let selection = Selection::at(target, &self.settings, &self.scale)?;
+        if let Some(NoSetpoint::Output { .. }) = selection.no_setpoint() {
+            return Err(
+                target.refused("what output_maximum and gain let the drive reach at its frequency")
+            );
+        }
+        self.selection = selection;
         self.news.push(Event::TargetSet);
         self.pursue();
         Ok(())
@@ -390,7 +398,9 @@ impl Controller {
             Some(EnableResponse::Started) => {
                 self.expected = [Complex::default(); 3];
                 self.tones.restart();
-                if self.selection.target() == Target::Identify {
+                if self.selection.target() == Target::Identify
+                    && self.selection.no_setpoint().is_none()
+                {
                     self.identifier.begin();
                     self.selection.go(identify::FIRST);
                 }

@@ -83,6 +83,118 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
+/// Settings of a drive that makes 0.19 mm at most at 50 Hz.
+fn weak() -> Settings {
+    Settings {
+        gain: 0.2,
+        ..Settings::default()
+    }
+}
+
+#[test]
+fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
+    let held = Target::Amplitude(0.18);
+    let mut controller = Controller::build(&weak(), held, StartCause::Ordinary).unwrap();
+    assert_eq!(controller.no_setpoint(), None);
+    let shape = Shape::SINE;
+    for (target, parameter) in [
+        (Target::Amplitude(0.191), "target amplitude"),
+        (Target::K(0.4), "target k"),
+        (Target::Tones { k: 0.4, shape }, "target k"),
+        (Target::Locked { order: 1 }, "target locked order"),
+        (Target::Chaotic, "target chaotic, order of its lock"),
+    ] {
+        let refused = controller.set_target(target).unwrap_err();
+        assert_eq!(refused.parameter, parameter);
+        assert!(refused.accepted.contains("output_maximum"), "{refused}");
+        assert_eq!(controller.target(), held);
+        assert!(controller.setpoint() > 0.17e-3);
+    }
+    for target in [Target::Amplitude(0.189), Target::K(0.55), Target::Identify] {
+        controller.set_target(target).unwrap();
+        assert_eq!(controller.target(), target);
+    }
+    // Identification begins at 0.114 mm.
+    let weaker = Settings {
+        gain: 0.11,
+        ..weak()
+    };
+    let mut controller =
+        Controller::build(&weaker, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    assert!(controller.set_target(Target::Identify).is_err());
+    // What a hard limit holds back is held at it, and said by the limit.
+    let limited = Settings {
+        amplitude_limit: 0.15,
+        ..weak()
+    };
+    let mut controller =
+        Controller::build(&limited, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    controller.set_target(Target::K(0.4)).unwrap();
+}
+
+#[test]
+fn off_the_resonance_the_output_reaches_less() {
+    let beside = Settings {
+        resonance: 47.0,
+        ..Settings::default()
+    };
+    let at = |settings: &Settings, b| {
+        Controller::build(settings, Target::Amplitude(b), StartCause::Ordinary)
+            .unwrap()
+            .no_setpoint()
+    };
+    assert_eq!(at(&Settings::default(), 0.94), None);
+    let Some(NoSetpoint::Output { needed, reach }) = at(&beside, 0.94) else {
+        panic!("0.94 mm 3 Hz beside the resonance");
+    };
+    // The response of a resonance of quality 25 at 50/47 of it is 0.289 of the one at resonance.
+    assert!((needed - 0.94).abs() < 1e-5 && (reach / (0.95 * 0.289) - 1.0).abs() < 0.01);
+    assert_eq!(at(&beside, 0.99 * reach), None);
+    assert!(at(&beside, 1.01 * reach).is_some());
+}
+
+#[test]
+fn a_target_that_the_settings_have_put_out_of_reach_moves_nothing() {
+    let enabled = Inputs {
+        enable: true,
+        ..Inputs::default()
+    };
+    for target in [
+        Target::Amplitude(0.3),
+        Target::K(0.4),
+        Target::Locked { order: 1 },
+    ] {
+        let mut controller = Controller::build(&weak(), target, StartCause::Ordinary).unwrap();
+        let why = controller.no_setpoint();
+        assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
+        for _ in 0..200 {
+            let report = controller.cycle(&Cycle::default(), &enabled);
+            assert_eq!(report.command.amplitude, 0.0, "{:?}", report.state);
+        }
+        assert!(controller.report().limits.contains(Limits::NO_SETPOINT));
+    }
+}
+
+#[test]
+fn a_speed_whose_lock_the_output_does_not_reach_is_told_once_it_is_found() {
+    let (strong, _) = driven(Target::Speed(88.0));
+    let b = strong.setpoint() * 1e3;
+    assert!(b > 0.1, "{b}");
+    let settings = Settings {
+        gain: b,
+        ..Settings::default()
+    };
+    let mut controller =
+        Controller::build(&settings, Target::Speed(88.0), StartCause::Ordinary).unwrap();
+    while !controller.chosen() {
+        controller.plan_step();
+    }
+    let why = controller.no_setpoint();
+    assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
+    let report = controller.cycle(&Cycle::default(), &Inputs::default());
+    assert!(report.events.iter().any(|event| event == Event::NoSetpoint));
+}
+
 #[test]
 fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
     let (mut controller, before) = driven(Target::K(0.5));

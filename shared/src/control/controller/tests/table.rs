@@ -31,6 +31,7 @@ fn ready(target: Target) -> (Controller, Phase) {
         restitution_high: 0.201,
         capture_attempts: 1.0,
         link_timeout: 0.5,
+        amplitude_limit: 0.9,
         ..Settings::default()
     };
     let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
