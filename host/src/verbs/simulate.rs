@@ -6,6 +6,7 @@ mod told;
 
 use std::path::{Path, PathBuf};
 
+use kband::control::Target;
 use kband::feeder::Restitution;
 use kband::plant::{Moment, Sample};
 
@@ -339,7 +340,8 @@ fn tell_many(
     Ok(Exit::Done)
 }
 
-/// The controller's runs, and those of an amplitude set from the band alone.
+/// The controller's runs, and those of an amplitude set from the band alone: for parts in gear that of the lock, which
+/// asks nothing of the scatter.
 fn many_runs(
     file: &SceneFile,
     count: usize,
@@ -348,6 +350,9 @@ fn many_runs(
 ) -> Result<[Runs; 2], Refusal> {
     let mut alone = file.clone();
     alone.scene.settings.capture_attempts = 0.0;
+    if let Target::Gear { order } = file.scene.target {
+        alone.scene.target = Target::Locked { order };
+    }
     Ok([
         Runs::run("planned kicks", file, count, fidelity, desk)?,
         Runs::run("band alone", &alone, count, fidelity, desk)?,

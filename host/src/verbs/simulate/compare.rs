@@ -1,6 +1,6 @@
 //! One scene with one tone and with a second one, side by side.
 
-use kband::control::Target;
+use kband::control::{Shape, Target, UpperTone};
 use kband::feeder::STANDARD_GRAVITY;
 use serde_json::{Value as Json, json};
 use toml::{Table as Toml, Value as Entry};
@@ -9,7 +9,7 @@ use super::Arguments;
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, Value};
+use crate::report::{Column, Printout, Table};
 use crate::simulate::{Outcome, SceneFile, Watch, draw};
 
 /// Smallest second tone that is one.
@@ -30,6 +30,10 @@ pub(super) fn run(
             .or_insert_with(|| Entry::Table(Toml::new()));
         if let Entry::Table(drive) = drive {
             drive.insert("second_tone".into(), Entry::Float(most));
+            // A third tone of the scene is one more of those compared: it stands on the second.
+            if most < LEAST {
+                drive.insert("third_tone".into(), Entry::Float(0.0));
+            }
         }
         let mut file = SceneFile::from_table(table)?;
         arguments.adapt(&mut file);
@@ -56,16 +60,7 @@ pub(super) fn run(
             .map_or(String::new(), |share| format!(": in gear {share:.3}"));
         draw(outcome).map(|picture| picture.titled(format!("{title}{share}")).width(720.0))
     };
-    let second = two.last().shape.second;
-    let title = if f64::from(second.ratio) < LEAST {
-        "The drive affords no second tone".into()
-    } else {
-        format!(
-            "Two tones, e {:.3} at {:.0}\u{b0}",
-            second.ratio,
-            second.phase.to_degrees()
-        )
-    };
+    let title = title(two.last().shape);
     if let (Some(left), Some(right)) = (drawn(&one, "One tone"), drawn(&two, &title)) {
         arguments.look.write(picture, &left.beside(right))?;
     }
@@ -79,12 +74,18 @@ pub(super) fn run(
         Column::new("k", "").digits(4),
         Column::new("e", "").digits(3),
         Column::new("th", "degrees").digits(4),
+        Column::new("e3", "").digits(3),
+        Column::new("th3", "degrees").digits(4),
         Column::new("peak", "g").digits(3),
         Column::new("speed", "mm/s").digits(4),
     ]);
     for (most, outcome) in [(0.0, &one), (most, &two)] {
-        let second = outcome.last().shape.second;
-        let sounds = f64::from(second.ratio) >= LEAST;
+        let Shape { second, third } = outcome.last().shape;
+        let phase = |tone: UpperTone| {
+            (f64::from(tone.ratio) >= LEAST)
+                .then(|| f64::from(tone.phase.to_degrees()))
+                .into()
+        };
         rows.push([
             most.into(),
             outcome.in_gear().into(),
@@ -94,22 +95,38 @@ pub(super) fn run(
             (outcome.amplitude() * 1e3).into(),
             outcome.k().into(),
             f64::from(second.ratio).into(),
-            if sounds {
-                f64::from(second.phase.to_degrees()).into()
-            } else {
-                Value::Missing
-            },
+            phase(second),
+            f64::from(third.ratio).into(),
+            phase(third),
             peak(outcome).into(),
             (outcome.speed() * 1e3).into(),
         ]);
     }
     let json = json!({ "one_tone": json_of(&one), "two_tones": json_of(&two) });
     Printout::new(rows)
-        .heading("With one tone and with two, from 5 s on where it is in gear".to_string())
+        .heading(
+            "With one tone and with the tones above it, from 5 s on where it is in gear"
+                .to_string(),
+        )
         .note(format!("picture          {}", picture.path().display()))
         .json(&json)?
         .print(arguments.format)?;
     Ok(Exit::Done)
+}
+
+/// What the tones of a run are.
+fn title(shape: Shape) -> String {
+    let tone = |name: &str, tone: UpperTone| {
+        let (ratio, phase) = (tone.ratio, tone.phase.to_degrees());
+        format!("{name} {ratio:.3} at {phase:.0}\u{b0}")
+    };
+    let sounds = |tone: UpperTone| f64::from(tone.ratio) >= LEAST;
+    let second = tone("e", shape.second);
+    match (sounds(shape.second), sounds(shape.third)) {
+        (false, _) => "The drive affords no second tone".into(),
+        (true, false) => format!("Two tones, {second}"),
+        (true, true) => format!("Three tones, {second}, {}", tone("e3", shape.third)),
+    }
 }
 
 /// Largest acceleration of the track in g.
@@ -131,6 +148,8 @@ fn json_of(outcome: &Outcome) -> Json {
         "k": outcome.k(),
         "e": last.shape.second.ratio,
         "th": last.shape.second.phase,
+        "e3": last.shape.third.ratio,
+        "th3": last.shape.third.phase,
         "peak_acceleration_g": peak(outcome),
         "speed_mm_s": outcome.speed() * 1e3,
     })
