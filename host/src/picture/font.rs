@@ -91,6 +91,58 @@ pub(super) fn all(bold: bool) -> impl Iterator<Item = (char, u16, f64)> {
     })
 }
 
+/// How large the letters of a face are, in em; upwards and to the right are positive.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Measures {
+    /// Left, lower, right and upper edge of what holds any letter.
+    pub bounds: [f64; 4],
+    pub ascent: f64,
+    pub descent: f64,
+    /// Height of a capital letter.
+    pub capital: f64,
+    /// Width of an upright stroke.
+    pub stem: f64,
+}
+
+/// Those of the font that comes with the source.
+pub(super) fn measures(bold: bool) -> Measures {
+    let Some(font) = font(bold) else {
+        return Measures::default();
+    };
+    let em = f64::from(font.units_per_em().unwrap_or(1000.0));
+    let bounds = |glyph: GlyphId| {
+        let bounds = font.outline(glyph)?.bounds;
+        let [a, b] = [bounds.min, bounds.max];
+        Some([
+            f64::from(a.x.min(b.x)) / em,
+            f64::from(a.y.min(b.y)) / em,
+            f64::from(a.x.max(b.x)) / em,
+            f64::from(a.y.max(b.y)) / em,
+        ])
+    };
+    let of = |letter: char| bounds(font.glyph_id(letter)).unwrap_or_default();
+    let all = font
+        .codepoint_ids()
+        .filter_map(|(glyph, _)| bounds(glyph))
+        .reduce(|a, b| {
+            [
+                a[0].min(b[0]),
+                a[1].min(b[1]),
+                a[2].max(b[2]),
+                a[3].max(b[3]),
+            ]
+        });
+    // The letters I and l of a font without serifs are a stem each; the narrower is no serif's.
+    let width = |[left, _, right, _]: [f64; 4]| right - left;
+    Measures {
+        bounds: all.unwrap_or_default(),
+        ascent: f64::from(font.ascent_unscaled()) / em,
+        descent: f64::from(font.descent_unscaled()) / em,
+        capital: of('H')[3],
+        stem: width(of('I')).min(width(of('l'))),
+    }
+}
+
 /// The glyphs of `words` and their advance in em.
 fn glyphs<'a>(
     font: &'a FontRef<'static>,
@@ -117,5 +169,24 @@ mod tests {
             }
         }
         assert!(width("MM", 10.0, false) > 1.9 * width("n", 10.0, false));
+    }
+
+    #[test]
+    fn a_face_is_measured_by_its_letters() {
+        let [regular, bold] = [false, true].map(measures);
+        for face in [regular, bold] {
+            let [left, lower, right, upper] = face.bounds;
+            assert!(
+                left <= 0.0 && lower < 0.0 && right > 0.6 && upper >= face.capital,
+                "{face:?}"
+            );
+            assert!(
+                face.descent < 0.0 && face.ascent >= face.capital,
+                "{face:?}"
+            );
+            assert!((0.6..0.8).contains(&face.capital), "{face:?}");
+            assert!((0.05..0.25).contains(&face.stem), "{face:?}");
+        }
+        assert!(bold.stem > 1.3 * regular.stem, "{regular:?} {bold:?}");
     }
 }

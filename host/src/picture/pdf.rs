@@ -307,15 +307,18 @@ fn embed_face(pdf: &mut Pdf, bold: bool) {
     }
     widths.finish();
     cid.finish();
+    let measures = font::measures(bold);
+    let thousandth = |length: f64| (1000.0 * length).round() as f32;
+    let [left, lower, right, upper] = measures.bounds.map(thousandth);
     pdf.font_descriptor(descriptor)
         .name(name)
         .flags(FontFlags::SYMBOLIC)
-        .bbox(pdf_writer::Rect::new(-200.0, -250.0, 1400.0, 950.0))
+        .bbox(pdf_writer::Rect::new(left, lower, right, upper))
         .italic_angle(0.0)
-        .ascent(930.0)
-        .descent(-240.0)
-        .cap_height(730.0)
-        .stem_v(if bold { 140.0 } else { 80.0 })
+        .ascent(thousandth(measures.ascent))
+        .descent(thousandth(measures.descent))
+        .cap_height(thousandth(measures.capital))
+        .stem_v(thousandth(measures.stem))
         .font_file2(file);
     let bytes = font::file(bold);
     pdf.stream(file, &deflated(bytes))
