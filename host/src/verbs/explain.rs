@@ -139,7 +139,7 @@ const TOPICS: [Topic; 16] = [
     topic(
         "friction",
         "Parts that rub on the track: stick, slide, hop.",
-        &["mu", "slide", "sliding", "h-s"],
+        &["mu", "slide", "sliding", "h", "h-s"],
         "theory-real-parts.md",
         &["## 10.4 "],
     ),

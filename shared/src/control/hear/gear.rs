@@ -32,18 +32,16 @@ const FLIGHTS: [u64; 2] = [
 ];
 /// Flights in a row that are gear.
 const ROW: u16 = 8;
-/// Least scatter of an implied restitution: what the stamps of the impacts and the amplitude's error add. From 0.003 on every
+/// Least scatter of an implied restitution: what the stamps of the impacts and the amplitude's error add; so far below 0 or above 1 one may
+/// come out. From 0.003 on every
 /// test passes, at 0.2 one fails.
 const LEAST_SCATTER: f32 = 0.03;
-/// Scatter heard over scatter told up to which what is heard counts: beyond, flights of no gear are among it. From
-/// 0.5 to 5 every test passes.
+/// Scatter heard over scatter told up to which what is heard counts: beyond, flights of no gear are among it. It is 1 and a little more
+/// than the standard error, 16 %, that it has after [`ENOUGH`] impacts. From 0.5 to 5 every test passes.
 const MOST_HEARD: f32 = 1.2;
 /// Standard deviations beyond the lot's restitutions at which an implied one is none of them: one in 16 000 is lost. At 1 and
 /// at 20 a test fails.
 const BEYOND: f32 = 4.0;
-/// Error of an implied restitution that makes one of 0 or 1 impossible: that of [`LEAST_SCATTER`]. From 0 to 0.3 every test
-/// passes.
-const ROUNDED: f32 = 0.03;
 /// Standard deviation in rad of the phase at which a part that was thrown from rest is heard to land: a sample at 50 Hz. At
 /// 0.15 a test fails.
 const LANDING: f32 = 0.015;
@@ -52,12 +50,14 @@ const LANDING: f32 = 0.015;
 /// deviation of 0.04, and at shares of 0.05 and 0.9, a test fails.
 const BOUNCED: [f32; 2] = [0.1, 0.14];
 const REACHED: f32 = 0.35;
-/// Share of a landing from rest where the impact before it is not known. From 0.02 to 1 every test passes.
+/// Share of a landing from rest where the impact before it is not known, whose next one would lie anywhere in a rad: it is believed
+/// within `sqrt(2 ln(0.4 0.3/LANDING))` = 2.0 standard deviations, where 96 % of them are. From 0.02 to 1 every test passes.
 const UNKNOWN: f32 = 0.3;
 /// Faintest impact over the noise in the residual: the threshold of the onset detector over the share of its height
 /// that a ringing has at its first samples, and over what is left of louder ones. At 0.5 and at 8 a test fails.
 const FAINT: f32 = 2.2;
-/// The faintest speed over b w before the loudness of the parts is known. From 0.05 to 1.5 every test passes.
+/// The faintest speed over b w before the loudness of the parts is known: a fifth of the `2 pi k/(1 + R)` = 2.1 with which they strike in
+/// gear at k = 0.43, R = 0.3. It stands for [`ENOUGH`] impacts; from 0.05 to 1.5 every test passes.
 const FAINT_AT_FIRST: f32 = 0.4;
 /// Correlation of two implied restitutions in a row from which on they are not one part's: of 128 that are, four times its
 /// standard error. From 0.1 to 0.95 every test passes.
@@ -390,7 +390,7 @@ impl GearHearing {
         let scatter = LEAST_SCATTER.max(told).max(heard);
         let [low, high] = self.lot;
         let out = (restitution - high).max(low - restitution).max(0.0) / scatter;
-        if out > BEYOND || !(-ROUNDED..1.0 + ROUNDED).contains(&restitution) {
+        if out > BEYOND || !(-LEAST_SCATTER..1.0 + LEAST_SCATTER).contains(&restitution) {
             return Some(arrival);
         }
         // How likely the next phase is if it was a flight: dR/dt is arrival after over arrival before, over d.

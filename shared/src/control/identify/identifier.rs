@@ -78,19 +78,22 @@ const DEADEST: f32 = 0.04;
 const LONGEST: u16 = 4000;
 /// Where parts come into gear from rest, for R about 0.3, 0.1 and 0.5 (docs/theory-real-parts.md#t10.1), and cycles for
 /// which it is waited there: a third of them in gear give a standard error of a tenth of the scatter.
+/// From 20 to 300 cycles every test passes, at 3000 three fail.
 const GEARS: [f64; 3] = [0.46, 0.37, 0.55];
 const CHECKED: u16 = 300;
-/// Largest standard error of what is heard in gear: that of 25 impacts at s = 0.10.
+/// Largest standard error of what is heard in gear: that of 25 impacts at s = 0.10. From 0.001 to 0.5 every test passes.
 const HEARD: f32 = 0.02;
-/// Scatter heard that is none: what the stamps of a sample come to at 50 Hz, thrice.
+/// Scatter heard that is none: what the stamps of a sample come to at 50 Hz, thrice. From 0.001 to 0.2 every test passes.
 const STILL: f32 = 0.015;
 /// Spread of the folds' mean up to which it stands alone: five times that of parts that do not scatter at 50 Hz. Of those
 /// that do and never came into gear, most results are refused by it. At 0.0005
 /// `restitution_is_found_within_two_hundredths_from_sixty_four_hops_in_noise` fails, at 0.1 no test does.
 const STEADY: f32 = 0.005;
 /// How far what is folded and what is heard in gear may be apart: the 1 % of k that an amplitude may be off is 0.01 in R.
+/// From 0.001 to 0.5 every test passes.
 const AGREES: f32 = 0.02;
-/// Largest standard error of a result: a lot of twice that to either side is as wide as the default one.
+/// Largest standard error of a result: a lot of twice that to either side is as wide as the default one. At
+/// 0.001 and at 0.05 `what_is_no_chatter_of_one_restitution_is_said_to_be_none` fails.
 const ERROR: f32 = 0.01;
 
 /// A restitution found by listening.
