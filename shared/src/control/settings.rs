@@ -302,6 +302,52 @@ mod tests {
     }
 
     #[test]
+    fn what_does_not_go_together_is_named() {
+        let with = |change: fn(&mut Settings)| {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            settings.check().err().map(|refused| refused.parameter)
+        };
+        let cases: [(fn(&mut Settings), fn(&mut Settings), &str); 6] = [
+            (
+                |s| (s.output_minimum, s.output_maximum) = (0.3, 0.3),
+                |s| (s.output_minimum, s.output_maximum) = (0.3, 0.31),
+                "output_maximum",
+            ),
+            (
+                |s| (s.safe_amplitude, s.amplitude_limit) = (0.21, 0.2),
+                |s| (s.safe_amplitude, s.amplitude_limit) = (0.2, 0.2),
+                "safe_amplitude",
+            ),
+            (
+                // 1 mm at 50 Hz is 98.7 m/s^2.
+                |s| (s.safe_amplitude, s.acceleration_limit) = (1.0, 98.0),
+                |s| (s.safe_amplitude, s.acceleration_limit) = (1.0, 99.0),
+                "safe_amplitude",
+            ),
+            (
+                |s| (s.tracking, s.quality) = (50.0, 200.0),
+                |s| (s.tracking, s.quality) = (10.0, 200.0),
+                "tracking",
+            ),
+            (
+                |s| s.third_tone = 0.1,
+                |s| (s.second_tone, s.third_tone) = (0.1, 0.1),
+                "third_tone",
+            ),
+            (
+                |s| (s.sensor_zero, s.converter_reference) = (3.3, 3.3),
+                |s| (s.sensor_zero, s.converter_reference) = (3.29, 3.3),
+                "sensor_zero",
+            ),
+        ];
+        for (bad, good, parameter) in cases {
+            assert_eq!(with(bad), Some(parameter));
+            assert_eq!(with(good), None, "{parameter}");
+        }
+    }
+
+    #[test]
     fn a_reversed_interval_is_named() {
         let settings = Settings {
             restitution_low: 0.3,

@@ -120,3 +120,25 @@ impl Search {
         self.plan.as_ref()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::aim::setpoint::Choice;
+
+    #[test]
+    fn a_kick_goes_as_far_as_the_reserve_but_no_further_than_the_highest() {
+        let settings = Settings::default();
+        let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();
+        for (reserve, limit) in [(0.5, 1.0), (1.3, 1.3), (2.4, 2.4), (9.0, 2.5)] {
+            let search = Search::begin(&settings, &lock, reserve).unwrap();
+            let asked = search.asked().unwrap().drive;
+            let wanted = DriveLag::build(DriveLagSettings {
+                time_constant: f64::from(settings.envelope),
+                start: 1.0,
+                limit: f64::from(limit as f32),
+            });
+            assert_eq!(asked, wanted.unwrap(), "{reserve}");
+        }
+    }
+}

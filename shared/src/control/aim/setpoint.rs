@@ -237,6 +237,22 @@ mod tests {
     }
 
     #[test]
+    fn a_lock_is_heard_at_the_phases_of_the_whole_lot() {
+        let settings = Settings::default();
+        let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();
+        let at = |restitution| {
+            let lock = Lock::at(lock.k, restitution, 1).unwrap().unwrap();
+            lock.state().phase as f32
+        };
+        let (low, high) = (at(0.18), at(0.22));
+        let apart = (high - low).abs();
+        assert!(apart > 0.1, "{apart}");
+        assert!((lock.width - (0.5 * apart + LOCK_WIDTH)).abs() < 1e-5);
+        let middle = phase_of(0.5 * (low + high));
+        assert!((lock.phase - middle).bits().cast_signed().abs() < 1000);
+    }
+
+    #[test]
     fn numbers_out_of_range_are_refused_by_name() {
         for (target, parameter) in [
             (Target::Locked { order: 0 }, "target locked order"),

@@ -54,3 +54,38 @@ impl Reference {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_track_that_lags_follows_the_command_before_for_as_long() {
+        // A quarter turn behind its output: a quarter of the cycle belongs to the command before.
+        let quarter = -0.25 * TAU;
+        let mut reference = Reference {
+            now: 1.0,
+            commanded: 1.0,
+        };
+        reference.go(2.0, Move::Lag, quarter, 5.0);
+        let first = 2.0 - libm::expf(-0.75 / 5.0);
+        assert!((reference.now - first).abs() < 1e-6, "{}", reference.now);
+        reference.go(1.0, Move::Lag, quarter, 5.0);
+        let middle = 2.0 + (first - 2.0) * libm::expf(-0.25 / 5.0);
+        let second = 1.0 + (middle - 1.0) * libm::expf(-0.75 / 5.0);
+        assert!((reference.now - second).abs() < 1e-6, "{}", reference.now);
+    }
+
+    #[test]
+    fn a_ramp_takes_its_step_a_cycle_and_ends_at_its_goal() {
+        let mut reference = Reference::default();
+        let mut way = |goal: f32, pace| {
+            reference.go(goal, pace, 0.0, 5.0);
+            reference.now
+        };
+        assert_eq!(way(1.0, Move::Ramp(0.75)), 0.75);
+        assert_eq!(way(1.0, Move::Ramp(0.75)), 1.0);
+        assert_eq!(way(0.5, Move::Ramp(0.25)), 0.75);
+        assert_eq!(way(0.1, Move::Step), 0.1);
+    }
+}

@@ -160,6 +160,38 @@ mod tests {
     }
 
     #[test]
+    fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
+        let settings = Settings::default();
+        let scale = Scale::at(&settings, settings.frequency);
+        // The output's 0.95 mm; a millimetre is allowed.
+        assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
+        let limited = Settings {
+            amplitude_limit: 0.3,
+            ..settings
+        };
+        let scale = Scale::at(&limited, limited.frequency);
+        assert_eq!(scale.reach(&limited), scale.ceiling);
+        assert_eq!(
+            (scale.ceiling, scale.ceiling_limit),
+            (0.3e-3, Limits::AMPLITUDE)
+        );
+        let reserve = scale.reserve(&limited, 0.2e-3);
+        assert!((reserve - 1.5).abs() < 1e-6, "{reserve}");
+        // 40 m/s^2 at 50 Hz are 0.405 mm.
+        let gentle = Settings {
+            acceleration_limit: 40.0,
+            ..settings
+        };
+        let scale = Scale::at(&gentle, gentle.frequency);
+        assert!(
+            (scale.ceiling - 0.40528e-3).abs() < 1e-8,
+            "{}",
+            scale.ceiling
+        );
+        assert_eq!(scale.ceiling_limit, Limits::ACCELERATION);
+    }
+
+    #[test]
     fn no_output_takes_the_envelope_further() {
         let settings = Settings {
             amplitude_limit: 0.3,

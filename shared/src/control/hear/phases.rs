@@ -185,6 +185,27 @@ mod tests {
     }
 
     #[test]
+    fn a_lock_is_believed_no_sooner_than_half_of_the_memory_is_filled() {
+        let lock = LockWindow {
+            order: 1,
+            k: 0.43,
+            phase: phase_of(0.45),
+            width: 0.3,
+        };
+        let mut statistics = PhaseStatistics::default();
+        let mut before = 0.0;
+        for n in 1..=8 {
+            statistics.cycle(&heard(&[0.45]), n, Phase::ZERO, Some(&lock));
+            let confidence = statistics.lock_confidence(1);
+            assert!(
+                confidence <= n as f32 / 8.0 && confidence > before,
+                "{n}: {confidence}"
+            );
+            before = confidence;
+        }
+    }
+
+    #[test]
     fn a_lock_is_believed_where_it_belongs_at_its_rate_and_not_elsewhere() {
         let run = |phases: &[&[f32]], order| {
             let lock = LockWindow {

@@ -442,3 +442,95 @@ fn multiples<const TONES: usize>(sine: f32, cosine: f32) -> [[f32; 2]; TONES] {
     }
     turns
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::settings::Settings;
+
+    /// Middle of the converter's range, which is rest.
+    const REST: AdcCode = AdcCode(2048);
+
+    fn signal() -> Signal {
+        Signal::build(&Settings::default()).unwrap()
+    }
+
+    /// Runs on to the end of a cycle, with these readings.
+    fn cycle(signal: &mut Signal, code: AdcCode) -> Cycle {
+        while !signal.sample(code).wrapped {}
+        signal.cycle().clone()
+    }
+
+    #[test]
+    fn readings_at_either_end_of_the_converter_are_saturated() {
+        for (code, counts) in [(0, true), (1, false), (4094, false), (4095, true)] {
+            let mut signal = signal();
+            // The sample that ends a cycle is one of the next one's readings.
+            cycle(&mut signal, AdcCode(code));
+            let seen = cycle(&mut signal, AdcCode(code));
+            assert_eq!(
+                seen.saturated,
+                if counts { seen.samples } else { 0 },
+                "{code}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_switched_off_stays_off_over_the_end_of_the_cycle() {
+        let mut signal = signal();
+        let command = Command {
+            amplitude: 0.5,
+            step: signal.step,
+            ..Command::default()
+        };
+        signal.command(command);
+        cycle(&mut signal, REST);
+        let loudest = (0..400).fold(0.0_f32, |most, _| most.max(signal.sample(REST).output));
+        assert!(loudest > 0.49, "{loudest}");
+        // One command drives, another waits for the end of the cycle.
+        signal.command(Command {
+            amplitude: 0.9,
+            ..command
+        });
+        signal.off();
+        assert!((0..1000).all(|_| signal.sample(REST).output == 0.0));
+    }
+
+    #[test]
+    fn a_command_counts_from_the_next_cycle_on_or_at_once() {
+        for immediate in [false, true] {
+            let mut signal = signal();
+            for _ in 0..50 {
+                signal.sample(REST);
+            }
+            signal.command(Command {
+                amplitude: 0.5,
+                step: signal.step,
+                immediate,
+                ..Command::default()
+            });
+            assert_eq!(signal.sample(REST).output != 0.0, immediate);
+        }
+    }
+
+    #[test]
+    fn an_impact_is_stamped_with_the_phase_before_the_sample_that_shows_it() {
+        let mut signal = signal();
+        for _ in 0..30 {
+            cycle(&mut signal, REST);
+        }
+        for _ in 0..100 {
+            signal.sample(REST);
+        }
+        let before = signal.phase();
+        // A blow that rings: far over the threshold at once.
+        signal.sample(AdcCode(2048 + 1500));
+        for n in 0..20 {
+            let ring = if n % 2 == 0 { 700 } else { 3400 };
+            signal.sample(AdcCode(ring));
+        }
+        let heard = cycle(&mut signal, REST).heard;
+        assert_eq!(heard.first().map(|heard| heard.phase), Some(before));
+    }
+}

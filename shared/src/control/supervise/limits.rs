@@ -64,7 +64,10 @@ impl LimitMonitor {
         self.limits.set(Limits::LINK_LOST, running && lost);
         self.limits
             .set(Limits::NO_SETPOINT, running && inputs.no_setpoint);
-        self.limits.set(inputs.ceiling_limit, running && inputs.cut);
+        for limit in [Limits::AMPLITUDE, Limits::ACCELERATION] {
+            let cut = inputs.cut && inputs.ceiling_limit == limit;
+            self.limits.set(limit, running && cut);
+        }
         self.limits.set(Limits::DEAF, running && inputs.deaf);
         self.limits
             .set(Limits::SECOND_TONE, running && inputs.tones);
@@ -76,5 +79,108 @@ impl LimitMonitor {
     pub fn rest(&mut self) {
         self.saturated_for = 0;
         self.limits = Limits::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FREE: LimitInputs = LimitInputs {
+        running: true,
+        link_heard: false,
+        link_timeout: Some(100.0),
+        no_setpoint: false,
+        cut: false,
+        ceiling_limit: Limits::AMPLITUDE,
+        deaf: false,
+        saturated: false,
+        tones: false,
+    };
+
+    /// Cycles alike after which a limit holds, of 1000.
+    fn after(monitor: &mut LimitMonitor, inputs: &LimitInputs, limit: Limits) -> Option<u32> {
+        (1..=1000).find(|_| {
+            monitor.cycle(inputs);
+            monitor.limits().contains(limit)
+        })
+    }
+
+    #[test]
+    fn silence_counts_from_the_last_frame_on_and_only_where_there_was_one() {
+        let mut monitor = LimitMonitor::default();
+        let silent = |monitor: &mut LimitMonitor| after(monitor, &FREE, Limits::LINK_LOST);
+        assert_eq!(silent(&mut monitor), None);
+        let heard = LimitInputs {
+            link_heard: true,
+            ..FREE
+        };
+        for _ in 0..2 {
+            monitor.cycle(&heard);
+            assert!(monitor.limits().is_empty());
+            assert_eq!(silent(&mut monitor), Some(101));
+        }
+        monitor.cycle(&heard);
+        let stopped = LimitInputs {
+            running: false,
+            ..FREE
+        };
+        assert_eq!(after(&mut monitor, &stopped, Limits::LINK_LOST), None);
+        let unwatched = LimitInputs {
+            link_timeout: None,
+            ..FREE
+        };
+        assert_eq!(after(&mut monitor, &unwatched, Limits::LINK_LOST), None);
+    }
+
+    #[test]
+    fn an_output_at_its_limit_holds_back_after_its_cycles_in_a_row() {
+        let saturated = LimitInputs {
+            saturated: true,
+            ..FREE
+        };
+        let mut monitor = LimitMonitor::default();
+        for _ in 0..SATURATION {
+            monitor.cycle(&saturated);
+        }
+        assert!(monitor.limits().is_empty());
+        monitor.cycle(&FREE);
+        let limit = Limits::OUTPUT;
+        assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
+        monitor.cycle(&FREE);
+        assert!(monitor.limits().is_empty());
+        assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
+        monitor.rest();
+        assert!(monitor.limits().is_empty());
+        assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
+    }
+
+    #[test]
+    fn each_cause_is_its_limit_while_the_drive_runs() {
+        let causes: [(fn(&mut LimitInputs), Limits); 5] = [
+            (|inputs| inputs.no_setpoint = true, Limits::NO_SETPOINT),
+            (|inputs| inputs.cut = true, Limits::AMPLITUDE),
+            (
+                |inputs| {
+                    inputs.cut = true;
+                    inputs.ceiling_limit = Limits::ACCELERATION;
+                },
+                Limits::ACCELERATION,
+            ),
+            (|inputs| inputs.deaf = true, Limits::DEAF),
+            (|inputs| inputs.tones = true, Limits::SECOND_TONE),
+        ];
+        for (set, limit) in causes {
+            let mut inputs = FREE;
+            set(&mut inputs);
+            let mut monitor = LimitMonitor::default();
+            monitor.cycle(&inputs);
+            assert_eq!(monitor.limits(), limit);
+            monitor.cycle(&FREE);
+            assert!(monitor.limits().is_empty());
+            inputs.running = false;
+            monitor.cycle(&inputs);
+            assert!(monitor.limits().is_empty());
+        }
     }
 }

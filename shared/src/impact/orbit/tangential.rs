@@ -258,6 +258,19 @@ mod tests {
     }
 
     #[test]
+    fn the_sagitta_of_a_short_arc_is_its_series_and_meets_the_closed_form() {
+        for n in 1..=1000 {
+            let d = 1e-4 * f64::from(n);
+            let x = d * d;
+            let series = 1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (1.0 - x / 110.0)));
+            let series = series / 6.0;
+            assert!((sagitta(d) / series - 1.0).abs() < 1e-15, "{d}");
+        }
+        let (below, above) = (sagitta(0.5 - 1e-9), sagitta(0.5));
+        assert!((above / below - 1.0).abs() < 1e-9, "{below} {above}");
+    }
+
+    #[test]
     fn a_flight_solves_the_equation_of_motion() {
         for k in [0.05, 0.43, 0.9] {
             let map = Map::build(k, 0.6).unwrap();
