@@ -133,7 +133,7 @@ impl WaveExact {
         let end = self.parts::<N>(at_node(near.index(), Twofold::from(x)));
         let fallen = time.times(Twofold::from(k));
         let height = sum(&launch, 0, 0).minus(sum(&end, 0, 0));
-        let gap = time.times(v.minus(halved(fallen))).plus(height);
+        let gap = time.times(v.minus(scaled(fallen, 0.5))).plus(height);
         let slope = v.minus(fallen).minus(sum(&end, 1, 1));
         let step = Twofold::from(-gap.value() / slope.high);
         // The slope at the root.
@@ -153,7 +153,7 @@ impl WaveExact {
         let psi = Twofold::from(state.velocity);
         let pull = Twofold::from(self.map.k()).minus(sum(&launch, 0, 2));
         let time = Twofold::from(d);
-        let mut bend = halved(pull);
+        let mut bend = scaled(pull, 0.5);
         let mut slope = psi.minus(pull.times(time));
         let mut curvature = -pull.high;
         for (n, &[s, c]) in launch.iter().enumerate() {
@@ -195,20 +195,31 @@ impl WaveExact {
     }
 }
 
-/// The sum over the tones of displacement (0) or velocity (1), each times its frequency to a power.
-fn sum(parts: &[[Twofold; 2]], which: usize, power: i32) -> Twofold {
-    let mut sum = Twofold::from(0.0);
-    for (n, part) in parts.iter().enumerate() {
-        let weight = libm::pow((n + 1) as f64, f64::from(power));
-        sum = sum.plus(part[which].times(Twofold::from(weight)));
+/// The sum over the tones of displacement (0) or velocity (1), each times its frequency to a power up to 2.
+fn sum(parts: &[[Twofold; 2]], which: usize, power: usize) -> Twofold {
+    let Some((first, upper)) = parts.split_first() else {
+        return Twofold::from(0.0);
+    };
+    let mut sum = first[which];
+    for (part, weights) in upper.iter().zip(WEIGHTS) {
+        let (part, weight) = (part[which], weights[power]);
+        sum = sum.plus(if weight == 3.0 || weight == 9.0 {
+            part.times(Twofold::from(weight))
+        } else {
+            scaled(part, weight)
+        });
     }
     sum
 }
 
-fn halved(value: Twofold) -> Twofold {
+/// The frequencies of the upper tones, to each power.
+const WEIGHTS: [[f64; 3]; 2] = [[1.0, 2.0, 4.0], [1.0, 3.0, 9.0]];
+
+/// Times a power of two: exact.
+fn scaled(value: Twofold, factor: f64) -> Twofold {
     Twofold {
-        high: 0.5 * value.high,
-        low: 0.5 * value.low,
+        high: factor * value.high,
+        low: factor * value.low,
     }
 }
 
