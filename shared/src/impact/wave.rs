@@ -217,10 +217,6 @@ impl Wave {
     /// The tones at a phase, from its sine and cosine; N of them.
     #[inline(always)]
     pub(super) fn parts<L: Lane, const N: usize>(&self, sine: L, cosine: L) -> Parts<L> {
-        let mixed = |[a, b]: [f64; 2], s: L, c: L| {
-            let (a, b) = (L::splat(a), L::splat(b));
-            [a * s + b * c, a * c - b * s]
-        };
         let double = (sine + sine) * cosine;
         let turned = (cosine - sine) * (cosine + sine);
         let second = mixed(self.mixed[0], double, turned);
@@ -288,27 +284,33 @@ impl Zeros {
     }
 }
 
+/// Displacement and velocity over its frequency of a tone with these `e cos th` and `e sin th`.
+#[inline(always)]
+fn mixed<L: Lane>([a, b]: [f64; 2], sine: L, cosine: L) -> [L; 2] {
+    let (a, b) = (L::splat(a), L::splat(b));
+    [a * sine + b * cosine, a * cosine - b * sine]
+}
+
 /// What the tones do together.
 #[inline(always)]
 pub(super) fn motion<L: Lane, const N: usize>(parts: &Parts<L>) -> Motion<L> {
     let [[s, c], [s2, c2], [s3, c3]] = *parts;
-    let times = |factor: f64, x: L| L::splat(factor) * x;
     let two = Motion {
         height: s + s2,
         speed: c + (c2 + c2),
-        push: s + times(4.0, s2),
-        surge: c + times(8.0, c2),
-        bend: s + times(16.0, s2),
+        push: s + L::splat(4.0) * s2,
+        surge: c + L::splat(8.0) * c2,
+        bend: s + L::splat(16.0) * s2,
     };
     if N < 3 {
         return two;
     }
     Motion {
         height: two.height + s3,
-        speed: two.speed + times(3.0, c3),
-        push: two.push + times(9.0, s3),
-        surge: two.surge + times(27.0, c3),
-        bend: two.bend + times(81.0, s3),
+        speed: two.speed + L::splat(3.0) * c3,
+        push: two.push + L::splat(9.0) * s3,
+        surge: two.surge + L::splat(27.0) * c3,
+        bend: two.bend + L::splat(81.0) * s3,
     }
 }
 

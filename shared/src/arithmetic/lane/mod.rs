@@ -9,9 +9,12 @@ pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 pub(crate) mod avx512;
+pub(crate) mod queue;
 #[allow(unsafe_code)]
 pub(crate) mod simd;
 mod single;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod twice;
 
 use core::f64::consts::TAU;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -24,8 +27,11 @@ pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
 /// Lanes of the widest register.
 pub(crate) const WIDEST: usize = 8;
 
+/// Lanes of a column.
+pub(crate) const COLUMN: usize = 256;
+
 /// One quantity of many orbits; eight bits number them.
-pub(crate) type Column = [f64; 256];
+pub(crate) type Column = [f64; COLUMN];
 
 /// One or several f64 that go through the same operations.
 pub(crate) trait Lane:

@@ -1,10 +1,8 @@
 //! The orbits of a block, quantity by quantity.
 
 use super::lanes::LANES;
-use crate::arithmetic::lane::{Column, Lane, WIDEST};
+use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::double::launch::{Launch, Track};
-
-const _: () = assert!(LANES == size_of::<Column>() / size_of::<f64>());
 
 /// One quantity of many orbits; it begins with a cache line, so that no register reaches over two.
 #[derive(Clone, Debug)]

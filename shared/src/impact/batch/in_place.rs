@@ -1,10 +1,11 @@
 //! Tall flights where their lanes stand.
 
 use super::columns::Columns;
-use super::lanes::{LANES, Queue};
+use super::lanes::LANES;
 use super::plan::{Kind, Plan};
 use super::stages::Stages;
 use crate::arithmetic::lane::Lane;
+use crate::arithmetic::lane::queue::Queue;
 use crate::impact::double::launch::Launch;
 use crate::impact::double::step::Near;
 use crate::impact::double::tall;

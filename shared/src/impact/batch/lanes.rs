@@ -1,9 +1,9 @@
-//! Which lanes: as a set, and in a queue.
+//! Which lanes, as a set.
 
-use crate::arithmetic::lane::{Lane, WIDEST};
+use crate::arithmetic::lane::{COLUMN, WIDEST};
 
 /// Lanes of a block: what is known of them stays in the first level of the cache.
-pub const LANES: usize = 256;
+pub const LANES: usize = COLUMN;
 
 /// A yes or no for each lane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,73 +84,3 @@ impl Flags {
         bits as u32 & ((1 << width) - 1)
     }
 }
-
-/// Lanes in a row, and room to fill the last register.
-#[derive(Clone, Debug)]
-pub(super) struct Queue {
-    lanes: [u8; LANES + WIDEST],
-    count: usize,
-}
-
-impl Queue {
-    pub const EMPTY: Self = Self {
-        lanes: [0; LANES + WIDEST],
-        count: 0,
-    };
-
-    pub fn clear(&mut self) {
-        self.count = 0;
-    }
-
-    /// Adds those lanes of a register whose bits are set.
-    #[inline(always)]
-    pub fn push_chosen<L: Lane>(&mut self, lanes: [u8; WIDEST], bits: u32) {
-        let chosen = L::choose(lanes, PLACES[bits as usize % PLACES.len()]);
-        if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
-            places.copy_from_slice(&chosen);
-            self.count += bits.count_ones() as usize;
-        }
-    }
-
-    /// Adds lanes from `at` on, one bit each.
-    #[inline(always)]
-    pub fn push_bits(&mut self, at: usize, bits: u32) {
-        let lanes = PLACES[bits as usize % PLACES.len()] + at as u64 * (u64::MAX / 255);
-        if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
-            places.copy_from_slice(&lanes.to_le_bytes());
-            self.count += bits.count_ones() as usize;
-        }
-    }
-
-    /// The lanes by registers of `width`, and how many of each register count; one that is not full
-    /// repeats its last lane, to the same result.
-    #[inline(always)]
-    pub fn registers(&mut self, width: usize) -> impl Iterator<Item = ([u8; WIDEST], usize)> + '_ {
-        let count = self.count.min(LANES);
-        let last = count.checked_sub(1).map_or(0, |last| self.lanes[last]);
-        self.lanes[count..count + WIDEST].fill(last);
-        (0..count).step_by(width).map(move |at| {
-            let mut lanes = [0; WIDEST];
-            lanes.copy_from_slice(&self.lanes[at..at + WIDEST]);
-            (lanes, width.min(count - at))
-        })
-    }
-}
-
-/// The places of the bits that are set in the index, lowest first, a byte each.
-const PLACES: [u64; 256] = {
-    let mut places = [0; 256];
-    let mut bits = 0;
-    while bits < 256 {
-        let (mut place, mut count) = (0, 0);
-        while place < 8 {
-            if bits >> place & 1 == 1 {
-                places[bits] |= (place as u64) << (8 * count);
-                count += 1;
-            }
-            place += 1;
-        }
-        bits += 1;
-    }
-    places
-};

@@ -14,11 +14,12 @@ mod plan;
 mod stages;
 
 use crate::arithmetic::lane::Lane;
+use crate::arithmetic::lane::queue::Queue;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
 use columns::Columns;
-use lanes::{Queue, Set};
+use lanes::Set;
 use plan::Plan;
 use stages::Stages;
 

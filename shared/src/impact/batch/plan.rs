@@ -1,6 +1,7 @@
 //! Which lanes fly next, by the kind of their flights.
 
-use super::lanes::{Flags, Queue, Set};
+use super::lanes::{Flags, Set};
+use crate::arithmetic::lane::queue::Queue;
 use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::double::launch::{Launch, Track};
 

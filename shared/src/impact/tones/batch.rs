@@ -1,115 +1,131 @@
 //! Many launches on one track of several tones, side by side.
+//!
+//! They are sorted by the kind of their flights, so that all lanes of a register take the same path.
 
-use super::first::quick;
+use super::first::{Kind, first_impact};
 use super::launch::Launch;
 use super::search;
 use super::track::Track;
+use crate::arithmetic::lane::queue::Queue;
 use crate::arithmetic::lane::simd::Simd;
-use crate::arithmetic::lane::{Lane, WIDEST};
-use crate::impact::double::step::Landing;
+use crate::arithmetic::lane::{COLUMN, Lane};
+use crate::impact::double::step::impact_of;
 use crate::impact::kernel::{Impact, PartState};
 
 /// The impacts of parts that lose nothing, in the widest registers of this CPU.
 pub(super) fn impacts(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
-    let width = if states.len() > 1 {
-        Simd::widest()
-    } else {
-        Simd::None
-    };
-    impacts_in(width, track, states, impacts);
+    impacts_in(Simd::widest(), track, states, impacts);
 }
 
-/// The same in registers of a width that this CPU has.
-fn impacts_in(simd: Simd, track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
-    match simd {
-        #[cfg(target_arch = "x86_64")]
-        Simd::Avx512 => x86::all_avx512(track, states, impacts),
-        #[cfg(target_arch = "x86_64")]
-        Simd::Avx2 => x86::all_avx2(track, states, impacts),
-        _ => all::<f64>(track, states, impacts),
-    }
-}
-
-#[inline(always)]
-fn all<L: Lane>(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
-    for (states, impacts) in states.chunks(L::WIDTH).zip(impacts.chunks_mut(L::WIDTH)) {
-        if track.wave.is_of_two() {
-            register::<L, 2>(track, states, impacts);
-        } else {
-            register::<L, 3>(track, states, impacts);
-        }
-    }
-}
-
-/// The impacts of one register; lanes beyond the states repeat the first.
-#[inline(always)]
-fn register<L: Lane, const N: usize>(
+/// The same in registers of a width, or the widest that this CPU has.
+pub(super) fn impacts_in(
+    simd: Simd,
     track: &Track,
     states: &[PartState],
     impacts: &mut [Impact<PartState>],
 ) {
-    let Some(first) = states.first() else {
-        return;
-    };
-    let (mut phases, mut velocities) = ([first.phase; WIDEST], [first.velocity; WIDEST]);
-    for (n, state) in states.iter().enumerate().take(L::WIDTH) {
-        phases[n] = state.phase;
-        velocities[n] = state.velocity;
+    match simd.min(Simd::widest()) {
+        _ if states.len() < 2 => all_alone(track, states, impacts),
+        #[cfg(target_arch = "x86_64")]
+        Simd::Avx512 => x86::all_avx512(track, states, impacts),
+        #[cfg(target_arch = "x86_64")]
+        Simd::Avx2 => x86::all_avx2(track, states, impacts),
+        _ => all_alone(track, states, impacts),
     }
-    let launch = Launch::<L>::new::<N>(track, L::load(&phases, 0), L::load(&velocities, 0));
-    let rests = launch.rests(track);
-    let (landing, certain) = quick::<L, N>(track, &launch);
-    let sure = L::bits(certain & !rests);
-    let (flights, ends, arrivals) = (
-        landing.flight.to_array(),
-        landing.phase.to_array(),
-        landing.arrival.to_array(),
-    );
-    for (n, (state, impact)) in states
-        .iter()
-        .zip(impacts.iter_mut())
-        .enumerate()
-        .take(L::WIDTH)
-    {
-        *impact = if sure >> n & 1 == 1 {
-            landed(
-                Landing {
-                    flight: flights[n],
-                    phase: ends[n],
-                    arrival: arrivals[n],
-                },
-                false,
-            )
+}
+
+/// One after the other.
+fn all_alone(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
+    for (state, impact) in states.iter().zip(impacts) {
+        *impact = if track.wave.is_of_two() {
+            alone::<2>(track, *state)
         } else {
-            alone::<N>(track, *state)
+            alone::<3>(track, *state)
         };
     }
 }
 
-/// A launch of which the quick forms are not certain, or none at all.
-#[cold]
 fn alone<const N: usize>(track: &Track, state: PartState) -> Impact<PartState> {
     let launch = Launch::new::<N>(track, state.phase, state.velocity);
-    if f64::any(launch.rests(track)) {
-        return Impact {
-            flight: 0.0,
-            next: state,
-            grazes: false,
-        };
-    }
-    let (landing, grazes) = search::landing::<N>(track, &launch);
-    landed(landing, grazes)
+    impact_of(1.0, state, first_impact::<N>(track, &launch))
 }
 
-fn landed(landing: Landing<f64>, grazes: bool) -> Impact<PartState> {
-    Impact {
-        flight: landing.flight,
-        next: PartState {
-            phase: landing.phase,
-            velocity: landing.arrival,
-        },
-        grazes,
+#[inline(always)]
+fn all<L: Lane>(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
+    for (states, impacts) in states.chunks(COLUMN).zip(impacts.chunks_mut(COLUMN)) {
+        if track.wave.is_of_two() {
+            column::<L, 2>(track, states, impacts);
+        } else {
+            column::<L, 3>(track, states, impacts);
+        }
     }
+}
+
+/// The impacts of at most a column of launches.
+#[inline(always)]
+fn column<L: Lane, const N: usize>(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
+    let [mut phases, mut velocities, mut sines, mut cosines] = [[0.0; COLUMN]; 4];
+    for ((phase, velocity), state) in phases.iter_mut().zip(&mut velocities).zip(states) {
+        (*phase, *velocity) = (state.phase, state.velocity);
+    }
+    let mut kinds = [const { Queue::EMPTY }; Kind::ALL.len()];
+    for at in (0..states.len().min(COLUMN)).step_by(L::WIDTH) {
+        let launch = Launch::<L>::new::<N>(track, L::load(&phases, at), L::load(&velocities, at));
+        let held = u32::MAX >> (32 - (states.len() - at).min(L::WIDTH));
+        let [sine, cosine] = launch.parts[0];
+        sine.store(&mut sines, at);
+        cosine.store(&mut cosines, at);
+        for (kind, queue) in Kind::of::<L, N>(track, &launch).into_iter().zip(&mut kinds) {
+            queue.push_bits(at, L::bits(kind) & held);
+        }
+    }
+    let [_, _, onces, lows] = &mut kinds;
+    lows.fill_from(onces, L::WIDTH);
+    for (kind, queue) in Kind::ALL.into_iter().zip(&mut kinds) {
+        for (lanes, count) in queue.registers(L::WIDTH) {
+            let launch = Launch::with::<N>(
+                track,
+                L::pick(&phases, lanes),
+                L::pick(&velocities, lanes),
+                L::pick(&sines, lanes),
+                L::pick(&cosines, lanes),
+            );
+            let (landing, certain) = kind.landing::<L, N>(track, &launch);
+            let sure = L::bits(certain & !launch.rests(track));
+            let (flights, ends, arrivals) = (
+                landing.flight.to_array(),
+                landing.phase.to_array(),
+                landing.arrival.to_array(),
+            );
+            for (n, &lane) in lanes.iter().enumerate().take(count) {
+                let lane = usize::from(lane);
+                let (Some(state), Some(impact)) = (states.get(lane), impacts.get_mut(lane)) else {
+                    continue;
+                };
+                *impact = if sure >> n & 1 == 1 {
+                    Impact {
+                        flight: flights[n],
+                        next: PartState {
+                            phase: ends[n],
+                            velocity: arrivals[n],
+                        },
+                        grazes: false,
+                    }
+                } else {
+                    uncertain::<N>(track, *state)
+                };
+            }
+        }
+    }
+}
+
+/// A launch of which its kind's form is not certain, or none at all.
+#[cold]
+fn uncertain<const N: usize>(track: &Track, state: PartState) -> Impact<PartState> {
+    let launch = Launch::new::<N>(track, state.phase, state.velocity);
+    let rests = f64::any(launch.rests(track));
+    let landing = (!rests).then(|| search::landing::<N>(track, &launch));
+    impact_of(1.0, state, landing)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -118,21 +134,18 @@ mod x86 {
     use super::{Impact, PartState, Track, all};
     use crate::arithmetic::lane::avx2::Avx2;
     use crate::arithmetic::lane::avx512::Avx512;
+    use crate::arithmetic::lane::twice::Twice;
 
     pub(super) fn all_avx2(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
         #[target_feature(enable = "avx2")]
         fn inner(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
-            all::<Avx2>(track, states, impacts);
+            all::<Twice<Avx2>>(track, states, impacts);
         }
         // SAFETY: this width is chosen only where the CPU has AVX2.
         unsafe { inner(track, states, impacts) }
     }
 
-    pub(super) fn all_avx512(
-        track: &Track,
-        states: &[PartState],
-        impacts: &mut [Impact<PartState>],
-    ) {
+    pub(super) fn all_avx512(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
         #[target_feature(enable = "avx512f,avx512dq,avx2")]
         fn inner(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
             all::<Avx512>(track, states, impacts);
@@ -182,7 +195,6 @@ mod tests {
             for simd in Simd::ALL {
                 if simd > Simd::widest() {
                     std::println!("this CPU has no {simd:?}");
-                    continue;
                 }
                 impacts_in(simd, map.track(), &states, &mut impacts);
                 for (state, impact) in states.iter().zip(&impacts) {

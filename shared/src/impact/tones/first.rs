@@ -10,8 +10,9 @@ use core::f64::consts::TAU;
 use super::launch::{Launch, SPARE};
 use super::search;
 use super::short;
-use super::track::Track;
+use super::track::{Hump, Track};
 use crate::arithmetic::lane::{Arc, Lane, Node, floor};
+use crate::arithmetic::node;
 use crate::impact::double::step::{Landing, householder, in_turn};
 use crate::impact::wave::motion;
 
@@ -25,11 +26,11 @@ const HOP: f64 = 1.1;
 
 /// Slower arrivals are left to the search: where three roots nearly meet steps end anywhere. From 0.001 to 0.1
 /// `every_golden_impact_has_the_right_root`; the map of one tone needs it from 0.03 on.
-const SLOWEST: f64 = 0.03;
+const SLOWEST: f64 = 0.01;
 
 /// Turns whose humps are looked at one by one. From 1 to 8 `every_golden_impact_has_the_right_root`: a longer
 /// flight goes to the search.
-const TURNS: u32 = 4;
+const TURNS: u32 = 8;
 
 /// The stretch of the track that holds the impact, with one root of the gap in it.
 struct Stretch<L: Lane> {
@@ -39,61 +40,113 @@ struct Stretch<L: Lane> {
     certain: L::Mask,
 }
 
+/// The kinds of flight.
+#[derive(Clone, Copy)]
+pub(super) enum Kind {
+    /// It meets the track once, far from the humps.
+    Tall,
+    /// A [short hop](short).
+    Short,
+    /// Over before the next hump.
+    Once,
+    /// Any other.
+    Low,
+}
+
+impl Kind {
+    pub const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Once, Self::Low];
+
+    /// Which lanes fly so.
+    #[inline(always)]
+    pub fn of<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> [L::Mask; 4] {
+        let tall = launch.is_tall(track);
+        let short = is_short::<L, N>(track, launch) & !tall;
+        let other = !(tall | short);
+        let once = meets_once(track, launch) & other;
+        [tall, short, once, other & !once]
+    }
+
+    /// The first impact of flights of this kind, and where it is certain.
+    #[inline(always)]
+    pub fn landing<L: Lane, const N: usize>(
+        self,
+        track: &Track,
+        launch: &Launch<L>,
+    ) -> (Landing<L>, L::Mask) {
+        match self {
+            Self::Tall => tall::<L, N>(track, launch),
+            Self::Short => short::landing::<L, N>(track, launch),
+            Self::Once => within::<L, N>(track, launch, &before_next_hump::<L, N>(track, launch)),
+            Self::Low => within::<L, N>(track, launch, &between_edges::<L, N>(track, launch)),
+        }
+    }
+}
+
+/// Whether a flight that is not tall is short.
+#[inline(always)]
+fn is_short<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> L::Mask {
+    launch.is_over_within(track, short::LONGEST_HOP / N as f64)
+}
+
+/// Whether the ball is below the track where the next hump begins.
+#[inline(always)]
+fn meets_once<L: Lane>(track: &Track, launch: &Launch<L>) -> L::Mask {
+    Edge::next(track, launch).over.below(-launch.margin(track))
+}
+
 /// The first impact after `launch`, and whether it grazes; `None` where the part rests.
-#[inline]
+#[inline(always)]
 pub(super) fn first_impact<const N: usize>(
     track: &Track,
     launch: &Launch<f64>,
 ) -> Option<(Landing<f64>, bool)> {
-    if launch.velocity <= 0.0 && f64::any(launch.rests(track)) {
-        return None;
+    if f64::any(launch.is_tall(track)) {
+        let (landing, certain) = tall::<f64, N>(track, launch);
+        if f64::any(certain) {
+            return Some((landing, false));
+        }
     }
-    let (landing, certain) = quick::<f64, N>(track, launch);
-    Some(if f64::any(certain) {
-        (landing, false)
-    } else {
-        search::landing::<N>(track, launch)
-    })
+    // By value: in memory the launch would delay the tall flights, too.
+    let [sine, cosine] = launch.parts[0];
+    not_tall::<N>(track, launch.phase, launch.velocity, sine, cosine)
 }
 
-/// The first impact, and where it is certain.
-#[inline(always)]
-pub(super) fn quick<L: Lane, const N: usize>(
+/// [`first_impact`] of a flight that is not tall, or of which that form is not certain.
+#[inline(never)]
+fn not_tall<const N: usize>(
     track: &Track,
-    launch: &Launch<L>,
-) -> (Landing<L>, L::Mask) {
-    let tall = launch.is_tall(track);
-    let short = launch.is_over_within(track, short::LONGEST_HOP / N as f64) & !tall;
-    if !L::any(!short) {
-        return short::landing::<L, N>(track, launch);
+    phase: f64,
+    velocity: f64,
+    sine: f64,
+    cosine: f64,
+) -> Option<(Landing<f64>, bool)> {
+    let launch = &Launch::with::<N>(track, phase, velocity, sine, cosine);
+    if velocity <= 0.0 && f64::any(launch.rests(track)) {
+        return None;
     }
-    let plain = track.humps().is_empty();
-    let edges = !(tall | short);
-    let stretch = if plain || !L::any(edges) {
-        falling(track, launch, plain, tall)
-    } else {
-        let found = between_edges::<L, N>(track, launch, edges);
-        if L::any(tall) {
-            let fall = falling(track, launch, plain, tall);
-            Stretch {
-                start: L::select(tall, fall.start, found.start),
-                low: L::select(tall, fall.low, found.low),
-                high: L::select(tall, fall.high, found.high),
-                certain: tall | found.certain,
-            }
+    if !f64::any(launch.is_tall(track)) {
+        let kind = if f64::any(is_short::<f64, N>(track, launch)) {
+            Kind::Short
+        } else if f64::any(meets_once(track, launch)) {
+            Kind::Once
         } else {
-            found
+            Kind::Low
+        };
+        let (landing, certain) = kind.landing::<f64, N>(track, launch);
+        if f64::any(certain) {
+            return Some((landing, false));
         }
-    };
-    let mut d = stretch.start;
-    let (mut below, mut above) = (stretch.low, stretch.high);
-    let mut far = !short;
+    }
+    Some(search::landing::<N>(track, launch))
+}
+
+/// The impact of a tall flight: the only one at which the ball comes down onto the track.
+#[inline(always)]
+fn tall<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
+    let mut d = launch.falls_to(track, 0.0);
+    let mut far = L::splat(0.0).below(L::splat(1.0));
     for _ in 0..APPROACHES {
-        let (node, next, before) = approach::<L, N>(track, launch, d);
-        below = L::select(before, below.max(node), below);
-        above = L::select(before, above, above.min(node));
-        let inside = below.below(next) & next.below(above);
-        let next = L::select(inside, next, (below + above) * L::splat(0.5));
+        let (_, next, _) = approach::<L, N>(track, launch, d);
         let near = (next - d).abs().below(L::splat(LEAP / N as f64));
         d = L::select(far, next, d);
         far = far & !near;
@@ -103,7 +156,43 @@ pub(super) fn quick<L: Lane, const N: usize>(
     }
     let (mut landing, mut settled) = settle::<L, N>(track, launch, d);
     for _ in 0..2 {
-        if L::any(!(settled | short)) {
+        if L::any(!settled) {
+            let (again, then) = settle::<L, N>(track, launch, landing.flight);
+            landing = landing.or(settled, again);
+            settled = settled | then;
+        }
+    }
+    landing.phase = in_turn(landing.phase);
+    let certain = settled & L::splat(SLOWEST).below(landing.arrival);
+    (landing, certain)
+}
+
+/// The impact in a stretch, and where it is certain.
+#[inline(always)]
+fn within<L: Lane, const N: usize>(
+    track: &Track,
+    launch: &Launch<L>,
+    stretch: &Stretch<L>,
+) -> (Landing<L>, L::Mask) {
+    let mut d = stretch.start;
+    let (mut below, mut above) = (stretch.low, stretch.high);
+    let mut far = stretch.certain;
+    for _ in 0..APPROACHES {
+        if !L::any(far) {
+            break;
+        }
+        let (node, next, before) = approach::<L, N>(track, launch, d);
+        below = L::select(before, below.max(node), below);
+        above = L::select(before, above, above.min(node));
+        let inside = below.below(next) & next.below(above);
+        let next = L::select(inside, next, (below + above) * L::splat(0.5));
+        let near = (next - d).abs().below(L::splat(LEAP / N as f64));
+        d = L::select(far, next, d);
+        far = far & !near;
+    }
+    let (mut landing, mut settled) = settle::<L, N>(track, launch, d);
+    for _ in 0..2 {
+        if L::any(stretch.certain & !settled) {
             let next = landing.flight.max(stretch.low).min(stretch.high);
             let (again, then) = settle::<L, N>(track, launch, next);
             landing = landing.or(settled, again);
@@ -111,88 +200,181 @@ pub(super) fn quick<L: Lane, const N: usize>(
         }
     }
     landing.phase = in_turn(landing.phase);
-    let mut certain = stretch.certain
+    let certain = stretch.certain
         & settled
         & stretch.low.below(landing.flight)
         & landing.flight.below(stretch.high)
         & L::splat(SLOWEST).below(landing.arrival);
-    if L::any(short) {
-        let (hop, held) = short::landing::<L, N>(track, launch);
-        landing = hop.or(short, landing);
-        certain = (held & short) | (certain & !short);
-    }
     (landing, certain)
 }
 
-/// The fall from the track's highest reach down to its lowest of a ball that meets the track once: of
-/// those that are `tall`, and of all where the gap is concave throughout as on a `plain` track.
+/// The fall of a ball down to the track's lowest reach, where the gap is concave throughout.
 #[inline(always)]
-fn falling<L: Lane>(track: &Track, launch: &Launch<L>, plain: bool, tall: L::Mask) -> Stretch<L> {
+fn falling<L: Lane>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
+    let zero = L::splat(0.0);
     Stretch {
         start: launch.falls_to(track, 0.0),
-        low: launch.falls_to(track, track.wave.top()).only(tall),
+        low: zero,
         high: launch.falls_to(track, -track.wave.bottom()) + L::splat(1e-9),
-        certain: if plain { !tall | tall } else { tall },
+        certain: zero.below(L::splat(1.0)),
     }
 }
 
-/// The stretch by the signs of the gap at the edges of the humps, for those lanes that `wanted` holds for.
+/// The gap where a hump begins.
+#[derive(Clone, Copy)]
+struct Edge<L> {
+    /// When.
+    time: L,
+    /// u there.
+    over: L,
+    /// u' there.
+    slope: L,
+    /// A' there.
+    surge: L,
+    /// -A'' there.
+    bend: L,
+    /// Length of the concave stretch before it.
+    before: L,
+}
+
+impl<L: Lane> Edge<L> {
+    /// Where `hump` begins, at `time` after the launch.
+    #[inline(always)]
+    fn at(track: &Track, launch: &Launch<L>, hump: &Hump, time: L) -> Self {
+        Self {
+            time,
+            over: launch.height(track, time) - L::splat(hump.begin.height),
+            slope: (launch.rise() - L::splat(track.k) * time) - L::splat(hump.begin.speed),
+            surge: L::splat(hump.begin.surge),
+            bend: L::splat(hump.begin.bend),
+            before: L::splat(hump.before),
+        }
+    }
+
+    /// None.
+    #[inline(always)]
+    fn never() -> Self {
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        Self {
+            time: L::splat(f64::MAX),
+            over: one,
+            slope: one,
+            surge: zero,
+            bend: zero,
+            before: zero,
+        }
+    }
+
+    /// `self` where the mask holds, else `other`.
+    #[inline(always)]
+    fn or(self, mask: L::Mask, other: Self) -> Self {
+        Self {
+            time: L::select(mask, self.time, other.time),
+            over: L::select(mask, self.over, other.over),
+            slope: L::select(mask, self.slope, other.slope),
+            surge: L::select(mask, self.surge, other.surge),
+            bend: L::select(mask, self.bend, other.bend),
+            before: L::select(mask, self.before, other.before),
+        }
+    }
+
+    /// Where the next hump begins.
+    #[inline(always)]
+    fn next(track: &Track, launch: &Launch<L>) -> Self {
+        let Some((first, others)) = track.humps().split_first() else {
+            return Self::never();
+        };
+        let mut next = Self::at(track, launch, first, launch.ahead(first.begin.phase));
+        for hump in others {
+            let edge = Self::at(track, launch, hump, launch.ahead(hump.begin.phase));
+            next = edge.or(edge.time.below(next.time), next);
+        }
+        next
+    }
+
+    /// The stretch `low..high` that holds the impact, begun where the step of fifth order from this edge leads.
+    #[inline(always)]
+    fn stretch<const N: usize>(
+        &self,
+        track: &Track,
+        launch: &Launch<L>,
+        low: L,
+        high: L,
+        certain: L::Mask,
+    ) -> Stretch<L> {
+        // At the edge u'' is 0.
+        let back = householder(self.over, self.slope, L::splat(0.0), self.surge, -self.bend);
+        let hop = launch.is_over_within(track, HOP / N as f64);
+        let start = L::select(hop, launch.over_after(track), self.time - back);
+        let low = low.max(L::splat(SHORTEST / N as f64));
+        Stretch {
+            start: start.max(low).min(high),
+            low,
+            high,
+            certain,
+        }
+    }
+}
+
+/// The stretch before the next hump, below the begin of which the ball is.
 #[inline(always)]
-fn between_edges<L: Lane, const N: usize>(
-    track: &Track,
-    launch: &Launch<L>,
-    wanted: L::Mask,
-) -> Stretch<L> {
+fn before_next_hump<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
+    let edge = Edge::next(track, launch);
+    let all = L::splat(0.0).below(L::splat(1.0));
+    edge.stretch::<N>(track, launch, edge.time - edge.before, edge.time, all)
+}
+
+/// The stretch by the signs of the gap at the edges of the humps.
+#[inline(always)]
+fn between_edges<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
+    if track.humps().is_empty() {
+        return falling(track, launch);
+    }
     let (zero, turn, never) = (L::splat(0.0), L::splat(TAU), L::splat(f64::MAX));
     let (k, v) = (L::splat(track.k), launch.rise());
     let margin = launch.margin(track);
-    // What is left of the hump that the launch is in.
-    let mut inside = zero;
-    for hump in track.humps() {
-        let left = launch.ahead(hump.end.phase);
-        inside = inside.max(left.only(left.below(L::splat(hump.width))));
-    }
-    let mut low = inside;
+    let mut low = zero;
     let mut high = never;
-    let mut start = zero;
+    let mut met = Edge::never();
     let mut doubt = never;
     let mut turns = zero;
     for round in 0..TURNS {
         for hump in track.humps() {
             let begin = launch.ahead(hump.begin.phase) + turns;
             let end = begin + L::splat(hump.width);
-            let over_begin = launch.height(track, begin) - L::splat(hump.begin.height);
+            let edge = Edge::at(track, launch, hump, begin);
             let over_end = launch.height(track, end) - L::splat(hump.end.height);
-            let slope_begin = (v - k * begin) - L::splat(hump.begin.speed);
             let slope_end = (v - k * end) - L::splat(hump.end.speed);
-            let before = over_begin.below(-margin);
-            let above = margin.below(over_begin);
-            let within = above & over_end.below(-margin);
-            // u is convex here: it lies above its tangents at both ends.
-            let cross = over_begin * slope_end - slope_begin * over_end
-                + slope_begin * slope_end * L::splat(hump.width);
-            let clear = !slope_begin.below(zero) | !zero.below(slope_end) | margin.below(cross);
-            let passed = above & margin.below(over_end) & clear;
+            let before = edge.over.below(-margin);
+            let above = margin.below(edge.over);
+            let mut within = above & over_end.below(-margin);
+            let mut stop = L::select(before, begin, end);
+            let width = L::splat(hump.width);
+            let mut passed = above
+                & margin.below(over_end)
+                & is_clear(
+                    margin,
+                    [edge.over, edge.slope],
+                    [over_end, slope_end],
+                    width,
+                );
+            let open = above & !(within | passed) & begin.below(high);
+            if L::any(open) {
+                let ends = [edge.over, edge.slope, over_end, slope_end];
+                let (lowest, touches, clears) =
+                    over_hump::<L, N>(track, launch, begin, width, ends, margin);
+                let touches = touches & open & margin.below(over_end);
+                stop = L::select(touches, lowest, stop);
+                within = within | touches;
+                passed = passed | (clears & margin.below(over_end) & open);
+            }
             doubt = doubt.min(L::select(before | within | passed, never, begin));
-            let stop = L::select(before, begin, end);
             let sooner = (before | within) & stop.below(high);
-            // At the edge u'' is 0.
-            let back = householder(
-                over_begin,
-                slope_begin,
-                zero,
-                L::splat(hump.begin.surge),
-                L::splat(-hump.begin.bend),
-            );
-            low = L::select(
-                sooner,
-                L::select(before, inside.max(begin - L::splat(hump.before)), begin),
-                low,
-            );
-            start = L::select(sooner, begin - back, start);
+            low = L::select(sooner, L::select(before, begin - edge.before, begin), low);
+            met = edge.or(sooner, met);
             high = L::select(sooner, stop, high);
         }
-        if !L::any(wanted & !high.below(never)) {
+        if !L::any(!high.below(never)) {
             break;
         }
         turns = turns + turn;
@@ -210,15 +392,53 @@ fn between_edges<L: Lane, const N: usize>(
             turns = L::select(rises, last * turn, turns);
         }
     }
-    let hop = launch.is_over_within(track, HOP / N as f64);
-    let start = L::select(hop, launch.over_after(track), start);
-    let low = low.max(L::splat(SHORTEST / N as f64));
-    Stretch {
-        start: start.max(low).min(high),
-        low,
-        high,
-        certain: wanted & high.below(doubt),
+    met.stretch::<N>(track, launch, low, high, high.below(doubt))
+}
+
+/// Whether the gap over a stretch on which it is convex is certainly above `margin`, by its value and slope at both
+/// ends: it lies above its tangents there.
+#[inline(always)]
+fn is_clear<L: Lane>(margin: L, [u, du]: [L; 2], [then, dthen]: [L; 2], width: L) -> L::Mask {
+    let zero = L::splat(0.0);
+    let cross = u * dthen - du * then + du * dthen * width;
+    !du.below(zero) | !zero.below(dthen) | (margin * (dthen - du)).below(cross)
+}
+
+/// A point near the lowest one of the gap over a hump of which the ends are above the track, in time after launch;
+/// whether the gap is below the track there; and whether it is certainly above it over the whole hump.
+#[inline(always)]
+fn over_hump<L: Lane, const N: usize>(
+    track: &Track,
+    launch: &Launch<L>,
+    begin: L,
+    width: L,
+    [over, slope, over_end, slope_end]: [L; 4],
+    margin: L,
+) -> (L, L::Mask, L::Mask) {
+    let k = L::splat(track.k);
+    // Nodes nearer to an edge may lie beyond it.
+    let spare = L::splat(node::SPACING);
+    let end = begin + width;
+    let mut d = begin - slope * width / (slope_end - slope);
+    let mut at = [begin, over, slope];
+    for _ in 0..2 {
+        let node = Node::near(launch.phase, d.max(begin + spare).min(end - spare));
+        let motion = motion::<L, N>(&track.wave.parts::<L, N>(node.sine, node.cosine));
+        let speed = (launch.rise() - k * node.distance) - motion.speed;
+        at = [
+            node.distance,
+            launch.height(track, node.distance) - motion.height,
+            speed,
+        ];
+        d = node.distance - speed / (motion.push - k);
     }
+    let [lowest, value, speed] = at;
+    let inside = begin.below(lowest) & lowest.below(end);
+    let here = [value, speed];
+    let clears = margin.below(value)
+        & is_clear(margin, [over, slope], here, lowest - begin)
+        & is_clear(margin, here, [over_end, slope_end], end - lowest);
+    (lowest, inside & value.below(-margin), inside & clears)
 }
 
 /// The time of the node next to `d`, a time closer to the impact, and whether the gap at the node is
@@ -247,12 +467,12 @@ fn approach<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>, d: L) ->
 const FAIR: f64 = 0.24;
 
 /// A step shorter than this, in rad of the highest tone, ends near enough to the impact for the last step.
-const LEAP: f64 = 0.25;
+const LEAP: f64 = 0.7;
 
 /// Most steps towards an impact.
 const APPROACHES: u32 = 4;
 
-/// The last step, of third order; the mask says where it was so short that what it leaves is below
+/// The last step, of fifth order; the mask says where it was so short that what it leaves is below
 /// rounding. The phase may be a hair below zero.
 #[inline(always)]
 fn settle<L: Lane, const N: usize>(
@@ -272,12 +492,15 @@ fn settle<L: Lane, const N: usize>(
     let value = (height - at.height) + x * (speed - half * x);
     let slope = (speed - k * x) - at.speed;
     let curvature = at.push - k;
-    let per_slope = L::splat(1.0) / slope;
-    let newton = value * per_slope;
-    let turn = ((curvature * L::splat(0.5)) * per_slope) * newton;
-    let back = newton + newton * turn;
-    let arrival = back * (curvature - back * (at.surge * L::splat(0.5))) - slope;
-    let settled = newton.abs().below(L::splat(NEAR)) & turn.abs().below(L::splat(NEAR));
+    let back = householder(value, slope, curvature, at.surge, -at.bend);
+    let third = (at.surge + back * (at.bend * L::splat(1.0 / 3.0))) * L::splat(0.5);
+    let arrival = back * (curvature - back * third) - slope;
+    let square = slope * slope;
+    let near = L::splat(NEAR / N as f64);
+    let settled = (value * value).below(near * near * square)
+        & (value * curvature)
+            .abs()
+            .below(L::splat(2.0) * near * square);
     let (phase_high, phase_low) = L::within_turn(node.rounded);
     let landing = Landing {
         flight: node.distance + (x - back),
@@ -287,5 +510,5 @@ fn settle<L: Lane, const N: usize>(
     (landing, settled)
 }
 
-/// Largest Newton step of a last step of third order that leaves less than rounding.
-const NEAR: f64 = 1e-6;
+/// Largest Newton step, in rad of the highest tone, of a last step of fifth order that leaves less than rounding.
+const NEAR: f64 = 2e-4;

@@ -27,6 +27,12 @@ impl<L: Lane> Launch<L> {
     #[inline(always)]
     pub fn new<const N: usize>(track: &Track, phase: L, velocity: L) -> Self {
         let (sine, cosine) = sine_cosine(phase);
+        Self::with::<N>(track, phase, velocity, sine, cosine)
+    }
+
+    /// The launch of a state whose sine and cosine are known.
+    #[inline(always)]
+    pub fn with<const N: usize>(track: &Track, phase: L, velocity: L, sine: L, cosine: L) -> Self {
         let parts = track.wave.parts::<L, N>(sine, cosine);
         Self {
             phase,

@@ -121,6 +121,17 @@ impl WaveMap {
         batch::impacts(&self.track, states, impacts);
     }
 
+    /// [`WaveMap::elastic_impacts`] in registers of a width, where this CPU has them so wide; else in the widest it has.
+    #[cfg(feature = "unstable")]
+    pub fn elastic_impacts_in(
+        &self,
+        simd: crate::arithmetic::lane::simd::Simd,
+        states: &[PartState],
+        impacts: &mut [Impact<PartState>],
+    ) {
+        batch::impacts_in(simd, &self.track, states, impacts);
+    }
+
     /// The wait from `phase` in rad, where a part rests, to lift-off, and the phase of it; 0 and `phase` where the track
     /// throws it at once; `None` where it rests for ever.
     #[cfg(feature = "plant")]
