@@ -7,6 +7,9 @@ use crate::impact::anchor::flight::{abs, larger, smaller};
 /// A pull below this is known to 3e-9, a larger one to the rounding of a sum in f32.
 const NEAR_LEVEL: f32 = 0.02;
 
+/// What rounding takes from a pull near level, most often by far: some steps of 2^-35 for each tone. (Its bound is 3e-9.)
+const ROUNDING: f32 = 5e-10;
+
 /// A launch in f32.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Launch {
@@ -61,6 +64,20 @@ impl Launch {
     #[inline(always)]
     pub fn is_near_level(&self) -> bool {
         abs(self.pull) < NEAR_LEVEL
+    }
+
+    /// Whether it is a matter of rounding that the track throws the part, or that it hops and stays: the pull is level and
+    /// falls, and the quadratic near launch has a root for one rounding of it and none for another.
+    #[inline(always)]
+    pub fn is_level(&self) -> bool {
+        if abs(self.pull) > 20.0 * ROUNDING {
+            return false;
+        }
+        let touches = |pull: f32| {
+            let half = 0.5 * pull;
+            half > 0.0 && half * half > self.surge * self.velocity * (2.0 / 3.0)
+        };
+        self.surge > 0.0 && touches(self.pull - ROUNDING) != touches(self.pull + ROUNDING)
     }
 
     /// The flight after `x`, at most [`super::search::longest`], in forms that keep every digit:

@@ -127,7 +127,9 @@ fn low(
         };
     }
     let launch = Launch::new(track, phase, velocity, parts, throws);
-    if let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch) {
+    if !launch.is_level()
+        && let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch)
+    {
         match candidate {
             Candidate::Hop { flight, arrival } => {
                 let landing = single::hop(phase, flight, arrival, restitution, false);
@@ -150,6 +152,7 @@ fn low(
 fn searched(flight: &Ballistic<'_>, launch: &Launch, restitution: f32) -> Landing<SingleState> {
     let Ballistic { track, phase, .. } = *flight;
     let (found, grazes, bracket) = search(track, launch, flight);
+    let grazes = grazes || launch.is_level();
     let landing = settled(track.k, restitution, phase, flight, found, grazes);
     if matches!(found, Found::Near { .. })
         && has_left(&bracket, landing.steps, landing.next.velocity)
