@@ -4,7 +4,8 @@ use core::f64::consts::TAU;
 use std::vec::Vec;
 
 use super::{
-    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, Tone, WaveInteger, WaveKernel, WaveMap,
+    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
+    WaveInteger, WaveKernel, WaveMap, WaveSingle,
 };
 use crate::arithmetic::Phase;
 
@@ -432,7 +433,12 @@ fn a_phase_too_large_to_mean_a_place_is_refused_by_every_arithmetic() {
             place::<Hybrid>(phase),
             place::<Single>(phase),
             place::<Integer>(phase),
+            place::<WaveMap>(phase),
+            place::<WaveExact>(phase),
+            place::<WaveHybrid>(phase),
+            place::<WaveSingle>(phase),
+            place::<WaveInteger>(phase),
         ];
-        assert_eq!(places, [None; 5], "{phase}");
+        assert_eq!(places, [None; 10], "{phase}");
     }
 }

@@ -63,7 +63,11 @@ fn all<L: Lane>(track: &Track, states: &[PartState], impacts: &mut [Impact<PartS
 
 /// The impacts of at most a column of launches.
 #[inline(always)]
-fn column<L: Lane, const N: usize>(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
+fn column<L: Lane, const N: usize>(
+    track: &Track,
+    states: &[PartState],
+    impacts: &mut [Impact<PartState>],
+) {
     let [mut phases, mut velocities, mut sines, mut cosines] = [[0.0; COLUMN]; 4];
     for ((phase, velocity), state) in phases.iter_mut().zip(&mut velocities).zip(states) {
         (*phase, *velocity) = (state.phase, state.velocity);
@@ -145,7 +149,11 @@ mod x86 {
         unsafe { inner(track, states, impacts) }
     }
 
-    pub(super) fn all_avx512(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
+    pub(super) fn all_avx512(
+        track: &Track,
+        states: &[PartState],
+        impacts: &mut [Impact<PartState>],
+    ) {
         #[target_feature(enable = "avx512f,avx512dq,avx2")]
         fn inner(track: &Track, states: &[PartState], impacts: &mut [Impact<PartState>]) {
             all::<Avx512>(track, states, impacts);
