@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use kband::impact::batch::{Block, LANES};
+use kband::impact::batch::{Block, LANES, Simd};
 use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, PartState, Single};
 
 use super::workload::{Launch, SETTLING, SWEEP_ORBITS, SWEEP_RESTITUTIONS, Workload, sweep_start};
@@ -30,12 +30,7 @@ pub trait Contestant {
 #[must_use]
 pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
     let few: Vec<Launch> = launches.iter().copied().step_by(8).collect();
-    let batch: Box<dyn Contestant> = if workload == Workload::Sweep {
-        Box::new(Orbits::new())
-    } else {
-        Box::new(Blocks::new(launches))
-    };
-    vec![
+    let mut contestants: Vec<Box<dyn Contestant>> = vec![
         Box::new(Baseline::new(
             "bracket",
             bracket::first_impact,
@@ -50,11 +45,37 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
         )),
         Box::new(Kernels::<Exact>::new(launches)),
         Box::new(Kernels::<Map>::new(launches)),
-        batch,
-        Box::new(Kernels::<Hybrid>::new(launches)),
-        Box::new(Kernels::<Single>::new(launches)),
-        Box::new(Kernels::<Integer>::new(launches)),
-    ]
+    ];
+    for (simd, [name, _]) in widths() {
+        let Some(block) = Block::with(simd) else {
+            continue;
+        };
+        contestants.push(if workload == Workload::Sweep {
+            Box::new(Orbits::new(&block, name))
+        } else {
+            Box::new(Blocks::new(launches, &block, name))
+        });
+    }
+    contestants.push(Box::new(Kernels::<Hybrid>::new(launches)));
+    contestants.push(Box::new(Kernels::<Single>::new(launches)));
+    contestants.push(Box::new(Kernels::<Integer>::new(launches)));
+    contestants
+}
+
+/// The widths of registers that this CPU has, the widest first, with the names of the batch kernel in them on one tone and
+/// on several.
+pub(super) fn widths() -> impl Iterator<Item = (Simd, [&'static str; 2])> {
+    let widest = Simd::widest();
+    let narrower = Simd::ALL
+        .into_iter()
+        .rev()
+        .filter(move |&simd| simd < widest);
+    let named = narrower.map(|simd| match simd {
+        Simd::Avx512 => (simd, ["batch-avx512", "batch-avx512-tones"]),
+        Simd::Avx2 => (simd, ["batch-avx2", "batch-avx2-tones"]),
+        Simd::None => (simd, ["batch-single", "batch-single-tones"]),
+    });
+    std::iter::once((widest, ["batch", "batch-tones"])).chain(named)
 }
 
 /// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
@@ -224,17 +245,19 @@ impl<K: Kernel> Contestant for Kernels<K> {
 
 /// The batch kernel, one impact of each launch.
 struct Blocks {
+    name: &'static str,
     /// The blocks of a turn.
     blocks: Vec<Block>,
     launches: Vec<(Map, Launch)>,
 }
 
 impl Blocks {
-    fn new(launches: &[Launch]) -> Self {
+    fn new(launches: &[Launch], block: &Block, name: &'static str) -> Self {
         let ready =
             |launch: &Launch| Some((Map::build(launch.k, launch.restitution).ok()?, *launch));
         Self {
-            blocks: vec![Block::new(); LAUNCHES / LANES],
+            name,
+            blocks: vec![block.clone(); LAUNCHES / LANES],
             launches: launches.iter().filter_map(ready).collect(),
         }
     }
@@ -255,7 +278,7 @@ impl Blocks {
 
 impl Contestant for Blocks {
     fn name(&self) -> &'static str {
-        "batch"
+        self.name
     }
 
     fn turns(&self) -> usize {
@@ -304,6 +327,7 @@ impl Contestant for Blocks {
 /// The batch kernel on whole orbits: blocks of one restitution, parts at rest restarted with the impact
 /// that follows their lift-off.
 struct Orbits {
+    name: &'static str,
     blocks: Vec<(Box<Block>, Lanes)>,
 }
 
@@ -311,9 +335,9 @@ struct Orbits {
 type Lanes = Vec<(Map, PartState)>;
 
 impl Orbits {
-    fn new() -> Self {
+    fn new(empty: &Block, name: &'static str) -> Self {
         let block = |restitution: f64, first: usize| {
-            let mut block = Box::new(Block::new());
+            let mut block = Box::new(empty.clone());
             let lane = |n: usize| {
                 let (k, start) = sweep_start(first + n);
                 let map = Map::build(k, restitution).ok()?;
@@ -336,7 +360,7 @@ impl Orbits {
         for (block, lanes) in &mut blocks {
             Self::advance(block, lanes, SETTLING);
         }
-        Self { blocks }
+        Self { name, blocks }
     }
 
     /// Takes the orbits of a block further by this many impacts.
@@ -359,7 +383,7 @@ impl Orbits {
 
 impl Contestant for Orbits {
     fn name(&self) -> &'static str {
-        "batch"
+        self.name
     }
 
     fn turns(&self) -> usize {

@@ -22,6 +22,11 @@ const MACHINES: [(&str, &str); 2] = [
     ("microbit", "thumbv6m-none-eabi"),
 ];
 
+/// How images and emulator come here.
+pub const NEXT: &str = "tests/setup.sh brings emulator and targets; then, in the project's folder, for each of \
+    thumbv7em-none-eabihf and thumbv6m-none-eabi: cargo build --profile firmware --package kband-emulated \
+    --bin kernel_cost --target TARGET --target-dir target/emulated";
+
 /// The counts that the images print, or why there are none.
 #[must_use]
 pub fn counts() -> (Vec<Count>, Option<String>) {
@@ -54,7 +59,7 @@ fn image(target: &str) -> Result<PathBuf, String> {
     let found = paths.iter().find(|path| path.is_file());
     found.cloned().ok_or_else(|| {
         format!(
-            "no image {}: tests/run.sh builds it",
+            "no image {}",
             paths
                 .first()
                 .map_or(Path::new(""), PathBuf::as_path)

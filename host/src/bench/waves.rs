@@ -3,14 +3,15 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use kband::impact::batch::Simd;
 use kband::impact::{
     Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
     WaveSingle,
 };
 
 use super::Errors;
-use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice};
-use super::workload::Launch;
+use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice, widths};
+use super::workload::{Launch, TOGETHER, Workload};
 
 /// The second tone: one that a drive affords and that holds parts of restitution 0.1 to 0.5 in gear.
 const TONES: [Tone; 2] = [
@@ -24,27 +25,22 @@ const TONES: [Tone; 2] = [
     },
 ];
 
-/// Launches on one track: the map of a wave is set up in microseconds.
-const TOGETHER: usize = 64;
-
-/// Everyone who flies over two tones, on the launches of one.
+/// Everyone who flies over two tones, on about as many launches as on one.
 #[must_use]
-pub fn contestants(launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
-    let mut together = launches.to_vec();
-    for launches in together.chunks_mut(TOGETHER) {
-        let Launch { k, restitution, .. } = launches[0];
-        for launch in launches {
-            (launch.k, launch.restitution) = (k, restitution);
-        }
+pub fn contestants(workload: Workload, count: usize) -> Vec<Box<dyn Contestant>> {
+    let launches = workload.launches_on(TONES, count);
+    let mut contestants: Vec<Box<dyn Contestant>> = vec![
+        Box::new(Waves::<WaveExact>::new(&launches)),
+        Box::new(Waves::<WaveMap>::new(&launches)),
+    ];
+    for (simd, [_, name]) in widths() {
+        let waves = Waves::new(&launches);
+        contestants.push(Box::new(Batch { waves, simd, name }));
     }
-    vec![
-        Box::new(Waves::<WaveExact>::new(&together)),
-        Box::new(Waves::<WaveMap>::new(&together)),
-        Box::new(Batch(Waves::new(&together))),
-        Box::new(Waves::<WaveHybrid>::new(&together)),
-        Box::new(Waves::<WaveSingle>::new(&together)),
-        Box::new(Waves::<WaveInteger>::new(&together)),
-    ]
+    contestants.push(Box::new(Waves::<WaveHybrid>::new(&launches)));
+    contestants.push(Box::new(Waves::<WaveSingle>::new(&launches)));
+    contestants.push(Box::new(Waves::<WaveInteger>::new(&launches)));
+    contestants
 }
 
 /// The launches of one track.
@@ -143,12 +139,17 @@ impl<K: WaveKernel> Contestant for Waves<K> {
     }
 }
 
-/// The map in the widest registers, the launches of one track at a time.
-struct Batch(Waves<WaveMap>);
+/// The map in registers of a width, the launches of one track at a time.
+struct Batch {
+    waves: Waves<WaveMap>,
+    simd: Simd,
+    name: &'static str,
+}
 
 impl Batch {
-    fn fly(track: &Track<WaveMap>, impacts: &mut [Impact<PartState>; TOGETHER]) {
-        track.kernel.elastic_impacts(&track.states, impacts);
+    fn fly(&self, track: &Track<WaveMap>, impacts: &mut [Impact<PartState>; TOGETHER]) {
+        let Track { kernel, states, .. } = track;
+        kernel.elastic_impacts_in(self.simd, states, impacts);
     }
 }
 
@@ -164,20 +165,20 @@ const STILL: Impact<PartState> = Impact {
 
 impl Contestant for Batch {
     fn name(&self) -> &'static str {
-        "batch-tones"
+        self.name
     }
 
     fn turns(&self) -> usize {
-        self.0.turns()
+        self.waves.turns()
     }
 
     fn turn(&mut self, n: usize) -> f64 {
-        let tracks = slice(&self.0.tracks, n, LAUNCHES / TOGETHER);
+        let tracks = slice(&self.waves.tracks, n, LAUNCHES / TOGETHER);
         let mut impacts = [STILL; TOGETHER];
         let begun = Instant::now();
         let mut count = 0;
         for track in tracks {
-            Self::fly(track, &mut impacts);
+            self.fly(track, &mut impacts);
             black_box(&impacts);
             count += track.states.len();
         }
@@ -185,9 +186,9 @@ impl Contestant for Batch {
     }
 
     fn errors(&mut self) -> Errors {
-        self.0.judged(|track| {
+        self.waves.judged(|track| {
             let mut impacts = [STILL; TOGETHER];
-            Self::fly(track, &mut impacts);
+            self.fly(track, &mut impacts);
             let states = impacts.iter().take(track.states.len());
             states.map(|impact| (impact.flight, impact.next)).collect()
         })

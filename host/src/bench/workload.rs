@@ -2,7 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Contact, Kernel, Map, Orbit, OrbitEvent, PartState};
+use kband::impact::batch::LANES;
+use kband::impact::{
+    Contact, Kernel, Map, Orbit, OrbitEvent, PartState, Tone, WaveKernel, WaveMap, WaveOrbit,
+};
 
 /// A launch: the map and the state it starts from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,6 +89,28 @@ impl Workload {
     }
 }
 
+/// Launches on one track of several tones: as many as a block of orbits on one tone holds, so that both sort as many.
+pub const TOGETHER: usize = LANES;
+
+impl Workload {
+    /// At least `count` launches for tracks of several tones, [`TOGETHER`] on one of them: those of one tone with the k and
+    /// the restitution of the first of each such group; the sweep along orbits on these tones.
+    #[must_use]
+    pub fn launches_on(self, tones: [Tone; 2], count: usize) -> Vec<Launch> {
+        if self == Self::Sweep {
+            return sweep_on(tones, count);
+        }
+        let mut launches = self.launches(count);
+        for together in launches.chunks_mut(TOGETHER) {
+            let Launch { k, restitution, .. } = together[0];
+            for launch in together {
+                (launch.k, launch.restitution) = (k, restitution);
+            }
+        }
+        launches
+    }
+}
+
 /// Random numbers (SplitMix64), always the same ones. Evenly spread ones would not do: a CPU learns
 /// their pattern and predicts the branches of the slowest kernel.
 struct Random(u64);
@@ -143,6 +168,55 @@ fn sweep(count: usize) -> Vec<Launch> {
                     None => break,
                 }
             }
+        }
+    }
+    launches
+}
+
+/// States along orbits on several tones, over the k and the restitutions of [`sweep`]; those of one k together.
+fn sweep_on(tones: [Tone; 2], count: usize) -> Vec<Launch> {
+    let each = count.div_ceil(SWEEP_K * TOGETHER) * TOGETHER / SWEEP_RESTITUTIONS.len();
+    let mut launches = Vec::with_capacity(SWEEP_K * SWEEP_RESTITUTIONS.len() * each);
+    for n in 0..SWEEP_K {
+        let (k, start) = sweep_start(n);
+        let first = launches.len();
+        for restitution in SWEEP_RESTITUTIONS {
+            let Ok(map) = WaveMap::on_tones(tones, k, restitution) else {
+                continue;
+            };
+            let mut orbit = WaveOrbit::new(&map, start);
+            let (mut impacts, mut taken) = (0, 0);
+            // Where the flight begins, but for those after lift-off.
+            let mut state = None;
+            while taken < each && impacts < SETTLING as usize + 9 * each {
+                match orbit.next() {
+                    Some(OrbitEvent::Impact(impact)) => {
+                        impacts += 1;
+                        if let Some(state) =
+                            state.filter(|_| impacts % 3 == 0 && impacts > SETTLING as usize)
+                        {
+                            taken += 1;
+                            launches.push(Launch {
+                                k,
+                                restitution: SWEEP_RESTITUTIONS[0],
+                                state,
+                            });
+                        }
+                        state = Some(impact.next);
+                    }
+                    Some(_) => state = None,
+                    None => break,
+                }
+            }
+        }
+        // Orbits that rest for ever leave room: what flew fills it again.
+        let flown = launches.len() - first;
+        if flown == 0 {
+            continue;
+        }
+        let missing = (TOGETHER - flown % TOGETHER) % TOGETHER;
+        for m in 0..missing {
+            launches.push(launches[first + m % flown]);
         }
     }
     launches

@@ -16,15 +16,20 @@ use crate::report::{Column, Printout, Table, number};
   kband bench
   kband bench --format json
   kband bench --out time-against-error.svg
+  kband bench --on qemu
 
 All kernels take turns in one run on one core, of 4096 launches (batch of 16384); the median of \
 the turns counts. The errors are those of the phase of the next impact. Workloads: high \
-(velocities up to 20), low (up to 3), chatter (1e-6 to 1), sweep (orbits over k and restitution); \
-high and low also on two tones, e 0.15, th 2.356 \
-(NAME-tones); then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
+(velocities up to 20), low (up to 3), chatter (1e-6 to 1), sweep (orbits over k and restitution), \
+each on one tone and on two, e 0.15, th 2.356 (NAME-tones); batch in the widest registers of this \
+CPU, batch-avx2 and batch-single in narrower ones; then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
 drive cycle with one impact). Instructions are those of the emulated microcontrollers, where \
 tests/run.sh has built their images here.")]
 pub struct Arguments {
+    /// Where: times at the desk, or instructions of the emulated microcontrollers alone.
+    #[arg(long, value_enum, default_value_t = On::Desk)]
+    on: On,
+
     /// How often each kernel goes through its launches.
     #[arg(long, value_name = "N", default_value = "11", value_parser = arguments::count(1, 1000))]
     rounds: usize,
@@ -40,8 +45,20 @@ pub struct Arguments {
     drawn: Drawn,
 }
 
+/// What is measured on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum On {
+    /// This CPU.
+    Desk,
+    /// A Cortex-M4F and a Cortex-M0, emulated.
+    Qemu,
+}
+
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    if arguments.on == On::Qemu {
+        return count(arguments);
+    }
     let output = arguments.drawn.output()?;
     let mut lines = Vec::new();
     for workload in Workload::ALL {
@@ -94,6 +111,24 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             ));
         }
     }
+    for workload in Workload::ALL {
+        let over = |kernel: &str, tones: &str| {
+            Some(time(&lines, tones, workload)? / time(&lines, kernel, workload)?)
+        };
+        if let (Some(f64), Some(exact), Some(batch)) = (
+            over("f64", "f64-tones"),
+            over("f64-exact", "f64-exact-tones"),
+            over("batch", "batch-tones"),
+        ) {
+            report = report.note(format!(
+                "{}, two tones over one: f64 {}, f64-exact {}, batch {}",
+                workload.name(),
+                number(f64, 3),
+                number(exact, 3),
+                number(batch, 3),
+            ));
+        }
+    }
     for line in &scenes {
         report = report.note(format!(
             "closed loop, {}: {} times real time (the default scene in lock, one impact a cycle)",
@@ -109,6 +144,45 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
+/// The instructions of an impact, and of it on two tones over it on one.
+fn count(arguments: &Arguments) -> Result<Exit, Refusal> {
+    let (counts, missing) = instructions::counts();
+    if let Some(cause) = missing {
+        return Err(Refusal::new(cause, instructions::NEXT));
+    }
+    let mut table = Table::new(&[
+        Column::new("kernel", ""),
+        Column::new("workload", ""),
+        Column::new("cpu", ""),
+        Column::new("instructions", ""),
+        Column::new("instructions_tones", ""),
+        Column::new("tones_over_one", "").digits(3),
+    ]);
+    for one in counts
+        .iter()
+        .filter(|count| !count.kernel.ends_with("-tones"))
+    {
+        let tones = counts.iter().find(|count| {
+            count.kernel.strip_suffix("-tones") == Some(&one.kernel)
+                && (&count.workload, &count.cpu) == (&one.workload, &one.cpu)
+        });
+        table.push([
+            one.kernel.as_str().into(),
+            one.workload.as_str().into(),
+            one.cpu.as_str().into(),
+            one.instructions.into(),
+            tones.map(|tones| tones.instructions).into(),
+            tones
+                .map(|tones| tones.instructions as f64 / one.instructions as f64)
+                .into(),
+        ]);
+    }
+    Printout::new(table)
+        .heading("Instructions of an impact on the emulated microcontrollers")
+        .print(arguments.printed.format)?;
+    Ok(Exit::Done)
+}
+
 fn measure(
     workload: Workload,
     arguments: &Arguments,
@@ -116,9 +190,7 @@ fn measure(
 ) -> Result<Vec<Measurement>, Refusal> {
     let launches = workload.launches(arguments.launches);
     let mut contestants = contestants(workload, &launches);
-    if matches!(workload, Workload::High | Workload::Low) {
-        contestants.extend(waves::contestants(&launches));
-    }
+    contestants.extend(waves::contestants(workload, arguments.launches));
     // Of each turn the median of the rounds, of a workload the mean of its turns.
     let mut times: Vec<Vec<Vec<f64>>> = contestants
         .iter()

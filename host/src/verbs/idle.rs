@@ -33,6 +33,13 @@ const fn without_amplitude(verb: &'static str) -> Idle {
 
 const IDLE: &[Idle] = &[
     Idle {
+        verb: "bench",
+        case: |given| given.is("on", "qemu"),
+        said: "with --on qemu",
+        options: &["rounds", "launches", "out", "theme", "width", "font-size"],
+        why: "instructions are counted once, and have no picture",
+    },
+    Idle {
         verb: "transport",
         case: |given| given.is("show", "return"),
         said: "with --show return",
