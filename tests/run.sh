@@ -2,7 +2,10 @@
 # Runs every check of the project, each with a time limit; exit status 0 if all passed.
 #
 #   tests/run.sh          everything that a change must pass
-#   tests/run.sh --soak   instead: the long ones (1e8 launches of the impact map, 5e7 of those on several tones; a day of simulated operation, and a week of it by its envelope)
+#   tests/run.sh --soak [MILLIONS [SEED]]  instead: the long ones (launches of the impact map: 100 million in every arithmetic on one
+#                         tone and 10 on several, or MILLIONS on both; a day of simulated operation, and a week of it by its
+#                         envelope). A million takes some 4 s of one core on one tone and 2 minutes on several: 1000 of them an
+#                         hour and a day and a half.
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
@@ -52,7 +55,7 @@ trap stop INT TERM HUP
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
-        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^capture plan|^instructions .* orbits / { print "   " $0 }' "$1"
+        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed/ { print "   " $0 }' "$1"
 }
 
 # step NAME LIMIT COMMAND...: LIMIT in seconds.
@@ -96,9 +99,12 @@ step "download crates" 400 cargo fetch --locked || finish
 export CARGO_NET_OFFLINE=true
 
 if [ "${1:-}" = --soak ]; then
-    step "soak" 36000 cargo run --release --locked --package kband-tests --bin soak
+    one=${2:-100} several=${2:-10} seed=${3:-1}
+    case $one$seed in *[!0-9]*) echo "tests/run.sh: --soak takes a number of millions and a seed"; exit 2 ;; esac
+    step "soak" $((3600 + 60 * one)) cargo run --release --locked --package kband-tests --bin soak -- "$one" "$seed"
     step "set-up of every k" 3600 cargo test --release --locked --package kband --lib -- --ignored every_single_k
-    step "soak on several tones" 36000 env KBAND_LAUNCHES=2000000 KBAND_SEED=1 \
+    # Of five kinds of launches each.
+    step "soak on several tones" $((3600 + 600 * several)) env KBAND_LAUNCHES=$((200000 * several)) KBAND_SEED="$seed" \
         cargo test --release --locked --package kband-tests --test tones is_missed_in -- --nocapture
     step "random scenes" 7200 env KBAND_SCENES=2000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test random_scenes -- --nocapture

@@ -57,6 +57,7 @@ fn run(millions: f64, seed: u64) -> ExitCode {
     let count = (millions * 1e6 / (rounds * Kind::ALL.len() as f64)).ceil() as u64;
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let printed = AtomicU64::new(0);
+    let begun = std::time::Instant::now();
     let mut tallies = Kind::ALL.map(|kind| (kind, Tally::default()));
     for round in 0..rounds as u64 {
         let seen = soak(count, seed << 16 | round, threads, |cause| {
@@ -69,8 +70,9 @@ fn run(millions: f64, seed: u64) -> ExitCode {
         }
         let sum = |count: fn(&Tally) -> u64| -> u64 { tallies.iter().map(|(_, t)| count(t)).sum() };
         println!(
-            "{} launches, {} wrong",
+            "{} launches of seed {seed} in {:.0} s, {} wrong",
             sum(|tally| tally.launches),
+            begun.elapsed().as_secs_f64(),
             sum(|tally| tally.wrong)
         );
     }
@@ -89,6 +91,9 @@ fn run(millions: f64, seed: u64) -> ExitCode {
         );
         return ExitCode::FAILURE;
     }
-    println!("every impact of {launches} launches is the first, in every arithmetic");
+    println!(
+        "every impact of {launches} launches of seed {seed} is the first, in every arithmetic ({:.0} s)",
+        begun.elapsed().as_secs_f64()
+    );
     ExitCode::SUCCESS
 }
