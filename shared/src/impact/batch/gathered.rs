@@ -59,7 +59,7 @@ pub(super) fn advance<L: Lane>(
                 short::landing(&stages.track::<L>(n), &stages.launch(n), stages.guess(n));
             stages.put_landing(n, &landing);
             if L::any(!certain) {
-                search_for::<L>(columns, grazing, stages, n, certain, register.0);
+                search_for::<L>(columns, grazing, stages, n, certain, *register);
             }
         }
         for (n, register) in (shorts..lows).zip(&registers[shorts..]) {
@@ -71,7 +71,7 @@ pub(super) fn advance<L: Lane>(
             );
             stages.put_landing(n, &landing);
             if L::any(!certain) {
-                search_for::<L>(columns, grazing, stages, n, certain, register.0);
+                search_for::<L>(columns, grazing, stages, n, certain, *register);
             }
         }
         for (n, &register) in registers[..count].iter().enumerate() {
@@ -114,14 +114,20 @@ fn search_for<L: Lane>(
     stages: &mut Stages,
     n: usize,
     certain: L::Mask,
-    lanes: [u8; WIDEST],
+    (lanes, count): ([u8; WIDEST], usize),
 ) {
     let certain = L::bits(certain);
-    for (m, lane) in lanes.into_iter().enumerate().take(L::WIDTH) {
+    for (m, lane) in lanes.into_iter().enumerate().take(count) {
         if certain >> m & 1 == 0 {
             let all = [lane; WIDEST];
             let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
             stages.replace_landing::<L>(n, m, &landing);
+            if m + 1 == count {
+                // The rest of the register repeats the last lane.
+                for m in count..L::WIDTH {
+                    stages.replace_landing::<L>(n, m, &landing);
+                }
+            }
             grazing.put(lane.into(), grazes);
         }
     }

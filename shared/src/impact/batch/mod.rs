@@ -284,11 +284,12 @@ mod x86 {
     use super::{Block, advance};
     use crate::arithmetic::lane::avx2::Avx2;
     use crate::arithmetic::lane::avx512::Avx512;
+    use crate::arithmetic::lane::twice::Twice;
 
     pub(super) fn advance_avx2(block: &mut Block, impacts: u32) {
         #[target_feature(enable = "avx2")]
         fn inner(block: &mut Block, impacts: u32) {
-            advance::<Avx2>(block, impacts);
+            advance::<Twice<Avx2>>(block, impacts);
         }
         // SAFETY: a block of this width exists only where the CPU has AVX2.
         unsafe { inner(block, impacts) }
