@@ -22,24 +22,30 @@ const BEFORE: f32 = 64.0;
 const AGAIN: u32 = 16;
 /// Impacts that a slice of the profile follows.
 const SLICE: u32 = 64;
-/// Change of k and of the tones above the first, as shares of it, after which the profiles are other ones.
+/// Change of k and of the tones above the first, as shares of it, after which the profiles are other ones. At 0.0001 two
+/// tests fail, at 0.3 none does.
 const MOVED: f32 = 0.01;
-/// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track.
+/// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track. The search goes on from
+/// it: from 0.05 to 1.5 ms every test passes, at 5 ms `both_fidelities_hear_the_same` fails.
 const RINGS: f32 = 0.5e-3;
 /// Shortest and longest that is looked for, and the step of the search, as a factor.
 const RINGING: [f32; 2] = [0.05e-3, 5e-3];
 const FACTORS: [f32; 3] = [1.0 / 1.15, 1.0, 1.15];
-/// Energy of the parts over that of the noise, below which they are not heard.
+/// Energy of the parts over that of the noise, below which they are not heard. From 0.01 to 3 every test passes, at 10
+/// `the_share_of_a_crowd_is_heard` fails.
 const HEARD: f32 = 0.3;
-/// Drive periods in gear below which the map knows no gear.
+/// Drive periods in gear below which the map knows no gear: two rows of the eight flights that are gear. From 1 to 1000
+/// every test passes.
 const KNOWN: f32 = 16.0;
 /// Losses of gear in the map below which it has next to no parts out of gear: fewer tell no profile of them.
 const LOSSES: f32 = 8.0;
-/// Most parts that rest and land as one.
+/// Most parts that rest and land as one: as many as a scene has. From 10 to 300 every test passes, at 2
+/// `the_share_of_a_crowd_is_heard` fails.
 const TOGETHER: f32 = 24.0;
-/// Error of a share that the map's own profiles bring: each is that of some ten thousand impacts.
+/// Error of a share that the map's own profiles bring: each is that of some ten thousand impacts, a hundredth by their
+/// count. From 0 to 0.2 every test passes.
 const COUNTED: f32 = 0.01;
-/// Largest error of a share that is told.
+/// Largest error of a share that is told: a quarter tells most from few. At 0.02 two tests fail, from 0.1 to 3 none.
 const TELLS: f32 = 0.25;
 /// Samples by which an impact's energy is late before it is known, what is looked for, and the step of the search: two filters of a
 /// pole each and the ringing's own rise; what the amplitude told is off moves the impacts by some samples more.

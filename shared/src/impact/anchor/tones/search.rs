@@ -37,14 +37,14 @@ const DRIFT: f32 = 4e-6;
 /// Half the pull below which a step of the phase decides whether the track throws the part.
 const LEVEL: f32 = 1e-7;
 
-/// No start near launch is farther, in rad: there the quadratic does not tell.
+/// Farthest start, in rad, that is taken from the quadratic near launch: beyond, the track's later turns outweigh it.
 const FAR: f32 = 2.0;
 
-/// Where a flight starts that the track pushes off and that falls through height 0 sooner, in rad: the track is lower
-/// by then.
+/// First guess, in rad, for a flight that the track pushes off and whose parabola falls through height 0 sooner than this: the track
+/// has sunk by then, so that the part meets it later.
 const PUSHED: f32 = 2.0;
 
-/// No hump that begins sooner, in rad, is passed: heights lose their digits.
+/// Least time from launch to the begin of a hump, in rad, for the hump to be passed without a search: sooner, heights lose their digits.
 const SOONEST: f32 = 0.2;
 
 /// Flights up to this many rad start from the quadratic near launch.

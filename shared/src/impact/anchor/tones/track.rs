@@ -198,8 +198,8 @@ impl Track {
     /// Every stretch with A > k, node by node: from a node where A is far from k as many are passed over as the
     /// slope allows.
     ///
-    /// What a hump that is not found bends lasts less than a node's distance, and it has to have two more
-    /// extrema of A there: the gap is then concave to 1e-8 all the same.
+    /// A hump that is not found is shorter than the distance of two nodes, with two more extrema of A within it: A exceeds k so
+    /// little and so briefly there that the gap is concave to 1e-8 all the same.
     fn find_humps(&mut self) {
         let excess = |track: &Self, node: i32| flight::Track::at(track, node).push - track.k;
         // The mean of A over evenly spread nodes is 0.
@@ -208,7 +208,7 @@ impl Track {
             .find(|&node| excess(self, node) < 0.0)
             .unwrap_or(0);
         let per_node = 1.0 / (self.tones.bound(3) * SPACING);
-        // No nearer to k than this A does not come and go between two nodes.
+        // Farther from k than this at a node, A cannot reach k and come back before the next one.
         let turning = 0.5 * self.tones.bound(4) * SPACING * SPACING;
         let mut begin = None;
         let (mut node, mut value) = (start, excess(self, start));
@@ -263,7 +263,7 @@ impl Track {
             } else {
                 parts.sines(4.0, 9.0) - self.k
             };
-            // What f32 makes of it is no bound for the last steps.
+            // Near the edge the sum in f32 has too few digits to tell the side.
             if fine || abs(excess) > 1e-5 {
                 if (excess > 0.0) == rising {
                     far = x;

@@ -33,7 +33,7 @@ struct Harmonic {
     short: [Fixed<15>; 2],
 }
 
-/// Twice the number of steps: 1 as the step below it.
+/// A number in steps half as large; 1, which has no place there, becomes the step below it.
 #[inline(always)]
 fn doubled(Fixed(x): Fixed<30>) -> Fixed<31> {
     Fixed(x.saturating_add(x))
@@ -231,7 +231,7 @@ impl Constants {
             threshold: Fixed::<35, i64>::nearest(k),
             half_turn_fall: Fixed::<48, i64>::nearest(k * PI),
             inverse: Fixed::<24, u32>::nearest(1.0 / (TAU * k)),
-            // In f32, with what that may take.
+            // With the reserve that it has for what f32 rounds.
             tall: Fixed::<26, i64>(i64::from(Fixed::<26>::from_single(0.5 * track.tall).0))
                 .to::<53>()
                 .scaled(),

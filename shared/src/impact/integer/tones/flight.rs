@@ -26,7 +26,7 @@ pub(super) struct Ballistic<'a> {
     pub rise: Fixed<48, i64>,
 }
 
-/// Heights beyond are as good as this one.
+/// Below this the fine height, known modulo 4, is the true one; beyond, the coarse one is taken, clamped below 2.
 const FAR: Fixed<27> = Fixed::<27>::of(1.9);
 
 impl Ballistic<'_> {

@@ -152,7 +152,7 @@ fn candidate(flight: &Ballistic<'_>, parts: &Parts, limit: i64) -> Option<(i32, 
         }
     }
     let crossing = flight.crossing(Fixed::<52, i64>(1 << 49))?;
-    // A root more than half a rad before the crossing is none of a fall.
+    // The root of a fall lies at most half a rad before the parabola's crossing.
     (flight.steps_to(crossing.node) < limit + HALF)
         .then(|| approach(flight, crossing))
         .flatten()
