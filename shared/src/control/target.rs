@@ -1,8 +1,6 @@
 //! What the controller is to do with the parts.
 
 use super::drive::Shape;
-use super::identify;
-use crate::feeder::OutOfRange;
 
 /// What the user wants of the parts.
 ///
@@ -52,24 +50,4 @@ pub enum Target {
     /// To find the restitution of the parts by listening to them hop and rest
     /// ([`Identification`](crate::control::Identification)): a step of commissioning.
     Identify,
-}
-
-impl Target {
-    /// The refusal of its number, for what would be accepted.
-    pub(super) fn refused(self, accepted: &'static str) -> OutOfRange {
-        let (parameter, value) = match self {
-            Self::Locked { order } => ("target locked order", f64::from(order)),
-            Self::Gear { order } => ("target gear order", f64::from(order)),
-            Self::K(k) | Self::Tones { k, .. } => ("target k", f64::from(k)),
-            Self::Amplitude(b) => ("target amplitude", f64::from(b)),
-            Self::Speed(speed) => ("target speed", f64::from(speed)),
-            Self::Chaotic => ("target chaotic, order of its lock", 1.0),
-            Self::Identify => ("target identify, k that it begins at", identify::FIRST),
-        };
-        OutOfRange {
-            parameter,
-            value,
-            accepted,
-        }
-    }
 }

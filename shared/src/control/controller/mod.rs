@@ -175,9 +175,10 @@ impl Controller {
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
         let selection = Selection::at(target, &self.settings, &self.scale)?;
         if let Some(NoSetpoint::Output { .. }) = selection.no_setpoint() {
-            return Err(
-                target.refused("what output_maximum and gain let the drive reach at its frequency")
-            );
+            return Err(refused(
+                target,
+                "what output_maximum and gain let the drive reach at its frequency",
+            ));
         }
         self.selection = selection;
         self.news.push(Event::TargetSet);
@@ -624,6 +625,24 @@ impl Controller {
             .step(&self.settings, &self.scale, &mut self.news)
             || self.identifier.step()
             || self.listener.share.step()
+    }
+}
+
+/// The refusal of a target's number, for what would be accepted.
+fn refused(target: Target, accepted: &'static str) -> OutOfRange {
+    let (parameter, value) = match target {
+        Target::Locked { order } => ("target locked order", f64::from(order)),
+        Target::Gear { order } => ("target gear order", f64::from(order)),
+        Target::K(k) | Target::Tones { k, .. } => ("target k", f64::from(k)),
+        Target::Amplitude(b) => ("target amplitude", f64::from(b)),
+        Target::Speed(speed) => ("target speed", f64::from(speed)),
+        Target::Chaotic => ("target chaotic, order of its lock", 1.0),
+        Target::Identify => ("target identify, k that it begins at", identify::FIRST),
+    };
+    OutOfRange {
+        parameter,
+        value,
+        accepted,
     }
 }
 
