@@ -82,7 +82,12 @@ pub struct Table {
     columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
     plain: bool,
+    /// Whether the text that is wider than a screen goes on below.
+    folded: bool,
 }
+
+/// Columns of a terminal's screen.
+const SCREEN: usize = 80;
 
 impl Table {
     /// An empty table with these columns.
@@ -98,6 +103,13 @@ impl Table {
     #[must_use]
     pub fn plain_header(mut self) -> Self {
         self.plain = true;
+        self
+    }
+
+    /// With the columns that do not fit on a screen below the others, as text.
+    #[must_use]
+    pub fn folded(mut self) -> Self {
+        self.folded = true;
         self
     }
 
@@ -144,21 +156,36 @@ impl Table {
         let words: Vec<bool> = (0..self.columns.len())
             .map(|n| self.rows.iter().any(|row| matches!(row[n], Value::Text(_))))
             .collect();
-        let mut text = String::new();
-        for row in &cells {
-            let mut line = String::new();
-            for (n, cell) in row.iter().enumerate() {
-                let gap = if n == 0 { "" } else { "  " };
-                let width = widths[n];
-                // Writing to a String cannot fail.
-                let _ = if words[n] {
-                    write!(line, "{gap}{cell:<width$}")
-                } else {
-                    write!(line, "{gap}{cell:>width$}")
-                };
+        let mut blocks: Vec<Vec<usize>> = Vec::new();
+        for n in 0..widths.len() {
+            let taken = |block: &Vec<usize>| block.iter().map(|&n| widths[n] + 2).sum::<usize>();
+            match blocks.last_mut() {
+                Some(block) if !self.folded || taken(block) + widths[n] <= SCREEN => block.push(n),
+                // Each block says by the first column whose rows they are.
+                Some(_) => blocks.push(vec![0, n]),
+                None => blocks.push(vec![n]),
             }
-            text.push_str(line.trim_end());
-            text.push('\n');
+        }
+        let mut text = String::new();
+        for (n, block) in blocks.iter().enumerate() {
+            if n > 0 {
+                text.push('\n');
+            }
+            for row in &cells {
+                let mut line = String::new();
+                for &n in block {
+                    let gap = if n == 0 { "" } else { "  " };
+                    let (cell, width) = (&row[n], widths[n]);
+                    // Writing to a String cannot fail.
+                    let _ = if words[n] {
+                        write!(line, "{gap}{cell:<width$}")
+                    } else {
+                        write!(line, "{gap}{cell:>width$}")
+                    };
+                }
+                text.push_str(line.trim_end());
+                text.push('\n');
+            }
         }
         text
     }
@@ -293,5 +320,26 @@ mod tests {
             table().to_text(),
             "   k  b (mm)  regime\n 0.1    1.23  locked, r = 1\n0.25       -  rest\n"
         );
+    }
+
+    #[test]
+    fn what_is_wider_than_a_screen_goes_on_below() {
+        let name = "a column of some thirty letters";
+        let mut wide = Table::new(&[Column::new("k", "")]);
+        wide.columns.extend([Column::new(name, ""); 5]);
+        wide.push([
+            0.1.into(),
+            1.0.into(),
+            2.0.into(),
+            3.0.into(),
+            4.0.into(),
+            5.0.into(),
+        ]);
+        assert_eq!(wide.to_text().lines().count(), 2);
+        let text = wide.folded().to_text();
+        assert_eq!(text.lines().count(), 3 * 2 + 2);
+        assert!(text.lines().all(|line| line.len() <= SCREEN), "{text}");
+        let begins = text.lines().filter(|line| line.starts_with("0.1"));
+        assert_eq!(begins.count(), 3);
     }
 }

@@ -174,7 +174,8 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout
         Column::new("peak", "g").digits(4),
         Column::new("chaos edge", ""),
         Column::new("reached from rest", ""),
-    ]);
+    ])
+    .folded();
     let mut full = Table::new(&[
         Column::new("order", ""),
         Column::new("k2", ""),

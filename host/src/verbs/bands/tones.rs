@@ -113,7 +113,8 @@ fn report(
         Column::new("ends", ""),
         Column::new("locks from rest", ""),
         Column::new("speed", "mm/s"),
-    ]);
+    ])
+    .folded();
     let mut full = Table::new(&[
         Column::new("order", ""),
         Column::new("k2", ""),
