@@ -31,7 +31,8 @@ pub struct Printed {
 /// The file a picture or a table goes to, and how it looks.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Drawn {
-    /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers.
+    /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers. It takes the
+    /// place of an older one of that name.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 
@@ -97,7 +98,7 @@ impl Output {
             Kind::Picture(look) => look.write(target, &picture())?,
             Kind::Numbers(format) => report.save(*format, target)?,
         }
-        eprintln!("wrote {}", target.path().display());
+        eprintln!("{}", target.told());
         Ok(())
     }
 }
@@ -155,7 +156,7 @@ pub struct ScatterArguments {
     pub scatter: f64,
 
     /// Seed of the scatter.
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = seed)]
     pub seed: u64,
 }
 
@@ -245,6 +246,12 @@ pub fn count(
         Ok(value) if (low..=high).contains(&value) => Ok(value),
         _ => Err(format!("accepted: a whole number, {low}..{high}")),
     }
+}
+
+/// A seed.
+pub fn seed(text: &str) -> Result<u64, String> {
+    let read = text.trim().parse();
+    read.map_err(|_| format!("accepted: a whole number, 0..{}", u64::MAX))
 }
 
 /// A restitution `R` or an interval of it `LO..HI`.

@@ -1,9 +1,12 @@
 //! Files that are written whole or not at all, and never over what the same run reads or writes.
+//!
+//! A file that the user names takes the place of an older one of that name, and is said to. A file that he did not name is
+//! only written where there is none, or one that kband wrote.
 
 mod used;
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -17,6 +20,8 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 #[derive(Clone, Debug)]
 pub struct Destination {
     path: PathBuf,
+    /// Whether there was a file of this name already.
+    replaces: bool,
     _written: Written,
 }
 
@@ -66,8 +71,37 @@ impl Destination {
         tell_left_over(path);
         Ok(Self {
             path: path.into(),
+            replaces: path.is_file(),
             _written: written,
         })
+    }
+
+    /// The same for a file that nobody named: also refused where one of its name is there that kband did not write, which
+    /// `own` tells by how it begins.
+    pub fn unasked(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
+        let target = Self::check(path)?;
+        if target.replaces {
+            let mut begin = vec![0; 2048];
+            let read = File::open(path).and_then(|mut file| file.read(&mut begin));
+            begin.truncate(read.unwrap_or(0));
+            if !own(&String::from_utf8_lossy(&begin)) {
+                return Err(Refusal::new(
+                    format!(
+                        "{} is there already, and kband did not write it",
+                        path.display()
+                    ),
+                    format!("name the file: {option}, or move this one away"),
+                ));
+            }
+        }
+        Ok(target)
+    }
+
+    /// That it was written, for the user.
+    #[must_use]
+    pub fn told(&self) -> String {
+        let what = if self.replaces { "replaced" } else { "wrote" };
+        format!("{what} {}", self.path.display())
     }
 
     /// Ending of the file name in small letters, without the dot; empty where there is none.
@@ -149,16 +183,25 @@ impl Destination {
 /// Ending of the temporary file in which a result grows; before it stands the number of the process.
 const UNFINISHED_ENDING: &str = ".unfinished";
 
+/// Where a file is read from: `-` is standard input.
+fn source(path: &Path) -> &Path {
+    if path == Path::new("-") {
+        Path::new("/dev/stdin")
+    } else {
+        path
+    }
+}
+
 /// Opens a file to read from; `next` says what to give where that fails.
 pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
-    let file = File::open(path).map_err(|error| Refusal::file(path, &error, next))?;
+    let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::reads(path)?;
     Ok(file)
 }
 
 /// Reads a file whole; `next` says what to give where that fails.
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
-    let bytes = fs::read(path).map_err(|error| Refusal::file(path, &error, next))?;
+    let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::reads(path)?;
     Ok(bytes)
 }
@@ -176,7 +219,7 @@ pub fn toml(text: &str, next_step: &str) -> Result<toml::Table, Refusal> {
 
 /// Reads a text file whole.
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
-    let text = fs::read_to_string(path)
+    let text = fs::read_to_string(source(path))
         .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))?;
     used::reads(path)?;
     Ok(text)

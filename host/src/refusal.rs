@@ -23,6 +23,8 @@ pub struct Refusal {
     accepted: Option<String>,
     next: String,
     interrupted: bool,
+    /// The key of a scene that it is about, as `track.frequency`.
+    key: Option<String>,
 }
 
 impl Refusal {
@@ -34,6 +36,7 @@ impl Refusal {
             accepted: None,
             next: next.into(),
             interrupted: false,
+            key: None,
         }
     }
 
@@ -49,6 +52,13 @@ impl Refusal {
             accepted: Some(accepted.into()),
             ..Self::new(format!("{key} = {value} is refused"), next)
         }
+    }
+
+    /// The same refusal, with what is accepted.
+    #[must_use]
+    pub fn accepting(mut self, accepted: impl Into<String>) -> Self {
+        self.accepted = Some(accepted.into());
+        self
     }
 
     /// A file that could not be read or written.
@@ -73,6 +83,19 @@ impl Refusal {
             interrupted: true,
             ..Self::new(cause, next)
         }
+    }
+
+    /// The same refusal, of a key of a scene.
+    #[must_use]
+    pub fn of_key(mut self, key: impl Into<String>) -> Self {
+        self.key = Some(key.into());
+        self
+    }
+
+    /// The key of a scene that it is about.
+    #[must_use]
+    pub fn key(&self) -> Option<&str> {
+        self.key.as_deref()
     }
 
     /// The same refusal, preceded by where it was met (a line of a file, a key of a scene).
@@ -100,7 +123,7 @@ impl fmt::Display for Refusal {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "error: {}", readable(&self.cause))?;
         if let Some(accepted) = &self.accepted {
-            write!(formatter, "\n  accepted: {}", readable(accepted))?;
+            write!(formatter, "\n  accepted: {}", readable(accepted.trim_end()))?;
         }
         write!(formatter, "\n  next: {}", readable(&self.next))
     }
@@ -126,9 +149,14 @@ impl std::error::Error for Refusal {}
 
 impl From<OutOfRange> for Refusal {
     fn from(refused: OutOfRange) -> Self {
+        let value = if refused.value.abs() < 1e15 {
+            refused.value.to_string()
+        } else {
+            format!("{:e}", refused.value)
+        };
         Self::value(
             refused.parameter,
-            refused.value,
+            value,
             refused.accepted,
             format!("change {} and run again", refused.parameter),
         )

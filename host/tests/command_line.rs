@@ -73,113 +73,168 @@ fn words(line: &str) -> Vec<&str> {
     line.split(' ').collect()
 }
 
-#[test]
-fn bad_input_is_one_message_with_status_2_and_writes_nothing() {
-    let folder = Folder::new("bad");
-    std::fs::write(
-        folder.0.join("rows.csv"),
-        "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n",
-    )
-    .unwrap();
-    let cases: &[(&str, &[&str])] = &[
-        (
-            "impacts --k 0.43 --restitution 1.5 --phase 0 --velocity 1",
-            &["restitution", "1.5", "0..1"],
-        ),
-        (
-            "impacts --k nan --restitution 0.5 --phase 0 --velocity 1",
-            &["--k", "nan", "finite"],
-        ),
-        (
-            "impacts --k 0 --restitution 0.5 --phase 0 --velocity 1",
-            &["k = 0", "0.001..1000"],
-        ),
-        (
-            "impacts --k 0.4 --restitution 0.5 --phase inf --velocity 1",
-            &["--phase", "inf", "finite"],
-        ),
-        (
-            "impacts --k 0.4 --restitution 0.5 --phase 0 --velocity -1",
-            &["velocity", "-1", "0..1000"],
-        ),
-        (
-            "impacts --k 0.4 --restitution 0.5 --phase 0",
-            &["--velocity"],
-        ),
-        (
-            "impacts --k 0.4 --restitution 0.5 --phase 0 --velocity 1 --count 0",
-            &["--count", "1..1000000"],
-        ),
-        ("impacts --from nothing.csv", &["nothing.csv", "next:"]),
-        (
-            "impacts --from rows.csv",
-            &["rows.csv, line 4", "restitution = 1.2", "0..1", "f64"],
-        ),
-        ("impacts --from rows.csv --k 0.4", &["--from", "--k"]),
-        (
-            "impacts --from rows.csv --arithmetic f63",
-            &["--arithmetic", "f63", "f64"],
-        ),
-        (
-            "diagram --restitution 1.1",
-            &["--restitution", "1.1", "0..0.999"],
-        ),
-        ("diagram --k 0.5..0.3", &["--k", "0.5..0.3", "LO < HI"]),
-        ("diagram --k 0.4", &["--k 0.4", "range LO..HI"]),
-        (
-            "diagram --k 0.3..0.5 --restitution 0.1..0.2",
-            &["exactly one"],
-        ),
-        ("diagram --k 0.3..0.5 --b 0.1..0.2", &["--k", "--b"]),
-        ("diagram --frequency 0", &["--frequency", "1..1000 Hz"]),
-        ("diagram --incline 90", &["--incline", "-60..60 degrees"]),
-        ("diagram --show height", &["height", "phase", "velocity"]),
-        ("basins --k 0.43", &["--restitution"]),
-        (
-            "basins --k 0 --restitution 0.2",
-            &["--k = 0", "0.001..1000"],
-        ),
-        (
-            "basins --k 0.43 --restitution 0.2 --grid 1",
-            &["--grid", "2..4000"],
-        ),
-        (
-            "diagram --out none/a.svg",
-            &["none", "does not exist", "mkdir"],
-        ),
-        ("diagram --out a.gif", &["gif", ".svg", ".png"]),
-        ("diagram --out a", &["--out", ".svg"]),
-        ("diagram --out .", &["is a folder"]),
-        ("diagram --threads 0", &["--threads", "1..1024"]),
-        ("explain fault 7", &["fault", "7", "1, 2, 3"]),
-        ("explain entropy", &["entropy", "capture"]),
-        ("live", &["not a terminal", "kband simulate"]),
-        ("live nothing.toml", &["nothing.toml"]),
-        ("live --speed 0", &["--speed", "0.01..100"]),
-        ("completions cmd", &["cmd", "bash"]),
-        ("nonsense", &["nonsense"]),
-    ];
-    for (line, expected) in cases {
-        let output = kband(&folder.0, &words(line));
-        let message = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "kband {line}: {message}");
-        assert!(
-            output.stdout.is_empty(),
-            "kband {line} printed on standard output"
-        );
-        assert_eq!(
-            message.matches("error:").count(),
-            1,
-            "kband {line}: {message}"
-        );
-        for part in *expected {
+/// A wrong input of the list: the line after `$`, and the message that it has to come to.
+struct Wrong<'a> {
+    line: &'a str,
+    message: &'a str,
+}
+
+fn wrong_inputs(list: &str) -> Vec<Wrong<'_>> {
+    let blocks = list.split("\n$ ").skip(1);
+    blocks
+        .map(|block| {
+            let (line, message) = block.split_once('\n').unwrap_or((block, ""));
+            Wrong {
+                line,
+                message: message.trim_end(),
+            }
+        })
+        .collect()
+}
+
+/// What comes of one of them, in a folder of its own.
+fn message_of(folder: &Folder, scene: &str, line: &str) -> String {
+    let output = match line.split_once(' ').expect("a line has a command") {
+        ("scene", change) => {
+            let (right, wrong) = change.split_once(" -> ").unwrap_or((change, ""));
+            let begun = format!("\n{right}");
             assert!(
-                message.contains(part),
-                "kband {line} does not name '{part}':\n{message}"
+                scene.contains(&begun),
+                "no line {right} in the default scene"
             );
+            let wrong = wrong.replace("\\n", "\n");
+            let text = scene.replacen(&begun, &format!("\n{wrong}"), 1);
+            std::fs::write(folder.0.join("bad.toml"), text).unwrap();
+            kband(&folder.0, &["simulate", "bad.toml", "--out", "bad.svg"])
         }
-        assert_eq!(folder.names(), ["rows.csv"], "kband {line} left a file");
+        (_, arguments) => kband(&folder.0, &words(arguments)),
+    };
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{line}: {message}");
+    assert!(output.stdout.is_empty(), "{line} printed a result");
+    assert!(message.starts_with("error: "), "{line}: {message}");
+    assert_eq!(message.matches("error:").count(), 1, "{line}: {message}");
+    assert_eq!(
+        message.matches("\n  next: ").count(),
+        1,
+        "{line}: {message}"
+    );
+    let left = folder.names().into_iter().filter(|name| name != "bad.toml");
+    let mut left: Vec<String> = left.collect();
+    left.retain(|name| !GIVEN.iter().any(|(given, _)| given == name));
+    assert!(left.is_empty(), "{line} left {left:?}");
+    message.trim_end().to_string()
+}
+
+/// The files that the list's commands read.
+const GIVEN: [(&str, &str); 3] = [
+    (
+        "rows.csv",
+        "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n",
+    ),
+    (
+        "words.csv",
+        "k,restitution,phase,velocity\n0.43,R,0.5,0.4\n",
+    ),
+    ("empty.csv", ""),
+];
+
+/// Each line of `wrong_inputs.txt` is refused by the message that stands below it.
+#[test]
+fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/wrong_inputs.txt");
+    let list = std::fs::read_to_string(path).unwrap();
+    let inputs = wrong_inputs(&list);
+    assert!(inputs.len() >= 150, "{} wrong inputs", inputs.len());
+    let folder = Folder::new("scene");
+    let scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
+    let scene = String::from_utf8(scene).unwrap();
+    let shares: Vec<&[Wrong<'_>]> = inputs.chunks(inputs.len().div_ceil(4)).collect();
+    let found: Vec<String> = std::thread::scope(|scope| {
+        let run = |(n, share): (usize, &'_ [Wrong<'_>])| {
+            let folder = Folder::new(&format!("wrong{n}"));
+            for (name, text) in GIVEN {
+                std::fs::write(folder.0.join(name), text).unwrap();
+            }
+            let messages = share.iter();
+            let messages = messages.map(|wrong| message_of(&folder, &scene, wrong.line));
+            messages.collect::<Vec<_>>()
+        };
+        let threads: Vec<_> = shares
+            .into_iter()
+            .enumerate()
+            .map(|share| scope.spawn(move || run(share)))
+            .collect();
+        let ended = threads.into_iter().map(|thread| thread.join());
+        ended
+            .flat_map(|messages| messages.expect("no input panics"))
+            .collect()
+    });
+    if std::env::var_os("KBAND_ACCEPT").is_some() {
+        let head = list.split("\n$ ").next().unwrap_or_default();
+        let mut text = head.to_string();
+        for (wrong, message) in inputs.iter().zip(&found) {
+            text.push_str(&format!("\n$ {}\n{message}\n", wrong.line));
+        }
+        std::fs::write(path, text).unwrap();
+        return;
     }
+    for (wrong, message) in inputs.iter().zip(&found) {
+        assert_eq!(message, wrong.message, "$ {}", wrong.line);
+    }
+}
+
+/// An output that is named takes the place of an older one, one that nobody named only of kband's own.
+#[test]
+fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
+    let folder = Folder::new("existing");
+    let verbs = [
+        "bands",
+        "basins --k 0.43 --restitution 0.2 --grid 4",
+        "capture --runs 1 --parts 1 --factor 1..2:2 --longest 10",
+        "cascade --doublings 1",
+        "diagram --k 0.3..0.5:3 --impacts 2 --settle 2",
+        "exponent --k 0.34 --impacts 320 --settle 10",
+        "impacts --k 0.43 --restitution 0.2 --phase 1 --velocity 1 --count 3",
+        "transport --k 0.43 --impacts 100 --settle 10 --starts 2",
+        "margins",
+    ];
+    for verb in verbs {
+        for name in ["old.csv", "old.svg"] {
+            std::fs::write(folder.0.join(name), "mine").unwrap();
+            let output = kband(&folder.0, &words(&format!("{verb} --out {name}")));
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{verb}: {message}");
+            assert!(
+                message.contains(&format!("replaced {name}")),
+                "{verb}: {message}"
+            );
+            assert_ne!(std::fs::read(folder.0.join(name)).unwrap(), b"mine");
+            std::fs::remove_file(folder.0.join(name)).unwrap();
+        }
+        let output = kband(&folder.0, &words(&format!("{verb} --out new.json")));
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(message.contains("wrote new.json"), "{verb}: {message}");
+        std::fs::remove_file(folder.0.join("new.json")).unwrap();
+    }
+    let run = "simulate --duration 1";
+    for name in ["kband-simulate.svg", "kband-simulate.csv"] {
+        std::fs::write(folder.0.join(name), "mine").unwrap();
+        let output = kband(&folder.0, &words(run));
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(
+            message.contains(name) && message.contains("next: name the file"),
+            "{message}"
+        );
+        assert_eq!(std::fs::read(folder.0.join(name)).unwrap(), b"mine");
+        std::fs::remove_file(folder.0.join(name)).unwrap();
+    }
+    // Its own are replaced, of a single run and of many.
+    for line in [run, run, "simulate --duration 1 --runs 2", run] {
+        assert_eq!(kband(&folder.0, &words(line)).status.code(), Some(0));
+    }
+    assert_eq!(folder.names(), ["kband-simulate.csv", "kband-simulate.svg"]);
 }
 
 #[test]
@@ -500,5 +555,38 @@ fn tones_and_lots_that_cannot_be_served_say_what_would_work() {
         "narrower lots",
     ] {
         assert!(text.contains(words), "{words}: {text}");
+    }
+}
+
+#[test]
+fn a_scene_comes_from_standard_input_and_manual_pages_are_printed() {
+    let folder = Folder::new("input");
+    let scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(words("simulate - --duration 1"))
+        .current_dir(&folder.0)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::io::Write::write_all(&mut child.stdin.take().unwrap(), &scene).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.contains("conveying speed"), "{told}");
+    let page = |line: &str| String::from_utf8(kband(&folder.0, &words(line)).stdout).unwrap();
+    let whole = page("man");
+    assert!(whole.contains(".TH kband 1"), "{whole}");
+    let verb = page("man bands");
+    assert!(verb.contains(".TH kband-bands 1"), "{verb}");
+    assert!(verb.contains("second\\-tone"), "{verb}");
+    // A table that is wider than a screen goes on below.
+    let bands = page("bands --restitution 0.18..0.22");
+    let table = bands
+        .lines()
+        .skip(2)
+        .take_while(|line| !line.starts_with("no band"));
+    for line in table {
+        assert!(line.chars().count() <= 80, "{line}");
     }
 }

@@ -308,3 +308,67 @@ pub const FLAGS: [Flag; 11] = [
         Change::BrownOut,
     ),
 ];
+
+/// Settings that a section of a scene file carries, the first `required` of them required.
+pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
+    (
+        "track",
+        &[
+            "frequency",
+            "incline",
+            "amplitude_ratio",
+            "phase_lead",
+            "gravity",
+        ],
+        3,
+    ),
+    (
+        "drive",
+        &[
+            "resonance",
+            "quality",
+            "gain",
+            "output_minimum",
+            "output_maximum",
+            "amplitude_limit",
+            "acceleration_limit",
+            "safe_amplitude",
+            "second_tone",
+            "second_gain",
+            "second_lag",
+            "third_tone",
+            "third_gain",
+            "third_lag",
+        ],
+        3,
+    ),
+];
+
+/// Settings in `[sensor]`.
+pub(super) const SENSOR_SETTINGS: [&str; 4] = [
+    "sensitivity",
+    "sensor_zero",
+    "converter_reference",
+    "converter_bits",
+];
+
+/// Settings in `[controller]`.
+pub(super) const CONTROLLER: [&str; 8] = [
+    "soft_start",
+    "soft_stop",
+    "envelope",
+    "amplitude_error",
+    "capture_attempts",
+    "link_timeout",
+    "tracking",
+    "scatter",
+];
+
+/// The table of a scene in which a key belongs.
+pub(super) fn belongs(key: &str) -> Option<&'static str> {
+    let sections = SECTIONS.into_iter().map(|(name, keys, _)| (name, keys));
+    let others: [(&str, &[&str]); 2] = [("sensor", &SENSOR_SETTINGS), ("controller", &CONTROLLER)];
+    let mut tables = sections.chain(others);
+    let found = tables.find(|(_, keys)| keys.contains(&key));
+    found.map(|(name, _)| name)
+}

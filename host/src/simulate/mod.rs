@@ -27,5 +27,5 @@ pub use parts::Distribution;
 pub use picture::draw;
 pub use record::{Happened, Record, SETTLED, Sketch, Take, Watch};
 pub use runs::Runs;
-pub use scene::{DEFAULT, SceneFile, table as scene_table, within_reach};
+pub use scene::{DEFAULT, SceneFile, at_line, table as scene_table, within_reach};
 pub use timeline::describe;

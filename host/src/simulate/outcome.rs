@@ -17,7 +17,7 @@ use kband::regime::gear::Share;
 
 use super::engine::{Engine, Fidelity, Plans, Whole};
 use super::record::{END, HEARD, Happened, Record, Watch};
-use super::scene::SceneFile;
+use super::scene::{SceneFile, beside_resonance};
 use crate::board::{BoardLoop, Link};
 use crate::desk::{Desk, Progress};
 use crate::ending::{Endings, FOLLOWED, told};
@@ -450,7 +450,9 @@ impl Outcome {
 
     /// Order of the lock that was wanted at the end; 1 where none was.
     fn order(&self) -> u32 {
-        self.controller.order().map_or(1, u32::from)
+        self.controller
+            .order()
+            .map_or_else(|| order(self.target()), u32::from)
     }
 
     /// Order of the gear that is watched.
@@ -465,7 +467,18 @@ impl Outcome {
         let held = self.last().limits.contains(Limits::NO_SETPOINT);
         // That a lot has no chaos of its own is only known once it was searched for.
         let why = self.controller.no_setpoint().unwrap_or(NoSetpoint::Chaos);
-        held.then(|| why.to_string())
+        let far = match why {
+            NoSetpoint::Gear { .. } | NoSetpoint::Output { .. } => {
+                beside_resonance(&self.file.scene.settings)
+            }
+            _ => None,
+        };
+        held.then(|| {
+            format!(
+                "{why}{}",
+                far.map_or(String::new(), |far| format!("; {far}"))
+            )
+        })
     }
 
     /// The restitution that was identified, if one was.

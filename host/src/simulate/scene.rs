@@ -7,9 +7,9 @@ use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{PLANT, SCATTER, SENSOR};
+use super::fields::{CONTROLLER, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS};
 use super::parts::{self, Distribution};
-use super::section::Section;
+use super::section::{Section, line_of};
 use super::timeline::{describe, read_disturbances, read_target};
 use crate::file;
 use crate::refusal::Refusal;
@@ -32,65 +32,10 @@ pub struct SceneFile {
     pub expectation: Option<Expectation>,
 }
 
-/// Settings that a section of a scene file carries, the first `required` of them required.
-pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
-    (
-        "track",
-        &[
-            "frequency",
-            "incline",
-            "amplitude_ratio",
-            "phase_lead",
-            "gravity",
-        ],
-        3,
-    ),
-    (
-        "drive",
-        &[
-            "resonance",
-            "quality",
-            "gain",
-            "output_minimum",
-            "output_maximum",
-            "amplitude_limit",
-            "acceleration_limit",
-            "safe_amplitude",
-            "second_tone",
-            "second_gain",
-            "second_lag",
-            "third_tone",
-            "third_gain",
-            "third_lag",
-        ],
-        3,
-    ),
-];
-
-/// Settings in `[sensor]`.
-pub(super) const SENSOR_SETTINGS: [&str; 4] = [
-    "sensitivity",
-    "sensor_zero",
-    "converter_reference",
-    "converter_bits",
-];
-
-/// Settings in `[controller]`.
-pub(super) const CONTROLLER: [&str; 8] = [
-    "soft_start",
-    "soft_stop",
-    "envelope",
-    "amplitude_error",
-    "capture_attempts",
-    "link_timeout",
-    "tracking",
-    "scatter",
-];
-
 impl SceneFile {
     /// The scene of a text; one refusal that names the key, the value, what is accepted and what to do.
     pub fn parse(text: &str) -> Result<Self, Refusal> {
-        Self::from_table(table(text)?)
+        Self::from_table(table(text)?).map_err(|refusal| at_line(refusal, text))
     }
 
     /// The scene of a table, as [`table`] gives it.
@@ -278,12 +223,7 @@ impl SceneFile {
             let mut controller =
                 Controller::build(settings, target, self.scene.start).map_err(named)?;
             while !controller.chosen() && controller.plan_step() {}
-            within_reach(&controller).map_err(|refused| {
-                refused.then(
-                    "choose another target, or raise gain, output_maximum, amplitude_limit or \
-                     acceleration_limit in [drive]",
-                )
-            })?;
+            within_reach(&controller)?;
         }
         Ok(())
     }
@@ -299,6 +239,8 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
     if needed <= reach * 1e3 {
         return Ok(());
     }
+    let next = "choose another target, or raise gain, output_maximum, amplitude_limit or acceleration_limit";
+    let far = beside_resonance(controller.settings());
     Err(Refusal::value(
         format!("target {}", describe(controller.target())),
         format!("b = {needed:.4} mm"),
@@ -307,8 +249,32 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
             reach * 1e3,
             controller.k(reach)
         ),
-        "choose another target, or raise gain, output_maximum, amplitude_limit or acceleration_limit",
+        far.map_or_else(|| next.to_string(), |far| format!("{far}; {next}")),
     ))
+}
+
+/// What to do about a drive that runs so far beside its resonance that a tenth of its amplitude there is left.
+pub(super) fn beside_resonance(settings: &Settings) -> Option<String> {
+    let x = f64::from(settings.frequency / settings.resonance);
+    let q = f64::from(settings.quality);
+    let answer = 1.0 / (q * (1.0 - x * x).hypot(x / q));
+    (answer < 0.1).then(|| {
+        format!(
+            "the drive runs at {} Hz, far beside its resonance at {} Hz, where it answers with 1/{:.0} of the amplitude: \
+             bring track.frequency and drive.resonance together",
+            settings.frequency,
+            settings.resonance,
+            1.0 / answer
+        )
+    })
+}
+
+/// The refusal of a scene, preceded by the line of its text.
+pub fn at_line(refusal: Refusal, text: &str) -> Refusal {
+    match refusal.key().and_then(|key| line_of(text, key)) {
+        Some(line) => refusal.at(format!("line {line}")),
+        None => refusal,
+    }
 }
 
 /// What the controller is told of the scatter of parts: that of all of them, else the root of their mean square.
@@ -356,6 +322,39 @@ mod tests {
         expected.scatter = file.scene.parts.iter().map(|_| 0.04).collect();
         assert_eq!(file.scene, expected);
         assert_eq!(file.duration, 10.0);
+    }
+
+    #[test]
+    fn a_drive_far_beside_its_resonance_is_told_so() {
+        let locked = DEFAULT.replace("\ngear = 1", "\nlocked = 1");
+        assert!(SceneFile::parse(&locked).is_ok());
+        let fast = locked.replace("frequency = 50.0", "frequency = 100.0");
+        let slow = fast.replace("gain = 1.0 ", "gain = 0.1 ");
+        let message = refusal(&slow);
+        for said in [
+            "100 Hz",
+            "its resonance at 50 Hz",
+            "1/75",
+            "track.frequency",
+        ] {
+            assert!(message.contains(said), "{said}: {message}");
+        }
+    }
+
+    #[test]
+    fn the_line_of_a_key_is_found_in_tables_and_rows_of_tables() {
+        let text = "a = 1\n\n[b]\nc = { d = 2 }\n[[e]]\nf = 3\n[[e]]\nf = 4\n";
+        for (key, line) in [
+            ("a", 1),
+            ("[b]", 3),
+            ("b.c", 4),
+            ("b.c.d", 4),
+            ("e 1.f", 6),
+            ("e 2.f", 8),
+        ] {
+            assert_eq!(line_of(text, key), Some(line), "{key}");
+        }
+        assert_eq!(line_of(text, "z"), None);
     }
 
     #[test]

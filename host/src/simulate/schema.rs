@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::engine::Fidelity;
 use super::fields::{CHANGES, FLAGS, Field, PLANT, SCATTER, SENSOR};
-use super::scene::{CONTROLLER, SECTIONS, SENSOR_SETTINGS};
+use super::fields::{CONTROLLER, SECTIONS, SENSOR_SETTINGS};
 
 /// Where editors find it, as far as they ask.
 const DIALECT: &str = "http://json-schema.org/draft-07/schema#";

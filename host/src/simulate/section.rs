@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use kband::control::Settings;
 use toml::{Table, Value};
 
-use super::fields::Field;
+use super::fields::{Field, belongs};
 use crate::refusal::Refusal;
 
 /// A number, whole or not.
@@ -74,9 +74,15 @@ impl Section {
             accepted,
             format!("change {} in the scene", self.path(key)),
         )
+        .of_key(self.path(key))
     }
 
     pub fn missing(&self, key: &str, accepted: &str) -> Refusal {
+        let misspelt = |left: &&String| alike(key, left) && !self.known.contains(&left.as_str());
+        if let Some(left) = self.table.keys().find(misspelt) {
+            let meant = format!("{} = {accepted}", self.shown(key));
+            return self.unknown(left, meant, &format!("; did you mean {key}?"));
+        }
         Refusal::value(
             self.path(key),
             "(missing)",
@@ -174,22 +180,71 @@ impl Section {
         let Some(key) = self.table.keys().next() else {
             return Ok(());
         };
-        let near = self
-            .known
-            .iter()
-            .find(|known| alike(known, key))
-            .map_or_else(String::new, |known| format!("; did you mean {known}?"));
-        Err(Refusal::value(
-            self.path(key),
+        let near = self.known.iter().find(|known| alike(known, key));
+        let elsewhere = || belongs(key).filter(|name| *name != self.name);
+        let hint = match (near, elsewhere()) {
+            (Some(known), _) => format!("; did you mean {known}?"),
+            (None, Some(name)) => format!("; it is a key of [{name}]"),
+            (None, None) => String::new(),
+        };
+        Err(self.unknown(key, self.names().join(", "), &hint))
+    }
+
+    fn unknown(&self, key: &str, accepted: String, hint: &str) -> Refusal {
+        let shown = self.shown(key);
+        Refusal::value(
+            &shown,
             "(unknown key)",
-            self.names().join(", "),
-            format!("remove or correct {}{near}", self.path(key)),
-        ))
+            accepted,
+            format!("remove or correct {shown}{hint}"),
+        )
+        .of_key(self.path(key))
+    }
+
+    /// A key as it is written: a table in brackets.
+    fn shown(&self, key: &str) -> String {
+        match self.table.get(key) {
+            Some(Value::Table(_)) => format!("[{}]", self.path(key)),
+            _ => self.path(key),
+        }
     }
 }
 
-/// Whether two keys differ by at most two letters changed, added or left out.
+/// The line of a scene's text on which a key stands, counted from 1; tables in a row are `disturbance 1`, `disturbance 2`.
+pub(super) fn line_of(text: &str, key: &str) -> Option<usize> {
+    let whole = toml::de::DeTable::parse(text).ok()?;
+    let mut table = whole.get_ref();
+    let mut at = None;
+    for name in key.trim_matches(['[', ']']).split('.') {
+        let (name, n) = match name.split_once(' ') {
+            Some((name, n)) => (name, n.parse::<usize>().ok()),
+            None => (name, None),
+        };
+        let found = table.iter().find(|(key, _)| key.get_ref() == name);
+        let Some((key, value)) = found else { break };
+        at = Some(key.span().start);
+        match (value.get_ref(), n) {
+            (toml::de::DeValue::Table(inner), _) => table = inner,
+            (toml::de::DeValue::Array(tables), Some(n)) => {
+                let value = tables.get(n.checked_sub(1)?)?;
+                at = Some(value.span().start);
+                let toml::de::DeValue::Table(inner) = value.get_ref() else {
+                    break;
+                };
+                table = inner;
+            }
+            _ => break,
+        }
+    }
+    let before = text.get(..at?)?;
+    Some(before.matches('\n').count() + 1)
+}
+
+/// Whether two keys differ by at most two letters changed, added or left out, and are not as short as that.
 fn alike(a: &str, b: &str) -> bool {
+    if a.len().min(b.len()) < 4 {
+        return false;
+    }
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
     let mut row: Vec<usize> = (0..=b.len()).collect();
     for (i, x) in a.iter().enumerate() {

@@ -83,6 +83,20 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
         });
     }
     found.ok_or_else(|| {
+        for key in [
+            "gear",
+            "locked",
+            "chaotic",
+            "amplitude",
+            "speed",
+            "identify",
+            "tones",
+        ] {
+            let refusal = section.missing(key, TARGETS);
+            if refusal.key().is_some() {
+                return refusal;
+            }
+        }
         Refusal::new(
             format!("{} says nothing", section.path("")),
             format!("give {TARGETS}"),
@@ -189,6 +203,7 @@ fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance,
         _ => Err(Refusal::new(
             format!("{} has {} changes", section.path(""), changes.len()),
             format!("give exactly one of {}", section.names()[1..].join(", ")),
-        )),
+        )
+        .of_key(section.path(""))),
     }
 }

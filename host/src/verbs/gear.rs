@@ -93,7 +93,7 @@ pub struct Arguments {
     periods: usize,
 
     /// Seed of the scatter: the same seed gives the same bits, on any number of threads.
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::seed)]
     seed: u64,
 
     #[command(flatten)]

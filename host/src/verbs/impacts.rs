@@ -61,7 +61,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000), default_value = "1", conflicts_with = "from")]
     count: usize,
 
-    /// CSV file with the columns k,restitution,phase,velocity.
+    /// CSV file with the columns k,restitution,phase,velocity; `-` for standard input.
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "b", "restitution", "phase", "velocity"])]
     from: Option<PathBuf>,
 

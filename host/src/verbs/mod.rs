@@ -21,6 +21,7 @@ pub mod identify;
 mod idle;
 pub mod impacts;
 pub mod live;
+pub mod man;
 pub mod margins;
 pub mod monitor;
 pub mod paper;
@@ -75,6 +76,7 @@ verbs! {
     Identify => identify,
     Impacts => impacts,
     Live => live,
+    Man => man,
     Margins => margins,
     Monitor => monitor,
     Paper => paper,
@@ -91,7 +93,11 @@ verbs! {
     name = "kband",
     version = version(),
     subcommand_required = false,
-    after_help = "Every verb shows an example: kband help VERB"
+    after_help = "Every verb shows an example: kband help VERB
+
+Files: one that is named takes the place of an older one of its name; one that nobody named, as the picture
+of kband simulate, only of one that kband wrote; an input is never written over. A scene, rows and settings
+are read from standard input where the file is -."
 )]
 struct CommandLine {
     /// Number of threads; the result does not depend on it [default: one for each core].
@@ -171,6 +177,19 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
         let given = words(ContextKind::InvalidSubcommand).concat();
         let next = near(ContextKind::SuggestedSubcommand, "kband --help lists all");
         return Some(Refusal::new(format!("there is no verb '{given}'"), next));
+    }
+    if message.kind() == ErrorKind::MissingSubcommand {
+        let verb = words(ContextKind::InvalidSubcommand).concat();
+        return Some(
+            Refusal::new(
+                format!("{verb} alone does nothing"),
+                format!("{verb} --help says more"),
+            )
+            .accepting(format!(
+                "{verb} {}",
+                words(ContextKind::ValidSubcommand).join("|")
+            )),
+        );
     }
     let all = words(ContextKind::InvalidArg);
     let option = *all.first()?;

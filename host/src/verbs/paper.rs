@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Some(target) = target {
         let page = page::page(&rows, arguments.restitution, arguments.theme, desk)?;
         target.write_bytes(page.as_bytes())?;
-        eprintln!("wrote {}", target.path().display());
+        eprintln!("{}", target.told());
     }
     if failed.is_empty() {
         return Ok(Exit::Done);

@@ -28,13 +28,16 @@ use crate::report::{Column, Format, Printout, Table, Value, shortest};
 /// --on qemu is a board that starts anew with each command. Its settings outlast the command where --flash-image names the
 /// file of its flash and they are saved.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:
+#[command(
+    arg_required_else_help = false,
+    after_help = "Examples:
   kband settings list
   kband settings set restitution_low 0.25 --on /dev/ttyACM0
   kband settings save --on /dev/ttyACM0
   kband settings set restitution_high 0.3 --save --on qemu --flash-image board.flash
   kband settings export mine.toml --on qemu --flash-image board.flash
-  kband settings import mine.toml --save")]
+  kband settings import mine.toml --save"
+)]
 pub struct Arguments {
     #[command(subcommand)]
     action: Action,
@@ -86,7 +89,7 @@ enum Action {
     /// Settings that the file does not name keep their values.
     #[command(after_help = "Example:\n  kband settings import mine.toml --save")]
     Import {
-        /// The file, as export writes it.
+        /// The file, as export writes it; `-` for standard input.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
         /// Keep them beyond a loss of power.

@@ -20,7 +20,8 @@ use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
-    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, draw, runs, scene_table, schema, trace,
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, at_line, draw, runs, scene_table, schema,
+    trace,
 };
 use told::{Written, told};
 
@@ -39,7 +40,7 @@ use told::{Written, told};
   kband simulate --sweep part.restitution=0.1..0.6:26 --runs 20
   kband simulate --schema > scene.schema.json")]
 pub struct Arguments {
-    /// Scene file (TOML); without one, the default scene.
+    /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
 
@@ -91,9 +92,10 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
 
-    /// Picture to write, .svg, .png or .pdf.
-    #[arg(long, value_name = "FILE", default_value = "kband-simulate.svg")]
-    out: PathBuf,
+    /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A file that is named takes the place of an older
+    /// one; one that is not, only of what kband wrote itself.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
 
     /// Trace to write, .csv or .parquet: one row for each drive cycle, or for each run [default:
     /// kband-simulate.csv, for a single run of up to 10 min and for many].
@@ -128,13 +130,27 @@ impl Default for Arguments {
             compare_second_tone: None,
             on: None,
             image: None,
-            out: "kband-simulate.svg".into(),
+            out: None,
             trace: None,
             scope: None,
             look: LookArguments::default(),
             format: Format::Table,
         }
     }
+}
+
+/// Where a picture goes that nobody named.
+const PICTURE: &str = "kband-simulate.svg";
+
+/// Whether a file that begins like this is a picture of kband's.
+fn own_picture(begin: &str) -> bool {
+    begin.starts_with("<svg xmlns") && begin.contains("font-family=\"'DejaVu Sans'")
+}
+
+/// Whether a file that begins like this has the rows of a run, or of many.
+fn own_rows(begin: &str) -> bool {
+    let head = begin.lines().next().unwrap_or_default();
+    head.starts_with("time (s),amplitude (mm),k,") || head.contains(",kicks,b (mm),k,")
 }
 
 /// Where a trace goes that nobody named.
@@ -182,16 +198,17 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         report::print(&format!("{:#}\n", schema::schema()))?;
         return Ok(Exit::Done);
     }
-    let (mut table, name) = match &arguments.scene {
+    let (mut table, read) = match &arguments.scene {
         Some(path) => {
             let name = path.display().to_string();
-            let table = scene_table(&file::read_text(path)?);
-            (table.map_err(|refusal| refusal.at(&name))?, Some(name))
+            let text = file::read_text(path)?;
+            let table = scene_table(&text).map_err(|refusal| refusal.at(&name))?;
+            (table, Some((name, text)))
         }
         None => (scene_table(DEFAULT)?, None),
     };
-    let named = |refusal: Refusal| match &name {
-        Some(name) => refusal.at(name),
+    let named = |refusal: Refusal| match &read {
+        Some((name, text)) => at_line(refusal, text).at(name),
         None => refusal,
     };
     if let Some(seed) = arguments.seed {
@@ -206,12 +223,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut file = SceneFile::from_table(table.clone()).map_err(named)?;
     arguments.adapt(&mut file);
     file.check()?;
-    let picture = Destination::check(&arguments.out)?;
+    let picture = match &arguments.out {
+        Some(path) => Destination::check(path)?,
+        None => Destination::unasked(Path::new(PICTURE), own_picture, "--out FILE.svg")?,
+    };
     let ending = picture.ending();
     if !PICTURES.contains(&ending.as_str()) {
         return Err(Refusal::value(
             "--out",
-            arguments.out.display(),
+            picture.path().display(),
             "a file name that ends in .svg, .png or .pdf",
             "change the ending",
         ));
@@ -222,7 +242,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
     let trace = match &arguments.trace {
         Some(path) => Some(Destination::check(path)?),
-        None if many || file.duration <= TRACED => Some(Destination::check(Path::new(TRACE))?),
+        None if many || file.duration <= TRACED => Some(Destination::unasked(
+            Path::new(TRACE),
+            own_rows,
+            "--trace FILE.csv",
+        )?),
         None => None,
     };
     let scope = arguments

@@ -77,9 +77,12 @@ pub(super) fn report(
             best.locked,
             best.tried
         )),
-        None => report.note(
-            "no kick of the plan captured a part: raise --limit or --effort, or choose another k",
-        ),
+        None if plan.effort() < task.arguments.effort as u32 => report.note(format!(
+            "no kick of the plan captured a part, and every kick up to {} times the amplitude was tried: choose \
+             another k or --order",
+            task.arguments.limit
+        )),
+        None => report.note("no kick of the plan captured a part: raise --effort"),
     };
     report = report.note(format!(
         "the plan took {} impacts and {} set-ups of the map ({} of {} of effort), {} kicks tried",

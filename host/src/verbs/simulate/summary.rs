@@ -1,6 +1,7 @@
 //! A single run in plain words: what the track and the parts do, how far from losing it, and what to do next.
 
 use kband::control::{Fault, Identification, Limits, State, Target};
+use kband::regime::classify::Regime;
 
 use crate::report::number;
 use crate::simulate::Outcome;
@@ -24,6 +25,8 @@ pub(super) struct Seen {
     state: State,
     fault: Option<Fault>,
     limits: Limits,
+    /// Why the target has no setpoint.
+    no_setpoint: Option<String>,
     identification: Identification,
     parts: usize,
     order: u32,
@@ -32,6 +35,8 @@ pub(super) struct Seen {
     /// Seconds in gear until it is lost.
     loss: Option<f64>,
     locked: bool,
+    /// Whether the flights are heard to differ in turn.
+    doubled: bool,
     regime: String,
     /// In mm/s, upwards positive.
     speed: f64,
@@ -63,12 +68,16 @@ impl Seen {
             state: last.state,
             fault: last.fault,
             limits: last.limits,
+            no_setpoint: outcome.no_setpoint(),
             identification: last.identification,
             parts: scene.parts.len(),
             order: outcome.gear_order(),
             in_gear: outcome.in_gear().filter(|_| outcome.file().scatters()),
             loss: outcome.time_to_loss().map(|cycles| cycles / frequency),
             locked: outcome.is_locked(),
+            doubled: last
+                .regime
+                .is_some_and(|heard| matches!(heard.regime, Regime::Doubled { .. })),
             regime: outcome.regime(),
             speed: outcome.speed() * 1e3,
             margin: outcome
@@ -175,8 +184,10 @@ impl Seen {
             .into_iter()
             .find(|limit| self.limits.contains(*limit))
         {
+            let why = self.no_setpoint.as_ref();
+            let why = why.map_or(String::new(), |why| format!(": {why}"));
             return format!(
-                "{} (limit {}): kband explain limit {}",
+                "{} (limit {}){why}; kband explain limit {}",
                 limit.name(),
                 limit.number(),
                 limit.number()
@@ -202,6 +213,22 @@ impl Seen {
             }
             _ => {}
         }
+        if self.strays
+            && matches!(
+                self.state,
+                State::Holding | State::Locked | State::Capturing | State::Lost
+            )
+        {
+            return "some parts are outside the lot that the controller is told: part.restitution has to hold them all, \
+                    or no kick and no amplitude is chosen for them"
+                .into();
+        }
+        if self.state == State::Locked && self.doubled {
+            return format!(
+                "the flights have doubled, as of parts livelier than the lot: kband bands --restitution {}",
+                self.lot
+            );
+        }
         let longer = number(self.longer, 4);
         match self.state {
             State::Off => "the enable input starts the drive: kband explain off".into(),
@@ -210,9 +237,6 @@ impl Seen {
             State::Stopping => "the drive comes to rest: kband explain stopping".into(),
             State::Lost => "the lock is lost; parts that scatter stay in gear where they do not stay locked: [target] gear = 1".into(),
             State::Fault | State::Limiting => format!("kband explain {}", self.state.name()),
-            State::Holding | State::Locked if self.strays => {
-                "some parts are outside the lot that the controller is told: part.restitution has to hold them all".into()
-            }
             State::Locked if self.margin.is_some_and(|margin| margin < THIN) => {
                 format!("a lot of less width has more margin: kband bands --restitution {}", self.lot)
             }
@@ -269,12 +293,14 @@ mod tests {
             state: State::Holding,
             fault: None,
             limits: Limits::default(),
+            no_setpoint: None,
             identification: Identification::Idle,
             parts: 1,
             order: 1,
             in_gear: Some(0.99),
             loss: Some(1.5),
             locked: false,
+            doubled: false,
             regime: "in gear 0.99, order 1".into(),
             speed: 87.5,
             margin: None,
@@ -332,6 +358,35 @@ mod tests {
             ..seen()
         };
         assert!(capturing.next().contains("--duration 30"));
+    }
+
+    #[test]
+    fn parts_outside_the_lot_doubled_flights_and_a_missing_setpoint_are_said() {
+        for state in [State::Holding, State::Locked, State::Capturing, State::Lost] {
+            let strays = Seen {
+                strays: true,
+                state,
+                ..seen()
+            };
+            assert!(strays.next().contains("outside the lot"), "{state:?}");
+        }
+        let doubled = Seen {
+            state: State::Locked,
+            doubled: true,
+            ..seen()
+        };
+        assert!(doubled.next().contains("doubled"), "{}", doubled.next());
+        let without = Seen {
+            state: State::Limiting,
+            limits: Limits::NO_SETPOINT,
+            no_setpoint: Some("a reason".into()),
+            ..seen()
+        };
+        assert!(
+            without.next().contains(": a reason; kband explain"),
+            "{}",
+            without.next()
+        );
     }
 
     #[test]

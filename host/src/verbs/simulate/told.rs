@@ -239,6 +239,15 @@ pub(super) fn told(
         let unrepeated = matches!(heard.regime, Regime::Chaotic | Regime::Undecided);
         say(if unrepeated && last.in_gear >= 0.5 {
             format!("heard            in gear, order {}", last.gear)
+        } else if let (State::Locked, Regime::Doubled { order, doublings }) =
+            (last.state, heard.regime)
+        {
+            // The phases stay where the lock has them, and take turns there.
+            format!(
+                "heard            at the lock of order {order}, {} phases in turn (confidence {})",
+                1_u64 << doublings,
+                number(f64::from(heard.confidence), 2)
+            )
         } else {
             format!(
                 "heard            {} (confidence {})",
