@@ -281,23 +281,28 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
             format!("{:.1} mm/s", 1e3 * speed)
         });
         lines.push(Line::from(format!("speed   {speed}")));
-        lines.push(Line::from(format!("impacts {:.2} a cycle", telemetry.rate)));
-        lines.push(Line::from(format!("phase   {:+.3} rad", telemetry.phase)));
+        lines.push(Line::from(format!(
+            "impacts {:.2}, at {:+.2} rad",
+            telemetry.rate, telemetry.phase
+        )));
         lines.push(Line::from(format!(
             "in gear {}, lock {:.0} %",
             in_gear(telemetry),
             100.0 * telemetry.confidence
         )));
-        lines.push(
-            telemetry
-                .margin
-                .map_or(Line::from("margin  not heard"), |margin| {
-                    Line::from(format!(
-                        "margin {:.2} R {:.2} s {:.2}",
-                        margin.flip, margin.restitution, margin.scatter
-                    ))
-                }),
-        );
+        match telemetry.margin {
+            None => lines.push(Line::from("margin  not heard")),
+            Some(margin) => lines.extend([
+                Line::from(format!(
+                    "margin  {:.2}, trace {:+.2}",
+                    margin.flip, margin.trace
+                )),
+                Line::from(format!(
+                    "R {:.3} s {:.3} for {:.0}",
+                    margin.restitution, margin.scatter, margin.to_loss
+                )),
+            ]),
+        }
         let kband::wire::Shape { second, third } = telemetry.shape;
         let tones = [(", e", second), (", e3", third)];
         let upper: String = (tones.into_iter())

@@ -47,9 +47,9 @@ pub(super) struct Glance {
     pub reference: f32,
     /// Measured k.
     pub k: f32,
-    /// Share of time in gear as heard, and whether that is told or only a least.
+    /// Share of time in gear as heard, and its error; infinite where it is only a least.
     pub in_gear: f32,
-    pub told: bool,
+    pub error: f32,
 }
 
 impl Glance {
@@ -63,7 +63,7 @@ impl Glance {
             reference: report.reference,
             k: report.k,
             in_gear: report.in_gear,
-            told: report.in_gear_error.is_finite(),
+            error: report.in_gear_error,
         }
     }
 }
@@ -114,7 +114,7 @@ impl Engine<'_> {
                     reference: controller.reference(),
                     k: controller.k(amplitude),
                     in_gear: controller.in_gear(),
-                    told: controller.in_gear_error().is_finite(),
+                    error: controller.in_gear_error(),
                 })
             }
             Self::Whole(closed, last) => {
@@ -177,6 +177,31 @@ impl Engine<'_> {
             Self::Whole(..) => {}
         }
     }
+
+    /// The lot that gear is planned for; `None` while it is not, for another target, and where that is not known here.
+    pub fn planned_for(&self) -> Option<Lot> {
+        let controller = match self {
+            Self::Envelope(closed) => closed.controller(),
+            Self::Whole(Whole::Waveform(closed), _) => closed.controller(),
+            Self::Whole(..) => return None,
+        };
+        controller.gear_planned().map(|plan| Lot {
+            restitution: [
+                plan.settings.restitution.low() as f32,
+                plan.settings.restitution.high() as f32,
+            ],
+            scatter: plan.settings.scatter,
+        })
+    }
+}
+
+/// A lot of parts as a controller takes it to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lot {
+    /// Lowest and highest restitution.
+    pub restitution: [f32; 2],
+    /// Its standard deviation from impact to impact.
+    pub scatter: f32,
 }
 
 impl Whole<'_> {

@@ -20,7 +20,7 @@ mod timeline;
 pub mod trace;
 mod unmet;
 
-pub use engine::Fidelity;
+pub use engine::{Fidelity, Lot};
 pub use expect::Expectation;
 pub use outcome::{Outcome, words};
 pub use parts::Distribution;

@@ -155,10 +155,12 @@ impl Outcome {
             }
             if glance.events.iter().any(is_planned) {
                 engine.keep_plan();
+                record.plan_for(engine.planned_for());
             }
         }
         let took = began.elapsed().as_secs_f64();
         engine.keep_plan();
+        record.plan_for(engine.planned_for());
         let settings = &file.scene.settings;
         let mut controller = Controller::build(settings, last_target(file), StartCause::Ordinary)?;
         Plans::share(&mut controller);

@@ -7,7 +7,7 @@ use kband::control::{Event, Report, State};
 use kband::plant::{Moment, Sample, Strike};
 use kband::regime::gear::{GearWatch, Share};
 
-use super::engine::Glance;
+use super::engine::{Glance, Lot};
 use crate::refusal::Refusal;
 
 /// Time from which on it counts how long the parts are in gear and how fast they are, in s: by then a drive has
@@ -71,9 +71,12 @@ pub struct Record {
     /// Time in gear of each part, and the cycle that ended as that began to count.
     gear: Vec<GearWatch>,
     settled: Option<Settled>,
-    /// Sum of the shares of time in gear that were told since then, and the cycles in which one was.
+    /// Sum of the shares of time in gear that were told since then, and of their errors, and the cycles in which one was.
     heard: f64,
+    error: f64,
     told: u32,
+    /// The lot that gear was planned for at the end.
+    planned_for: Option<Lot>,
     late: Vec<(f64, Strike)>,
     kept: Option<Vec<Moment>>,
     sketch: Option<Sketch>,
@@ -104,7 +107,9 @@ impl Record {
                 .collect(),
             settled: None,
             heard: 0.0,
+            error: 0.0,
             told: 0,
+            planned_for: None,
             duration,
             cycles: 0,
             last: None,
@@ -148,8 +153,9 @@ impl Record {
             gear.landed(landed, flight);
         }
         if self.settled.is_some() {
-            if glance.told {
+            if glance.error.is_finite() {
                 self.heard += f64::from(glance.in_gear);
+                self.error += f64::from(glance.error);
                 self.told += 1;
             }
         } else if time >= SETTLED && time < self.duration {
@@ -244,6 +250,22 @@ impl Record {
     #[must_use]
     pub fn in_gear_heard(&self) -> Option<f64> {
         (self.told > 0).then(|| self.heard / f64::from(self.told))
+    }
+
+    /// The mean of its standard errors as they were told.
+    #[must_use]
+    pub fn in_gear_error(&self) -> Option<f64> {
+        (self.told > 0).then(|| self.error / f64::from(self.told))
+    }
+
+    /// The lot that gear was planned for at the end: of parts that changed, as they were heard.
+    #[must_use]
+    pub fn planned_for(&self) -> Option<Lot> {
+        self.planned_for
+    }
+
+    pub(super) fn plan_for(&mut self, lot: Option<Lot>) {
+        self.planned_for = lot.or(self.planned_for);
     }
 
     /// The share of the cycles from [`SETTLED`] on in which it told one; `None` where the run was shorter.

@@ -6,7 +6,7 @@ use kband::plant::{Moment, Sample};
 use crate::report::{Column, Value};
 
 /// Columns of the trace.
-pub const TRACE: [Column; 24] = [
+pub const TRACE: [Column; 28] = [
     Column::new("time", "s"),
     Column::new("amplitude", "mm"),
     Column::new("k", ""),
@@ -20,9 +20,13 @@ pub const TRACE: [Column; 24] = [
     Column::new("phase_heard", "rad"),
     Column::new("confidence", ""),
     Column::new("in_gear_heard", ""),
+    Column::new("in_gear_error", ""),
     Column::new("trace_heard", ""),
+    Column::new("flip_heard", ""),
     Column::new("restitution_heard", ""),
+    Column::new("restitution_error", ""),
     Column::new("scatter_heard", ""),
+    Column::new("to_loss_heard", "cycles"),
     Column::new("e", "of the first tone"),
     Column::new("th", "degrees"),
     Column::new("e3", "of the first tone"),
@@ -57,9 +61,13 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
         single(report.phase),
         single(report.confidence),
         single(report.in_gear),
+        heard(Some(report.in_gear_error).filter(|error| error.is_finite())),
         heard(report.margin.map(|margin| margin.trace)),
+        heard(report.margin.map(|margin| margin.flip)),
         heard(report.margin.map(|margin| margin.restitution)),
+        heard(report.margin.map(|margin| margin.error)),
         heard(report.margin.map(|margin| margin.scatter)),
+        heard(report.margin.map(|margin| margin.to_loss)),
         single(report.shape.second.ratio),
         angle(report.shape.second),
         single(report.shape.third.ratio),

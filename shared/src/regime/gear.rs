@@ -30,7 +30,7 @@ pub(crate) use plan::{GearPlan, GearPlanSettings, GearPlanner};
 #[cfg(feature = "control")]
 pub(crate) use rider::Tones;
 #[cfg(feature = "control")]
-pub(crate) use strikes::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
+pub(crate) use strikes::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
 
 /// Shortest and longest flight in gear, as a share of r drive periods.
 pub(crate) const FLIGHTS: [f64; 2] = [0.6, 1.4];

@@ -359,7 +359,7 @@ pub enum Unidentified {
     Unlike,
     /// The second impact of the parts drowns in the ringing of the first.
     Dead,
-    /// Their restitution scatters, and they are several or too soft.
+    /// Their restitution scatters, from impact to impact or from part to part.
     Scattered,
     /// The drive did not hold still in time.
     Unsteady,

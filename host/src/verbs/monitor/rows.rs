@@ -23,6 +23,9 @@ pub(super) struct Rows {
     events: u64,
 }
 
+/// Columns before that of the event.
+const BEFORE_THE_EVENT: usize = 21;
+
 impl Rows {
     pub(super) fn new(format: Format) -> Self {
         let columns = [
@@ -43,6 +46,10 @@ impl Rows {
             (Column::new("in_gear_error", "").digits(1), 13),
             (Column::new("expected", "").digits(2), 8),
             (Column::new("margin", "").digits(2), 6),
+            (Column::new("trace", "").digits(2), 6),
+            (Column::new("R", "").digits(3), 6),
+            (Column::new("s", "").digits(2), 6),
+            (Column::new("to_loss", "cycles").digits(3), 7),
             (Column::new("event", ""), 0),
         ];
         Self {
@@ -95,7 +102,7 @@ impl Rows {
     /// Prints what is new in a log; whether there is still somebody who reads.
     pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
         for words in watch.lines()? {
-            let mut row = vec![Value::Missing; 17];
+            let mut row = vec![Value::Missing; BEFORE_THE_EVENT];
             row.push(words.into());
             if !self.stream.row(&row)? {
                 return Ok(false);
@@ -106,7 +113,7 @@ impl Rows {
 
     fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
         let mut row = self.when(self.clock.then(cycle));
-        row.resize(17, Value::Missing);
+        row.resize(BEFORE_THE_EVENT, Value::Missing);
         row.push(words.into());
         self.stream.row(&row)
     }
@@ -145,6 +152,18 @@ impl Rows {
                 .map(shortest)
                 .into(),
             telemetry.margin.map(|margin| shortest(margin.flip)).into(),
+            telemetry.margin.map(|margin| shortest(margin.trace)).into(),
+            (telemetry.margin)
+                .map(|margin| shortest(margin.restitution))
+                .into(),
+            telemetry
+                .margin
+                .map(|margin| shortest(margin.scatter))
+                .into(),
+            telemetry
+                .margin
+                .map(|margin| shortest(margin.to_loss))
+                .into(),
             if held.is_empty() {
                 Value::Missing
             } else {

@@ -88,17 +88,22 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
                         match why {
                             Unidentified::Quiet => "no impact is heard that repeats every cycle",
                             Unidentified::Dead => {
-                                "the parts bounce so little that the ringing of an impact hides the next"
+                                "the parts bounce so little, or so unevenly, that the ringing of an impact hides the next"
                             }
                             Unidentified::Scattered =>
-                                "the parts' restitution scatters from impact to impact, and they are several or too soft to hear one by one",
+                                "only the parts' first landing repeats: their restitution scatters, from impact to impact or from part to part",
                             Unidentified::Unsteady =>
                                 "the drive did not hold the amplitudes that are needed still in time",
                             Unidentified::Unlike =>
                                 "what is heard is not the chatter of parts of one restitution",
                         }
                     ),
-                    "put parts of one kind on the track, a dozen or so, and try again",
+                    match why {
+                        Unidentified::Scattered | Unidentified::Dead => {
+                            "put one single part on the track and try again: of one the scatter is heard too"
+                        }
+                        _ => "put parts of one kind on the track, a dozen or so, and try again",
+                    },
                 ));
             }
             Some(Identification::Listening { hops }) => {

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::summary::Seen;
 use crate::refusal::Refusal;
 use crate::report::{Column, Printout, Table, Value, number};
-use crate::simulate::{Outcome, SETTLED, describe, words};
+use crate::simulate::{Lot, Outcome, SETTLED, describe, words};
 
 /// Files of a single run.
 pub(super) struct Written<'a> {
@@ -20,6 +20,8 @@ pub(super) struct Written<'a> {
 
 /// Expected share of time in gear below which it is said that nothing serves the lot.
 const POORLY: f64 = 0.7;
+/// Widest lot that is one restitution: what one part is planned for by ear.
+const NARROW: f32 = 0.045;
 
 /// The timeline and the result in words.
 pub(super) fn told(
@@ -174,34 +176,54 @@ pub(super) fn told(
                 1.0 => String::new(),
                 told => format!(", told for {} of that time", number(told, 3)),
             };
-            say(format!("                 heard {}{told}", number(heard, 3)));
+            say(format!(
+                "                 heard {} +- {}{told}",
+                number(heard, 3),
+                number(record.in_gear_error().unwrap_or(f64::NAN), 1)
+            ));
         } else if record.in_gear_told().is_some() {
             say("                 heard: not told".into());
         }
     }
+    let as_told = Lot {
+        restitution: [settings.restitution_low, settings.restitution_high],
+        scatter: settings.scatter,
+    };
+    let lot = outcome.record().planned_for().unwrap_or(as_told);
     if let Some(expected) = expected {
+        let Lot {
+            restitution: [low, high],
+            scatter,
+        } = lot;
+        let heard = if lot == as_told {
+            ""
+        } else {
+            ", as it is heard"
+        };
         say(format!(
-            "                 {} expected of restitution {}..{} that scatters by {}",
+            "                 {} expected of restitution {}..{} that scatters by {}{heard}",
             number(expected, 3),
-            settings.restitution_low,
-            settings.restitution_high,
-            settings.scatter
+            number(f64::from(low), 3),
+            number(f64::from(high), 3),
+            number(f64::from(scatter), 2)
         ));
     }
     if let Some(expected) = expected
         && expected < POORLY
         && last.reference > 0.0
     {
-        let lot = format!(
-            "{}..{}",
-            settings.restitution_low, settings.restitution_high
-        );
-        let what = if settings.restitution_low < settings.restitution_high {
-            format!("a lot of R {lot} is wider than any amplitude of this drive serves")
+        let Lot {
+            restitution: [low, high],
+            scatter,
+        } = lot;
+        let wide = high - low > NARROW;
+        let (low, high) = (number(f64::from(low), 3), number(f64::from(high), 3));
+        let what = if wide {
+            format!("a lot of R {low}..{high} is wider than any amplitude of this drive serves")
         } else {
             format!(
                 "a scatter of {} is more than any amplitude of this drive bears",
-                settings.scatter
+                number(f64::from(scatter), 2)
             )
         };
         let more = if settings.second_tone < 0.15 {
@@ -211,10 +233,10 @@ pub(super) fn told(
         };
         say(format!(
             "lot              {what}: {} of the time in gear is the best there is, and held; {more}parts sorted \
-             into narrower lots, or less scatter would keep them in gear for longer: kband gear --restitution {lot} \
+             into narrower lots, or less scatter would keep them in gear for longer: kband gear --restitution {low}..{high} \
              --scatter {}",
             number(expected, 2),
-            settings.scatter
+            number(f64::from(scatter), 2)
         ));
     }
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
@@ -345,7 +367,17 @@ pub(super) fn told(
         "regime": outcome.regime(),
         "in_gear": outcome.in_gear(),
         "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_error": outcome.record().in_gear_error(),
         "in_gear_told": outcome.record().in_gear_told(),
+        "planned_for": json!({"restitution": lot.restitution, "scatter": lot.scatter}),
+        "margin_heard": last.margin.map(|margin| json!({
+            "flip": margin.flip,
+            "trace": margin.trace,
+            "restitution": margin.restitution,
+            "restitution_error": margin.error,
+            "scatter": margin.scatter,
+            "cycles_to_loss": margin.to_loss,
+        })),
         "in_gear_expected": expected,
         "cycles_to_loss": outcome.time_to_loss(),
         "lock_phase_rad": outcome.lock_phase(),

@@ -146,7 +146,27 @@ impl BoardStatus {
             number(f64::from(self.telemetry.in_gear), 2),
         );
         if let Some(margin) = self.telemetry.margin {
-            row("margin to the flip", number(f64::from(margin.flip), 2));
+            row(
+                "margin to the flip",
+                format!(
+                    "{} (trace {})",
+                    number(f64::from(margin.flip), 2),
+                    number(f64::from(margin.trace), 2)
+                ),
+            );
+            row(
+                "restitution heard",
+                format!(
+                    "{} +- {}, scattering by {}",
+                    number(f64::from(margin.restitution), 3),
+                    number(f64::from(margin.error), 1),
+                    number(f64::from(margin.scatter), 2)
+                ),
+            );
+            row(
+                "gear is lost after",
+                format!("{} cycles", number(f64::from(margin.to_loss), 2)),
+            );
         }
         row("time since its start", format!("{} s", self.status.seconds));
         Printout::new(table)
@@ -192,6 +212,10 @@ impl BoardStatus {
             "impacts_per_cycle": self.telemetry.rate,
             "in_gear_heard": self.telemetry.in_gear,
             "margin": self.telemetry.margin.map(|margin| margin.flip),
+            "trace_heard": self.telemetry.margin.map(|margin| margin.trace),
+            "restitution_heard": self.telemetry.margin.map(|margin| margin.restitution),
+            "scatter_heard": self.telemetry.margin.map(|margin| margin.scatter),
+            "cycles_to_loss": self.telemetry.margin.map(|margin| margin.to_loss),
             "seconds": self.status.seconds,
             "next": self.next(),
         })

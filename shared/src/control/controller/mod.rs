@@ -606,6 +606,8 @@ impl Controller {
             normal_gravity: self.scale.normal_gravity,
             step: self.scale.step,
             margin: self.listener.margin(),
+            thrown: self.listener.gear.thrown(),
+            loudness: self.listener.gear.loudness(),
         };
         match self.identifier.cycle(&driven, cycle) {
             Step::Going => {}

@@ -32,7 +32,7 @@ impl Controller {
             in_gear_error: self.in_gear_error(),
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.time_to_loss(),
-            margin: self.listener.margin(),
+            margin: self.listener.margin_of_all(),
             expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
             attempts: self.machine.attempts(),
             identification: self.identifier.result(),

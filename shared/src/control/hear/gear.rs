@@ -7,6 +7,7 @@
 
 use core::f32::consts::TAU;
 
+use super::energy::{SECTORS, SECTORS_HANDED};
 use super::margin::GearMargin;
 use super::onset::Heard;
 use super::signal::Cycle;
@@ -19,6 +20,8 @@ use crate::regime::gear;
 pub const GEAR_WINDOW: f32 = 64.0;
 /// Impacts that the restitution heard remembers: its standard error is then an eleventh of the scatter.
 const IMPACTS: f32 = 128.0;
+/// Impacts that the trace remembers: A scatters by a third, and so the trace by up to 0.05.
+const BENT: f32 = 1024.0;
 /// Impacts from which on a restitution is told: the standard error of its scatter is then 16 %. From 2 on every test passes; at
 /// 120 a test fails.
 const ENOUGH: f32 = 20.0;
@@ -30,6 +33,8 @@ const FLIGHTS: [u64; 2] = [
     (gear::FLIGHTS[0] * Phase::TURN) as u64,
     (gear::FLIGHTS[1] * Phase::TURN) as u64,
 ];
+/// Cycles in which the sectors of a whole turn are handed over.
+const QUARTERS: usize = SECTORS / SECTORS_HANDED;
 /// Flights in a row that are gear.
 const ROW: u16 = 8;
 /// Least scatter of an implied restitution: what the stamps of the impacts and the amplitude's error add; so far below 0 or above 1 one may
@@ -59,9 +64,9 @@ const FAINT: f32 = 2.2;
 /// The faintest speed over b w before the loudness of the parts is known: a fifth of the `2 pi k/(1 + R)` = 2.1 with which they strike in
 /// gear at k = 0.43, R = 0.3. It stands for [`ENOUGH`] impacts; from 0.05 to 1.5 every test passes.
 const FAINT_AT_FIRST: f32 = 0.4;
-/// Correlation of two implied restitutions in a row from which on they are not one part's: of 128 that are, four times its
-/// standard error. From 0.1 to 0.95 every test passes.
-const RELATED: f32 = 0.35;
+/// Correlation of two implied restitutions in a row from which on they are not one part's, in its standard errors, and that of
+/// [`IMPACTS`].
+const RELATED: f32 = 4.0;
 /// Error in rad of the mean phase of a lock's stamps: a sample at 300 Hz. At 1 `parts_that_hop_and_rest_are_neither_in_gear_nor_locked`
 /// fails.
 const STAMPED: f32 = 0.1;
@@ -244,16 +249,23 @@ pub struct GearHearing {
     listened: f32,
     cycles: f32,
     losses: f32,
-    /// Sums over impacts in gear of 1, R, R^2, the product of two R in a row, and A; and the last R.
+    /// Sums over impacts in gear of 1, R and R^2.
     impacts: f32,
     sum: f32,
     squares: f32,
-    products: f32,
+    /// Sums over more of them of 1 and A.
+    bent: f32,
     bends: f32,
-    before: f32,
+    /// Sums over pairs of them in a row of 1 and of the square of the difference of their R; and the last R.
+    pairs: f32,
+    differences: f32,
+    before: Option<f32>,
     /// Sums of strength heard and of speed of arrival over b w.
     strength: f32,
     arrivals: f32,
+    arrival_squares: f32,
+    /// Of each quarter of the turn the energy that came while the part was in gear, but for noise, and the cycles that it is the sum of.
+    energies: [[f32; 2]; QUARTERS],
     k: f32,
 }
 
@@ -292,6 +304,14 @@ impl GearHearing {
             let time = (now | u64::from(heard.phase.bits()))
                 .wrapping_add_signed(i64::from(with.lead.bits() as i32));
             self.strike(heard, cycle.noise, time, order);
+        }
+        if usize::from(self.row) >= usize::from(ROW) + QUARTERS {
+            let quarter = usize::from(cycle.sectors.first) / SECTORS_HANDED;
+            let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
+            if let Some([sum, cycles]) = self.energies.get_mut(quarter) {
+                *sum += cycle.sectors.energy.iter().sum::<f32>() - noise;
+                *cycles += QUARTERS as f32;
+            }
         }
         if let Some(last) = self.last
             && now.saturating_sub(last.time) > 2 * FLIGHTS[1] * order
@@ -409,18 +429,25 @@ impl GearHearing {
 
     fn learn(&mut self, restitution: f32, bend: f32, strength: f32, arrival: f32) {
         let keep = 1.0 - 1.0 / IMPACTS;
+        if let Some(before) = self.before {
+            let apart = restitution - before;
+            self.pairs = self.pairs * keep + 1.0;
+            self.differences = self.differences * keep + apart * apart;
+        }
+        self.before = Some(restitution);
         for (sum, new) in [
             (&mut self.impacts, 1.0),
             (&mut self.sum, restitution),
             (&mut self.squares, restitution * restitution),
-            (&mut self.products, restitution * self.before),
-            (&mut self.bends, bend),
             (&mut self.strength, strength),
             (&mut self.arrivals, arrival),
+            (&mut self.arrival_squares, arrival * arrival),
         ] {
             *sum = *sum * keep + new;
         }
-        self.before = restitution;
+        let keep = 1.0 - 1.0 / BENT;
+        self.bent = self.bent * keep + 1.0;
+        self.bends = self.bends * keep + bend;
     }
 
     /// Speed over b w with which a part lands that the track throws from rest; 0 where it throws none.
@@ -445,12 +472,28 @@ impl GearHearing {
         FAINT * noise * self.arrivals / self.strength
     }
 
+    /// Energy of the residual in a drive cycle in gear over the mean square of the speed of arrival over b w, in (m/s^2)^2; `None` where
+    /// too little was heard.
+    #[must_use]
+    pub fn loudness(&self) -> Option<f32> {
+        let mut energy = 0.0;
+        for [sum, cycles] in self.energies {
+            if cycles == 0.0 {
+                return None;
+            }
+            energy += sum / cycles;
+        }
+        let square = self.arrival_squares / self.impacts;
+        (self.impacts >= ENOUGH && square > 0.0).then(|| energy / square)
+    }
+
     fn lose(&mut self) {
         if self.row >= ROW {
             self.losses += 1.0;
         }
         self.row = 0;
         self.waiting = 0.0;
+        self.before = None;
     }
 
     /// Share of time in gear, 0..=1, over the last [`GEAR_WINDOW`] cycles.
@@ -498,14 +541,13 @@ impl GearHearing {
         let scatter = self.spread();
         let variance = scatter * scatter;
         // One part's restitutions do not know of each other; of several parts the first to strike does.
-        let related = self.products / self.impacts - mean * mean;
-        if scatter > LEAST_SCATTER
-            && (related > RELATED * variance || -related > RELATED * variance)
-        {
+        let related = variance - 0.5 * self.differences / self.pairs.max(1.0);
+        let most = RELATED * variance / square_root_single(self.pairs.max(1.0));
+        if scatter > LEAST_SCATTER && (related > most || -related > most) {
             return None;
         }
         let squeezed = (1.0 + mean) * (1.0 + mean);
-        let trace = 1.0 + mean * mean - squeezed * self.bends / (self.impacts * self.k);
+        let trace = 1.0 + mean * mean - squeezed * self.bends / (self.bent * self.k);
         Some(GearMargin {
             trace,
             restitution: mean,

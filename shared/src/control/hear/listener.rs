@@ -127,6 +127,11 @@ impl Listener {
         Some(margin)
     }
 
+    /// How far the parts are from losing gear: one part as it is heard, several as a mean over the lot.
+    pub fn margin_of_all(&self) -> Option<GearMargin> {
+        self.margin().or_else(|| self.share.margin())
+    }
+
     /// Mean drive cycles in gear until it is lost: as heard of one part, else as the map has it of the lot; infinite where
     /// neither knows.
     pub fn time_to_loss(&self) -> f32 {

@@ -1,6 +1,7 @@
 //! How far parts in gear are from losing it, told from the phases at which they strike.
 
-/// What the parts' phases say of their gear, without the setpoint being moved.
+/// What the parts' phases say of their gear, without the setpoint being moved: of one part by each flight, of several, which cannot be told
+/// apart, by where in the turn they strike together (docs/theory-real-parts.md#t10.7).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GearMargin {
     /// Trace of the tangent map of one impact (symbol tr J), `1 + R^2 - A (1 + R)^2/k`, with A averaged over the impacts.
@@ -9,11 +10,187 @@ pub struct GearMargin {
     pub restitution: f32,
     /// Standard error of that restitution.
     pub error: f32,
-    /// Standard deviation of restitution from impact to impact (symbol s) as heard.
+    /// Standard deviation of restitution from impact to impact (symbol s) as heard of one part; of several that of the lot that they are
+    /// listened for as.
     pub scatter: f32,
     /// Distance of the trace from the doubling of the period, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
     pub flip: f32,
     /// Expected drive cycles until gear is lost: those in gear over its losses and one, and where none was heard not less than
     /// the map has of the lot.
     pub to_loss: f32,
+}
+
+#[cfg(all(test, feature = "plant"))]
+mod tests {
+    use core::f64::consts::TAU;
+
+    use super::GearMargin;
+    use crate::control::drive::{Shape, UpperTone};
+    use crate::control::target::Target;
+    use crate::plant::{EnvelopeLoop, Scene};
+    use crate::regime::gear::{GearWatch, is_in_gear};
+
+    /// Parts evenly over a lot, at a fixed k, with a second tone of ratio e and angle th.
+    struct Lot {
+        restitution: [f32; 2],
+        scatter: f32,
+        parts: usize,
+        k: f32,
+        tone: [f32; 2],
+    }
+
+    /// The plant's own motion from 5 s to 60 s, over the flights in gear from the eighth in a row on, and the drive cycles in gear with its
+    /// losses.
+    #[derive(Debug)]
+    struct Truth {
+        trace: f64,
+        restitution: f64,
+        cycles: f64,
+        losses: f64,
+    }
+
+    const CYCLES: usize = 3000;
+    const SETTLED: usize = 250;
+
+    fn scene(lot: &Lot, seed: u64) -> Scene {
+        let [low, high] = lot.restitution;
+        let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / lot.parts as f32;
+        let [ratio, phase] = lot.tone;
+        let mut scene = Scene {
+            target: Target::K(lot.k),
+            seed,
+            parts: (0..lot.parts).map(part).collect(),
+            scatter: core::iter::repeat_n(lot.scatter, lot.parts).collect(),
+            ..Scene::default()
+        };
+        let settings = &mut scene.settings;
+        settings.scatter = lot.scatter;
+        (settings.restitution_low, settings.restitution_high) = (low, high);
+        if ratio > 0.0 {
+            settings.second_tone = ratio;
+            scene.drive.second_gain = settings.second_gain;
+            scene.drive.second_lag = settings.second_lag;
+            scene.target = Target::Tones {
+                k: lot.k,
+                shape: Shape {
+                    second: UpperTone { ratio, phase },
+                    ..Shape::default()
+                },
+            };
+        }
+        scene
+    }
+
+    /// What is true, and what was told last; and in how many of the cycles after 10 s something was.
+    fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
+        let scene = scene(lot, seed);
+        let mut closed = EnvelopeLoop::build(&scene).unwrap();
+        let mut watches = std::vec![(GearWatch::build(1).unwrap(), 0, 0.0); lot.parts];
+        let [ratio, angle] = lot.tone.map(f64::from);
+        let (mut told, mut last) = (0, GearMargin::default());
+        let (mut traces, mut restitutions, mut count) = (0.0, 0.0, 0.0);
+        for cycle in 0..CYCLES {
+            if cycle == SETTLED {
+                for (watch, ..) in &mut watches {
+                    watch.begin(cycle as f64 * TAU);
+                }
+            }
+            let report = closed.cycle().report;
+            for strike in closed.strikes() {
+                let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
+                let flight = f64::from(strike.flight) * TAU;
+                let (watch, row, launched) = &mut watches[usize::from(strike.part)];
+                if strike.rested {
+                    watch.rested(landed - flight);
+                }
+                watch.landed(landed, flight);
+                let geared = is_in_gear(flight, TAU) && !strike.rested;
+                *row = if geared { *row + 1 } else { 0 };
+                let restitution = f64::from(scene.parts[usize::from(strike.part)]);
+                // Of the impact that began this flight in gear.
+                if *row >= 8 && cycle >= SETTLED {
+                    traces += *launched;
+                    restitutions += restitution;
+                    count += 1.0;
+                }
+                let bend = strike.phase.sin() + 4.0 * ratio * (2.0 * strike.phase + angle).sin();
+                let squeezed = (1.0 + restitution) * (1.0 + restitution);
+                *launched = 1.0 + restitution * restitution - squeezed * bend / f64::from(report.k);
+            }
+            if cycle >= 500
+                && let Some(margin) = report.margin
+            {
+                told += 1;
+                last = margin;
+            }
+        }
+        let shares = watches
+            .iter()
+            .map(|(watch, ..)| watch.share(CYCLES as f64 * TAU));
+        let all = shares.reduce(|one, other| one.and(&other)).unwrap();
+        let cycles = all.share() * (lot.parts * (CYCLES - SETTLED)) as f64;
+        let truth = Truth {
+            trace: traces / count,
+            restitution: restitutions / count,
+            cycles,
+            losses: all
+                .time_to_loss()
+                .map_or(0.0, |cycles_each| cycles / cycles_each),
+        };
+        (truth, last, told)
+    }
+
+    #[test]
+    fn what_is_heard_of_the_margin_is_the_plant_s_own() {
+        for (restitution, scatter, k, tone) in [
+            ([0.2, 0.2], 0.05, 0.403, [0.0, 0.0]),
+            ([0.3, 0.3], 0.05, 0.4438, [0.0, 0.0]),
+            ([0.4, 0.4], 0.05, 0.5, [0.0, 0.0]),
+            ([0.25, 0.25], 0.04, 0.42, [0.0, 0.0]),
+            ([0.3, 0.3], 0.10, 0.4438, [0.0, 0.0]),
+            ([0.1, 0.3], 0.03, 0.383, [0.0, 0.0]),
+            ([0.2, 0.2], 0.05, 0.32, [0.14, 2.5]),
+            ([0.3, 0.3], 0.05, 0.402, [0.15, 2.48]),
+            ([0.3, 0.3], 0.10, 0.39, [0.17, 2.65]),
+            ([0.5, 0.5], 0.10, 0.59, [0.23, 2.65]),
+        ] {
+            for parts in [1, 6] {
+                let lot = Lot {
+                    restitution,
+                    scatter,
+                    parts,
+                    k,
+                    tone,
+                };
+                let (truth, told, cycles) = listen(&lot, 3);
+                let what =
+                    std::format!("{restitution:?} {scatter} {tone:?} {parts}: {truth:?} {told:?}");
+                assert!(cycles > 2400, "{what}: told in {cycles} cycles");
+                let apart = (f64::from(told.restitution) - truth.restitution).abs();
+                assert!(apart < 3.0 * f64::from(told.error), "{what}");
+                assert!(told.error < 0.02, "{what}");
+                assert!((told.scatter / scatter - 1.0).abs() < 0.15, "{what}");
+                let longest = truth.cycles / truth.losses.max(1.0);
+                // Of rows of a dozen flights the few that one part has in a minute are not the same as those of many.
+                let within = if longest > 15.0 { 0.12 } else { 0.35 };
+                assert!(
+                    (f64::from(told.trace) - truth.trace).abs() < within,
+                    "{what}"
+                );
+                let determinant = told.restitution * told.restitution;
+                assert!(
+                    (told.flip - 1.0 - determinant - told.trace).abs() < 1e-5,
+                    "{what}"
+                );
+                // Three standard errors of the losses that there were, and a tenth.
+                let to_loss = f64::from(told.to_loss);
+                let most = 1.1 + 3.0 / truth.losses.max(1.0).sqrt();
+                assert!(
+                    truth.losses < 10.0 && to_loss > 500.0
+                        || to_loss < longest * most && longest < to_loss * most,
+                    "{what}"
+                );
+            }
+        }
+    }
 }

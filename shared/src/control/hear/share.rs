@@ -5,13 +5,14 @@
 //! two profiles, and the map tells both (docs/theory-real-parts.md#t10.7).
 
 use super::energy::{SECTORS, Sectors};
+use super::margin::GearMargin;
 use super::onset::{Onset, Standard};
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::drive::{Shape, UPPER};
 use crate::feeder::Restitution;
-use crate::regime::gear::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings};
+use crate::regime::gear::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
 
 /// Drive cycles that the energy heard is remembered for: five seconds at 50 Hz.
 const MEMORY: f32 = 256.0;
@@ -42,6 +43,8 @@ const LOSSES: f32 = 8.0;
 /// Most parts that rest and land as one: as many as a scene has. From 10 to 300 every test passes, at 2
 /// `the_share_of_a_crowd_is_heard` fails.
 const TOGETHER: f32 = 24.0;
+/// Share in gear below which nothing is said of those that are.
+const LEAST: f32 = 0.1;
 /// Error of a share that the map's own profiles bring: each is that of some ten thousand impacts, a hundredth by their
 /// count. From 0 to 0.2 every test passes.
 const COUNTED: f32 = 0.01;
@@ -95,6 +98,8 @@ pub struct ShareHearing {
     k: f32,
     tones: [[f32; 2]; UPPER],
     cycles: f32,
+    /// The tones that the profiles are of.
+    profiled: [[f32; 2]; UPPER],
     profiler: Option<StrikeProfiler>,
     /// Energy by the phase of the output, and the cycles that it is the sum of.
     energy: Row,
@@ -111,6 +116,7 @@ pub struct ShareHearing {
     of_late: bool,
     fitting: Option<Fitting>,
     share: Option<GearShare>,
+    margin: Option<GearMargin>,
     /// Whether what is heard was held against the profiles.
     judged: bool,
 }
@@ -153,6 +159,7 @@ impl ShareHearing {
             k: 0.0,
             tones: [[0.0; 2]; UPPER],
             cycles: 0.0,
+            profiled: [[0.0; 2]; UPPER],
             profiler: None,
             energy: [0.0; SECTORS],
             weight: 0.0,
@@ -165,6 +172,7 @@ impl ShareHearing {
             of_late: false,
             fitting: None,
             share: None,
+            margin: None,
             judged: false,
         }
     }
@@ -174,7 +182,7 @@ impl ShareHearing {
         self.energy = [0.0; SECTORS];
         (self.weight, self.due, self.cycles) = (0.0, 0, 0.0);
         self.fitting = None;
-        self.share = None;
+        (self.share, self.margin) = (None, None);
         self.judged = false;
     }
 
@@ -182,6 +190,13 @@ impl ShareHearing {
     #[must_use]
     pub fn share(&self) -> Option<GearShare> {
         self.share
+    }
+
+    /// How far parts of the lot are from losing gear, as a mean over those that are heard to be in it; `None` where no share is known, or
+    /// next to none of them are.
+    #[must_use]
+    pub fn margin(&self) -> Option<GearMargin> {
+        self.margin
     }
 
     /// Whether what is heard was held against what the map has of the lot: where no share is known then, it is no mixture of
@@ -228,9 +243,13 @@ impl ShareHearing {
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
         self.k += (tuned.k - self.k) * share;
-        let means = self.tones.as_flattened_mut().iter_mut();
-        for (mean, part) in means.zip(tuned.shape.mixed().as_flattened()) {
-            *mean += (part - *mean) * share;
+        if tuned.shape.is_sine() {
+            self.tones = [[0.0; 2]; UPPER];
+        } else {
+            let means = self.tones.as_flattened_mut().iter_mut();
+            for (mean, part) in means.zip(tuned.shape.mixed().as_flattened()) {
+                *mean += (part - *mean) * share;
+            }
         }
         if self.cycles < 8.0 {
             return;
@@ -241,18 +260,12 @@ impl ShareHearing {
             return;
         };
         if let Some(profiler) = &self.profiler {
-            let StrikeSettings {
-                order: was,
-                k,
-                tones,
-                ..
-            } = *profiler.settings();
-            let was_mixed = Shape::of(tones).mixed();
-            let tones = self.tones.as_flattened().iter();
-            let same = was == order
-                && !apart(k, self.k, MOVED * k)
-                && (tones.zip(was_mixed.as_flattened())).all(|(is, was)| !apart(*was, *is, MOVED));
             let settings = profiler.settings();
+            let tones = self.tones.as_flattened().iter();
+            let mut tones = tones.zip(self.profiled.as_flattened());
+            let same = settings.order == order
+                && !apart(settings.k, self.k, MOVED * settings.k)
+                && tones.all(|(is, was)| !apart(*was, *is, MOVED));
             if same && settings.restitution == restitution && settings.scatter == scatter {
                 return;
             }
@@ -260,11 +273,12 @@ impl ShareHearing {
                 // What was heard so far was of another track.
                 self.energy = [0.0; SECTORS];
                 (self.weight, self.due) = (0.0, 0);
-                self.share = None;
+                (self.share, self.margin) = (None, None);
                 self.judged = false;
             }
         }
         self.fitting = None;
+        self.profiled = self.tones;
         let tones = self.tones.map(|[straight, across]| {
             let ratio = libm::sqrtf(straight * straight + across * across);
             if ratio < 1e-3 {
@@ -308,7 +322,9 @@ impl ShareHearing {
         };
         let found = self.fit(profile, rings, late);
         if fitting.tried == 3 {
-            self.share = told(&found, profile);
+            let share = told(&found, profile);
+            self.margin = share.and(self.margin_of(&found));
+            self.share = share;
             self.judged = true;
             return false;
         }
@@ -318,6 +334,50 @@ impl ShareHearing {
         fitting.tried += 1;
         self.fitting = Some(fitting);
         true
+    }
+
+    /// What a mixture tells of its parts in gear: their restitution by the weights of the lot's groups, and the trace by where their profiles
+    /// strike.
+    fn margin_of(&self, found: &Mixture) -> Option<GearMargin> {
+        let profiler = self.profiler.as_ref()?;
+        let profile = profiler.profile()?;
+        let StrikeSettings { k, scatter, .. } = *profiler.settings();
+        let groups = &found.weights[..GROUPS];
+        let all: f32 = groups.iter().sum();
+        let out: f32 = found.weights[GROUPS..NOISE].iter().sum();
+        if all <= LEAST * (all + out) {
+            return None;
+        }
+        let middles: [f32; GROUPS] = core::array::from_fn(|group| profiler.restitution(group));
+        let weighed = groups.iter().zip(middles);
+        let restitution = weighed.map(|(weight, middle)| weight * middle).sum::<f32>() / all;
+        let mut variance = 0.0_f32;
+        for (row, one) in found.covariance.iter().zip(middles) {
+            for (covariance, other) in row.iter().zip(middles) {
+                variance += (one - restitution) * (other - restitution) * covariance;
+            }
+        }
+        let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
+        // Within a group, and beyond the lot's ends, restitutions are not told apart.
+        let apart = middles[1] - middles[0];
+        let error = libm::sqrtf(
+            variance.max(0.0) * dispersion / (all * all) + apart * apart / 12.0 + WIDE * WIDE,
+        );
+        // Where a group strikes is known by its restitution: how many of the parts are of it is what is heard.
+        let each = groups.iter().zip(middles).zip(profile.bends);
+        let traces = each.map(|((weight, middle), bend)| {
+            let squeezed = (1.0 + middle) * (1.0 + middle);
+            weight * (1.0 + middle * middle - squeezed * bend / k)
+        });
+        let trace = traces.sum::<f32>() / all;
+        Some(GearMargin {
+            trace,
+            restitution,
+            error,
+            scatter,
+            flip: 1.0 + restitution * restitution + trace,
+            to_loss: profile.time_to_loss(),
+        })
     }
 
     /// Goes where the parabola through three tries is lowest.

@@ -117,6 +117,8 @@ pub struct Fit {
     /// What each restitution leaves of this fold, and the logarithms of that, over the least, of all heard.
     left: [f32; TRIED],
     sums: [f32; TRIED],
+    /// The same of the first landing alone.
+    alone_sum: f32,
     /// Share of the measured amplitude that is the impacts' ringing; `None` until it is known.
     leak: Option<f32>,
 }
@@ -139,6 +141,7 @@ impl Fit {
         verdict: Verdict::Quiet,
         left: [0.0; TRIED],
         sums: [0.0; TRIED],
+        alone_sum: 0.0,
         leak: None,
     };
 
@@ -325,7 +328,15 @@ impl Fit {
         for (sum, left) in self.sums.iter_mut().zip(&self.left) {
             *sum += libm::logf(*left / best.explained.left);
         }
+        self.alone_sum += libm::logf(self.alone(&best).left / best.explained.left);
         Stage::Done
+    }
+
+    /// What the first landing alone explains, with the ringing of what explains most.
+    fn alone(&self, best: &Best) -> Explained {
+        let landing = [(best.onset, 1.0)];
+        let stride = self.layout.stride;
+        explain(self.places(), stride, best.ringing, true, &landing)
     }
 
     fn judge(&self) -> Verdict {
@@ -342,9 +353,7 @@ impl Fit {
                 Verdict::Unlike
             };
         }
-        let landing = [(best.onset, 1.0)];
-        let alone = explain(places, self.layout.stride, best.ringing, true, &landing);
-        if left < NOISE * noise || left < UNLIKE * alone.left {
+        if left < NOISE * noise || left < UNLIKE * self.alone(&best).left {
             Verdict::Heard(self.tried(0) + restitution * self.apart)
         } else {
             Verdict::Unlike
@@ -422,6 +431,14 @@ impl Fit {
             *least = least.min(*sum);
         }
         (rival - best) * self.layout.places as f32
+    }
+
+    /// How much less that restitution leaves than the first landing alone, likewise: of parts that scatter only that repeats, and
+    /// every train of impacts leaves more than it, the one least that is heard least.
+    #[must_use]
+    pub fn evidence_of_a_train(&self) -> f32 {
+        let best = self.sums.iter().copied().fold(f32::INFINITY, f32::min);
+        (self.alone_sum - best) * self.layout.places as f32
     }
 }
 

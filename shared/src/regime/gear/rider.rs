@@ -124,6 +124,11 @@ impl FollowedImpact {
         }
         surface.map.land_at(self.launch, 1.0).next.velocity
     }
+
+    /// The track's downward acceleration (symbol A) where the flight that it ended began.
+    pub fn bend(&self, surface: &Surface) -> f32 {
+        surface.k - surface.pull(self.launch.phase).0
+    }
 }
 
 /// Restitution from which on the speed of arrival follows from that of the launch: below, rounding would tell.

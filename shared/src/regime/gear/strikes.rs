@@ -20,7 +20,7 @@ const PERIODS: u16 = 768;
 const MOST: u32 = 600_000;
 /// What is followed beyond either end of the lot: where a part in gear strikes depends on `k (1 - R)/(1 + R)`, so that an
 /// amplitude that is 2 % off moves it as `0.02 (1 - R^2)/2` does.
-const WIDE: f32 = 0.01;
+pub const WIDE: f32 = 0.01;
 /// How near in steps of 2^-32 turns to where the first part from rest lands others do: 3e-3 rad.
 const NEAR: i32 = 1 << 21;
 
@@ -56,6 +56,8 @@ pub struct StrikeProfile {
     pub periods: [[f32; GROUPS]; 2],
     /// Losses of gear in them.
     pub losses: f32,
+    /// For each group the track's mean downward acceleration (symbol A) where its flights in gear begin, from the eighth in a row on.
+    pub bends: [f32; GROUPS],
 }
 
 impl StrikeProfile {
@@ -67,6 +69,7 @@ impl StrikeProfile {
         landing: None,
         periods: [[0.0; GROUPS]; 2],
         losses: 0.0,
+        bends: [0.0; GROUPS],
     };
 
     /// Mean drive periods in gear until it is lost; where it was not lost, a least.
@@ -99,6 +102,8 @@ pub struct StrikeProfiler {
     was_in: bool,
     /// Drive periods in gear of the part under way.
     turns: f32,
+    /// Flights in gear that [`StrikeProfile::bends`] is the mean of.
+    bent: [f32; GROUPS],
     profile: StrikeProfile,
 }
 
@@ -116,6 +121,7 @@ impl StrikeProfiler {
             waiting: 0,
             was_in: false,
             turns: 0.0,
+            bent: [0.0; GROUPS],
             profile: StrikeProfile::NONE,
         })
     }
@@ -124,6 +130,22 @@ impl StrikeProfiler {
     #[must_use]
     pub fn settings(&self) -> &StrikeSettings {
         &self.settings
+    }
+
+    /// Mean restitution of a group.
+    #[must_use]
+    pub fn restitution(&self, group: usize) -> f32 {
+        let [low, high] = self.followed();
+        low + (high - low) * (group as f32 + 0.5) * (1.0 / GROUPS as f32)
+    }
+
+    /// Lowest and highest restitution that is followed.
+    fn followed(&self) -> [f32; 2] {
+        let lot = self.settings.restitution;
+        [
+            (lot.low() as f32 - WIDE).max(0.0),
+            (lot.high() as f32 + WIDE).min(0.99),
+        ]
     }
 
     /// What was counted; `None` before its end.
@@ -175,6 +197,9 @@ impl StrikeProfiler {
                 }
                 self.waiting = 0;
                 self.count_in(strike);
+                let group = self.group();
+                self.profile.bends[group] += heard.bend(&surface);
+                self.bent[group] += 1.0;
             } else if self.is_row(strike.turns) && self.waiting < self.row.len() {
                 self.row[self.waiting] = strike;
                 self.waiting += 1;
@@ -244,11 +269,7 @@ impl StrikeProfiler {
         // They fill the lot evenly, each restitution from rest and from the lock.
         let pair = (self.part - 1) / 2;
         let place = (pair as f32 + 0.5) * (2.0 / PARTS as f32);
-        let lot = self.settings.restitution;
-        let (low, high) = (
-            (lot.low() as f32 - WIDE).max(0.0),
-            (lot.high() as f32 + WIDE).min(0.99),
-        );
+        let [low, high] = self.followed();
         let mean = low + (high - low) * place;
         let draw = Draw::new(mean, self.settings.scatter, self.part);
         let span = Span::periods(PERIODS, 0);
@@ -265,6 +286,9 @@ impl StrikeProfiler {
         let within = profile.periods[0].map(|periods| 1.0 / periods.max(1.0));
         for (sums, within) in profile.in_gear.iter_mut().zip(within) {
             sums.iter_mut().for_each(|sum| *sum *= within);
+        }
+        for (bend, count) in profile.bends.iter_mut().zip(self.bent) {
+            *bend /= count.max(1.0);
         }
         let without = 1.0 / profile.periods[1].iter().sum::<f32>().max(1.0);
         profile.out.iter_mut().for_each(|sum| *sum *= without);

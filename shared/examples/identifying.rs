@@ -1,0 +1,125 @@
+//! What an identification says of lots whose restitution scatters: how many are answered, how far the answers are from the truth, and
+//! how many of them are false, which is by more than three of the errors told (docs/commissioning.md).
+//!
+//! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST FIDELITY`, with FIDELITY `envelope` or `waveform`.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use kband::control::{Identification, Report, Settings, Target, Unidentified};
+use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
+
+/// Cycles in which an identification surely ends.
+const LONGEST: usize = 4100;
+
+/// A lot: restitution, scatter and number of its parts.
+type Lot = (f32, f32, usize);
+
+fn heard(lot: Lot, seed: u64, waveform: bool) -> Identification {
+    let (restitution, scatter, parts) = lot;
+    let scene = Scene {
+        target: Target::Identify,
+        parts: std::iter::repeat_n(restitution, parts).collect(),
+        scatter: std::iter::repeat_n(scatter, parts).collect(),
+        settings: Settings {
+            restitution_low: 0.0,
+            restitution_high: 0.9,
+            ..Settings::default()
+        },
+        seed,
+        ..Scene::default()
+    };
+    let mut reports: Box<dyn Iterator<Item = Report>> = if waveform {
+        let mut closed = ClosedLoop::build(&scene).expect("the lots are feeders");
+        Box::new(std::iter::from_fn(move || Some(closed.cycle().report)))
+    } else {
+        let mut closed = EnvelopeLoop::build(&scene).expect("the lots are feeders");
+        Box::new(std::iter::from_fn(move || Some(closed.cycle().report)))
+    };
+    let mut told = reports
+        .by_ref()
+        .take(LONGEST)
+        .map(|report| report.identification);
+    told.find(|told| {
+        !matches!(
+            told,
+            Identification::Idle | Identification::Listening { .. }
+        )
+    })
+    .expect("an identification ends")
+}
+
+fn main() {
+    let given: Vec<_> = std::env::args().skip(1).collect();
+    let number = |n: usize, otherwise| {
+        let given = given.get(n).and_then(|given| given.parse().ok());
+        given.unwrap_or(otherwise)
+    };
+    let (seeds, first) = (number(0, 2_u64), number(1, 1_u64));
+    let waveform = given.get(2).is_none_or(|given| given == "waveform");
+    let mut lots: Vec<Lot> = Vec::new();
+    for parts in [1, 2, 3, 6] {
+        for scatter in [0.0, 0.02, 0.05, 0.10, 0.15] {
+            lots.extend((1..=7_u8).map(|tenths| (f32::from(tenths) / 10.0, scatter, parts)));
+        }
+    }
+    let next = AtomicUsize::new(0);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut found: Vec<(usize, Vec<Identification>)> = std::thread::scope(|scope| {
+        let work = || {
+            let mut done = Vec::new();
+            loop {
+                let n = next.fetch_add(1, Ordering::Relaxed);
+                let Some(&lot) = lots.get(n) else {
+                    return done;
+                };
+                let runs = (first..first + seeds).map(|seed| heard(lot, seed, waveform));
+                done.push((n, runs.collect()));
+            }
+        };
+        let all: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        all.into_iter()
+            .flat_map(|thread| thread.join().expect("no run panics"))
+            .collect()
+    });
+    found.sort_by_key(|(n, _)| *n);
+    println!(
+        "parts  s     R    answered  false  farthest  in errors  error told  scatter told  refused as"
+    );
+    for (n, runs) in found {
+        let (restitution, scatter, parts) = lots[n];
+        let answers: Vec<_> = runs
+            .iter()
+            .filter_map(|run| match run {
+                Identification::Found(found) => Some(found),
+                _ => None,
+            })
+            .collect();
+        let refused: Vec<Unidentified> = runs
+            .iter()
+            .filter_map(|run| match run {
+                Identification::NotFound(why) => Some(*why),
+                _ => None,
+            })
+            .collect();
+        let apart = answers
+            .iter()
+            .map(|found| (found.restitution - restitution).abs());
+        let errors = apart
+            .clone()
+            .zip(&answers)
+            .map(|(apart, found)| apart / found.deviation);
+        let wrong = errors.clone().filter(|errors| *errors > 3.0).count();
+        let mean = |of: fn(&&&kband::control::Identified) -> f32| {
+            let sum: f32 = answers.iter().map(|found| of(&found)).sum();
+            sum / answers.len().max(1) as f32
+        };
+        println!(
+            "{parts:<6} {scatter:<5} {restitution:<4} {:8}  {wrong:5}  {:8.4}  {:9.1}  {:10.4}  {:12.3}  {refused:?}",
+            answers.len(),
+            apart.fold(0.0, f32::max),
+            errors.fold(0.0, f32::max),
+            mean(|found| found.deviation),
+            mean(|found| found.scatter),
+        );
+    }
+}
