@@ -308,7 +308,8 @@ mod tests {
             change(&mut settings);
             settings.check().err().map(|refused| refused.parameter)
         };
-        let cases: [(fn(&mut Settings), fn(&mut Settings), &str); 6] = [
+        type Change = fn(&mut Settings);
+        let cases: [(Change, Change, &str); 6] = [
             (
                 |s| (s.output_minimum, s.output_maximum) = (0.3, 0.3),
                 |s| (s.output_minimum, s.output_maximum) = (0.3, 0.31),

@@ -157,7 +157,8 @@ mod tests {
 
     #[test]
     fn each_cause_is_its_limit_while_the_drive_runs() {
-        let causes: [(fn(&mut LimitInputs), Limits); 5] = [
+        type Cause = fn(&mut LimitInputs);
+        let causes: [(Cause, Limits); 5] = [
             (|inputs| inputs.no_setpoint = true, Limits::NO_SETPOINT),
             (|inputs| inputs.cut = true, Limits::AMPLITUDE),
             (
