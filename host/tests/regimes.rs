@@ -346,6 +346,10 @@ fn bad_input_names_the_key_and_what_is_accepted() {
         (&["cascade", "--restitution", "nan"], "--restitution"),
         (&["exponent", "--impacts", "3"], "--impacts"),
         (&["exponent", "--k", "0.5..0.3"], "--k"),
+        (
+            &["exponent", "--phase", "1e16", "--velocity", "0.4"],
+            "2^53 steps",
+        ),
         (&["capture", "--restitution", "0.1..0.3"], "would allow it"),
         (
             &["capture", "--restitution", "0.2", "--k", "0.9"],

@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let found = desk.try_map("exponent", values.len(), |n| {
         let map = Map::build(values[n], arguments.restitution)?;
         let start = match (arguments.phase, arguments.velocity) {
-            (Some(phase), Some(velocity)) => PartState { phase, velocity },
+            (Some(phase), Some(velocity)) => Map::state(phase, velocity)?,
             _ => start(&map, arguments.order as u32),
         };
         if let Some(scatter) = arguments.scatter.stream(map.restitution(), n as u64)? {
