@@ -3,7 +3,8 @@
 //! A table after `<!-- table: NAME -->` is made here from runs of `kband`. The test makes it anew and compares every
 //! row; `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes what it finds into the pages. A table after
 //! `<!-- reference: WHERE -->` holds values that were computed apart from the code, which the tests there compare with it;
-//! one after `<!-- run: COMMAND -->` takes longer than a test run may, and is made by that command alone.
+//! one after `<!-- run: COMMAND -->` takes longer than a test run may, and is made by that command alone; one after
+//! `<!-- test: NAME -->` is what that unit test prints.
 
 use std::fs;
 use std::path::PathBuf;
@@ -291,7 +292,7 @@ fn every_table_of_numbers_says_where_they_are_from() {
             let known = TABLES
                 .iter()
                 .any(|table| table.page == name && format!("{said}\n") == marker(table.name));
-            let elsewhere = ["<!-- reference: ", "<!-- run: "];
+            let elsewhere = ["<!-- reference: ", "<!-- run: ", "<!-- test: "];
             let told = known || elsewhere.iter().any(|kind| said.starts_with(kind));
             if decimals >= NUMBERS && !told {
                 silent.push(format!("{name}:{}", n + 1));
