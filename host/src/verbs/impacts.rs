@@ -1,7 +1,7 @@
 //! `kband impacts`: the map itself, impact by impact.
 
 mod portrait;
-mod rows;
+pub mod rows;
 
 use std::path::PathBuf;
 

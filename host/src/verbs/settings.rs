@@ -302,14 +302,15 @@ fn export(settings: &BoardSettings, link: &Link) -> String {
 
 /// A file of settings, read and found to be numbers.
 #[derive(Debug, Default)]
-struct Imported(Vec<(String, f64)>);
+pub struct Imported(Vec<(String, f64)>);
 
 impl Imported {
     fn read(file: &Path) -> Result<Self, Refusal> {
         Self::parse(&file::read_text(file)?).map_err(|refusal| refusal.at(file.display()))
     }
 
-    fn parse(text: &str) -> Result<Self, Refusal> {
+    /// The settings of a text: a key and a number each.
+    pub fn parse(text: &str) -> Result<Self, Refusal> {
         let table = file::toml(
             text,
             "correct this line; kband settings export shows a whole file",

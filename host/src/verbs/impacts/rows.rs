@@ -8,13 +8,15 @@ use kband::impact::{Kernel, Map};
 use crate::refusal::Refusal;
 
 /// A map and the state it is applied to.
-pub(super) struct Row<K: Kernel> {
+pub struct Row<K: Kernel> {
+    /// The map.
     pub kernel: K,
+    /// The launch.
     pub state: K::State,
 }
 
 /// The rows of a file.
-pub(super) struct Rows<K: Kernel> {
+pub struct Rows<K: Kernel> {
     /// Those that the arithmetic holds.
     pub held: Vec<Row<K>>,
     /// For each row its place among those, if it is one of them.
@@ -35,7 +37,7 @@ pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
 
 /// All rows of the file. The first that is no launch at all is refused with its line and column, before
 /// anything is printed; a launch that only this arithmetic cannot hold is left out.
-pub(super) fn read_rows<K: Kernel>(
+pub fn read_rows<K: Kernel>(
     path: &Path,
     text: &str,
     build: impl Fn(f64, f64) -> Result<K, OutOfRange>,

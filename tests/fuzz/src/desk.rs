@@ -1,0 +1,174 @@
+//! What the desk reads: files that a user wrote, recorded, built or was given.
+
+use std::path::Path;
+
+use kband::feeder::OutOfRange;
+use kband::impact::{Integer, Kernel, Map};
+use kband::plant::{ClosedLoop, EnvelopeLoop};
+use kband::wire::{FRAME_MOST, Identity, SCHEMA, VERSION, write_identity};
+use kband_host::board::replay;
+use kband_host::chip::Image;
+use kband_host::refusal::Refusal;
+use kband_host::simulate::SceneFile;
+use kband_host::verbs::impacts::rows::read_rows;
+use kband_host::verbs::settings::Imported;
+
+use crate::Taker;
+use crate::frames::framed;
+
+/// Words of a scene.
+pub const SCENE: &[&[u8]] = &[
+    b"[track]",
+    b"[part]",
+    b"[drive]",
+    b"[target]",
+    b"[expect]",
+    b"[[disturbance]]",
+    b"frequency = ",
+    b"restitution = [0.1, 0.3]",
+    b"scatter = 0.1",
+    b"count = 3",
+    b"locked = 1",
+    b"gear = 1",
+    b"k = 0.41",
+    b"at = 1.0",
+    b"gain = ",
+    b"quality = 200.0",
+];
+/// Words of a file of settings.
+pub const SETTINGS: &[&[u8]] = &[b"frequency = ", b"1e400", b"inf", b"[a]\n", b"\"\"\""];
+/// Words of a table of launches.
+pub const ROWS: &[&[u8]] = &[
+    b"k,restitution,phase,velocity",
+    b"\n",
+    b",",
+    b"1e16",
+    b"0x1p3",
+    b"-0",
+];
+/// Words of an image.
+pub const ELF: &[&[u8]] = &[b"stm32f405rg", b"stm32g474re", b".chip", b".vector_table"];
+
+/// Longest message that a person may be asked to read.
+const READABLE: usize = 10_000;
+
+/// A refusal is one message that can be read.
+fn said(refusal: &Refusal) {
+    let message = refusal.to_string();
+    assert!(message.len() < READABLE, "{} bytes", message.len());
+    assert!(message.starts_with("error: ") && message.contains("next: "));
+    assert_eq!(refusal.status(), 2);
+}
+
+fn text<T>(input: &[u8], read: impl FnOnce(&str) -> Result<T, Refusal>) -> Option<T> {
+    match read(std::str::from_utf8(input).ok()?) {
+        Ok(read) => Some(read),
+        Err(refusal) => {
+            said(&refusal);
+            None
+        }
+    }
+}
+
+/// A scene: read, and begun in both fidelities.
+#[must_use]
+pub fn scene(input: &[u8]) -> bool {
+    let Some(file) = text(input, SceneFile::parse) else {
+        return false;
+    };
+    if let Ok(mut envelope) = EnvelopeLoop::build(&file.scene) {
+        for _ in 0..20 {
+            let report = envelope.cycle().report;
+            assert!((0.0..=1.0).contains(&report.command.amplitude));
+        }
+    }
+    if let Ok(mut waveform) = ClosedLoop::build(&file.scene) {
+        waveform.cycle();
+    }
+    true
+}
+
+/// A file of settings.
+#[must_use]
+pub fn settings(input: &[u8]) -> bool {
+    text(input, Imported::parse).is_some()
+}
+
+fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange>) -> bool {
+    let rows = text(input, |text| {
+        read_rows(Path::new("launches.csv"), text, build)
+    });
+    let Some(rows) = rows else {
+        return false;
+    };
+    for row in rows.held.iter().take(16) {
+        let impact = row.kernel.impact(row.state);
+        assert!(impact.flight >= 0.0);
+    }
+    true
+}
+
+/// A table of launches, in the arithmetics that hold most and least of them.
+#[must_use]
+pub fn rows(input: &[u8]) -> bool {
+    let double = launches::<Map>(input, Map::build);
+    let integer = launches::<Integer>(input, Integer::build);
+    assert!(
+        double || !integer,
+        "what is no launch is none in any arithmetic"
+    );
+    double
+}
+
+/// A record of what a board said: the bytes themselves, or behind a 0 messages whose frames are sound.
+#[must_use]
+pub fn record(input: &[u8]) -> bool {
+    let mut count = 0_u64;
+    let mut bytes = input.to_vec();
+    if let Some((0, messages)) = input.split_first() {
+        let identity = Identity {
+            version: VERSION,
+            schema: SCHEMA,
+            image: "kband fuzzed",
+        };
+        let mut buffer = [0; FRAME_MOST];
+        bytes = write_identity(&mut buffer, 0, &identity).map_or(Vec::new(), <[u8]>::to_vec);
+        let mut messages = Taker(messages);
+        while let Some(message) = messages.piece() {
+            bytes.extend(framed(0, message).unwrap_or_default());
+        }
+    }
+    let remains = replay(&*bytes, |_| {
+        count += 1;
+        Ok(true)
+    });
+    match remains {
+        Ok(remains) => {
+            assert!(count + remains.unreadable <= bytes.len() as u64);
+            assert!(remains.cut <= bytes.len() as u64);
+            true
+        }
+        Err(refusal) => {
+            said(&refusal);
+            false
+        }
+    }
+}
+
+/// An image for a board.
+#[must_use]
+pub fn elf(input: &[u8]) -> bool {
+    match Image::parse(input) {
+        Ok(image) => {
+            let written: u32 = image.chip().sectors().map(|s| image.bytes_in(&s)).sum();
+            assert_eq!(written, image.size(), "each byte lies in one sector");
+            let free = image.chip().memory.end - image.chip().memory.start;
+            assert!(image.memory() <= free);
+            true
+        }
+        Err(refusal) => {
+            said(&refusal);
+            false
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Frames on the link, as they come and behind a sound check that nobody would guess.
+
+use kband::wire::{
+    FRAME_MOST, Incoming, Outgoing, Receiver, Request, SCHEMA, VERSION, crc32, read_answer,
+    read_reading, read_request, write_request, write_response,
+};
+
+/// A frame whose check is sound, with the byte that ends it; nothing where it is longer than any.
+#[must_use]
+pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
+    let [low, high, ..] = SCHEMA.to_le_bytes();
+    let mut inside = vec![VERSION, low, high, sequence];
+    inside.extend_from_slice(message);
+    inside.extend(crc32(&inside).to_le_bytes());
+    let mut frame = Vec::with_capacity(inside.len() + 4);
+    for block in inside.split(|byte| *byte == 0) {
+        let mut rest = block;
+        while rest.len() >= 254 {
+            frame.push(255);
+            frame.extend_from_slice(&rest[..254]);
+            rest = &rest[254..];
+        }
+        frame.push(rest.len() as u8 + 1);
+        frame.extend_from_slice(rest);
+    }
+    frame.push(0);
+    (frame.len() <= FRAME_MOST).then_some(frame)
+}
+
+/// What is inside a frame that was written.
+///
+/// # Panics
+/// Where it is none.
+#[must_use]
+pub fn inside(frame: &[u8]) -> Vec<u8> {
+    let mut receiver = Receiver::new();
+    let (end, bytes) = frame.split_last().expect("a frame has an end");
+    for byte in bytes {
+        assert!(receiver.take(*byte).is_none(), "it ends before its end");
+    }
+    let inside = receiver.take(*end).expect("it ends at its end");
+    inside.expect("a frame that was written is sound").to_vec()
+}
+
+/// What was read means the same once it is written and read again.
+fn read(bytes: &[u8]) -> bool {
+    let mut known = false;
+    if let Ok(Incoming::Request { sequence, request }) = read_request(bytes) {
+        known = true;
+        if let Request::Samples { mut codes, .. } = request {
+            let mut code = 0;
+            while let Some(next) = read_reading(&mut codes, code) {
+                code = next;
+            }
+        }
+        let mut buffer = [0; FRAME_MOST];
+        if let Ok(frame) = write_request(&mut buffer, sequence, &request) {
+            // By its print, in which a number that is none equals itself.
+            let told = format!("{request:?}");
+            match read_request(&inside(frame)) {
+                Ok(Incoming::Request { request, .. }) => assert_eq!(format!("{request:?}"), told),
+                other => panic!("{told}: {other:?}"),
+            }
+        }
+    }
+    if let Ok(Outgoing::Response { sequence, response }) = read_answer(bytes) {
+        known = true;
+        let mut buffer = [0; FRAME_MOST];
+        if let Ok(frame) = write_response(&mut buffer, sequence, &response) {
+            let told = format!("{response:?}");
+            match read_answer(&inside(frame)) {
+                Ok(Outgoing::Response { response, .. }) => {
+                    assert_eq!(format!("{response:?}"), told)
+                }
+                other => panic!("{told}: {other:?}"),
+            }
+        }
+    }
+    known
+}
+
+/// Bytes off the line, and the same as what is behind a sound check.
+#[must_use]
+pub fn frames(input: &[u8]) -> bool {
+    let mut receiver = Receiver::new();
+    let mut known = false;
+    for byte in input {
+        if let Some(Ok(inside)) = receiver.take(*byte) {
+            known |= read(inside);
+        }
+    }
+    if let Some((sequence, message)) = input.split_first()
+        && let Some(frame) = framed(*sequence, message)
+    {
+        known |= read(&inside(&frame));
+    }
+    known
+}

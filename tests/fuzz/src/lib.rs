@@ -1,0 +1,148 @@
+//! Everything that kband reads from outside, as functions of bytes that nobody wrote.
+//!
+//! Each target panics where something is wrong, and tells whether it made sense of its input. `tests/inputs.rs` replays the
+//! corpus and what a seeded [`Mutator`] makes of it in every test run; `tests/fuzz/run.sh` searches by coverage with
+//! libFuzzer and the address sanitizer, for as long as it is told.
+
+use std::path::{Path, PathBuf};
+
+pub mod board;
+pub mod desk;
+pub mod frames;
+#[cfg(feature = "log")]
+pub mod log;
+pub mod mutate;
+pub mod store;
+
+pub use mutate::Mutator;
+
+/// One way into kband.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// Its name, and that of its folder in the corpus.
+    pub name: &'static str,
+    /// Takes an input; whether anything of it made sense.
+    pub run: fn(&[u8]) -> bool,
+    /// Mutated inputs of a short run: a second or two of a busy machine.
+    pub short: u32,
+    /// Words that its inputs are made of.
+    pub words: &'static [&'static [u8]],
+}
+
+/// Every way into kband.
+pub const TARGETS: &[Target] = &[
+    Target {
+        name: "scene",
+        run: desk::scene,
+        short: 3000,
+        words: desk::SCENE,
+    },
+    Target {
+        name: "settings",
+        run: desk::settings,
+        short: 40_000,
+        words: desk::SETTINGS,
+    },
+    Target {
+        name: "rows",
+        run: desk::rows,
+        short: 40_000,
+        words: desk::ROWS,
+    },
+    Target {
+        name: "record",
+        run: desk::record,
+        short: 40_000,
+        words: &[],
+    },
+    Target {
+        name: "elf",
+        run: desk::elf,
+        short: 40_000,
+        words: desk::ELF,
+    },
+    Target {
+        name: "frames",
+        run: frames::frames,
+        short: 200_000,
+        words: &[b"amplitude_limit", b"frequency"],
+    },
+    Target {
+        name: "service",
+        run: board::service,
+        short: 10_000,
+        words: &[b"amplitude_limit", b"gain", b"output_maximum"],
+    },
+    Target {
+        name: "store",
+        run: store::store,
+        short: 3000,
+        words: &[],
+    },
+    #[cfg(feature = "log")]
+    Target {
+        name: "log",
+        run: log::log,
+        short: 40_000,
+        words: &[],
+    },
+];
+
+impl Target {
+    /// The target of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        TARGETS.iter().find(|target| target.name == name)
+    }
+
+    /// Where its corpus lies.
+    #[must_use]
+    pub fn folder(&self) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("corpus")
+            .join(self.name)
+    }
+
+    /// Its corpus, in the order of the files' names; the scenes of the tests are among it.
+    ///
+    /// # Panics
+    /// Where the folder cannot be read.
+    #[must_use]
+    pub fn corpus(&self) -> Vec<Vec<u8>> {
+        let mut files = Vec::new();
+        let scenes = (self.name == "scene").then(|| self.folder().join("../../../scenes"));
+        for folder in [self.folder()].into_iter().chain(scenes) {
+            let entries = std::fs::read_dir(folder).expect("every target has a corpus");
+            files.extend(entries.flatten().map(|entry| entry.path()));
+        }
+        files.sort();
+        let read = |file: PathBuf| std::fs::read(file).expect("a file of the corpus is read");
+        files.into_iter().map(read).collect()
+    }
+}
+
+/// Takes numbers off an input; nothing where it ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Taker<'a>(pub &'a [u8]);
+
+impl<'a> Taker<'a> {
+    /// The next byte.
+    pub fn byte(&mut self) -> Option<u8> {
+        let (first, rest) = self.0.split_first()?;
+        self.0 = rest;
+        Some(*first)
+    }
+
+    /// The next two bytes.
+    pub fn half(&mut self) -> Option<u16> {
+        Some(u16::from_le_bytes([self.byte()?, self.byte()?]))
+    }
+
+    /// As many bytes as the next one says, or what is left.
+    pub fn piece(&mut self) -> Option<&'a [u8]> {
+        let length = usize::from(self.byte()?).min(self.0.len());
+        let (piece, rest) = self.0.split_at(length);
+        self.0 = rest;
+        Some(piece)
+    }
+}

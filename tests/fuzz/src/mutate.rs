@@ -1,0 +1,110 @@
+//! Inputs made of other inputs, always the same for a seed.
+
+/// A source of inputs near those of a corpus.
+#[derive(Clone, Debug)]
+pub struct Mutator<'a> {
+    corpus: &'a [Vec<u8>],
+    words: &'a [&'a [u8]],
+    state: u64,
+}
+
+/// Numbers at which widths and lengths end.
+const EDGES: [&[u8]; 8] = [
+    &[0],
+    &[0xff],
+    &[0x7f, 0xff, 0xff, 0xff],
+    &[0xff, 0xff, 0xff, 0x7f],
+    &[0, 0, 0x80, 0x7f],
+    &[0, 0, 0xc0, 0x7f],
+    b"1e39",
+    b"-nan",
+];
+/// Most bytes of an input.
+const MOST: usize = 1 << 16;
+
+impl<'a> Mutator<'a> {
+    /// The inputs of `seed` near those of `corpus`, with `words` among them.
+    #[must_use]
+    pub fn new(corpus: &'a [Vec<u8>], words: &'a [&'a [u8]], seed: u64) -> Self {
+        Self {
+            corpus,
+            words,
+            state: seed,
+        }
+    }
+
+    /// The next 64 random bits (SplitMix64).
+    fn bits(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.bits() % count.max(1) as u64) as usize
+    }
+
+    fn one(&mut self) -> &'a [u8] {
+        let corpus = self.corpus;
+        match corpus.len() {
+            0 => &[],
+            count => &corpus[self.below(count)],
+        }
+    }
+
+    /// A stretch of an input.
+    fn stretch(&mut self, of: &'a [u8]) -> &'a [u8] {
+        let from = self.below(of.len() + 1);
+        let most = (of.len() - from).min(64);
+        &of[from..from + self.below(most + 1)]
+    }
+
+    /// The next input.
+    pub fn make(&mut self) -> Vec<u8> {
+        let mut input = self.one().to_vec();
+        // Mostly one or two changes: what differs little gets far.
+        let most = self.below(6) + 1;
+        for _ in 0..=self.below(most) {
+            let at = self.below(input.len() + 1);
+            let piece: &[u8] = match self.below(8) {
+                0 if at < input.len() => {
+                    input[at] ^= 1 << self.below(8);
+                    continue;
+                }
+                1 if at < input.len() => {
+                    input[at] = match input[at] {
+                        // Another digit leaves a number one.
+                        b'0'..=b'9' => b'0' + self.below(10) as u8,
+                        _ => self.bits() as u8,
+                    };
+                    continue;
+                }
+                2 => {
+                    let most = (input.len() - at).min(32);
+                    input.drain(at..at + self.below(most + 1));
+                    continue;
+                }
+                3 if self.below(8) == 0 => {
+                    input.truncate(at);
+                    continue;
+                }
+                4 => EDGES[self.below(EDGES.len())],
+                5 if !self.words.is_empty() => self.words[self.below(self.words.len())],
+                _ => {
+                    let other = self.one();
+                    self.stretch(other)
+                }
+            };
+            // Half of what is put in takes the place of what was there.
+            let end = match self.below(2) {
+                0 => at,
+                _ => (at + piece.len()).min(input.len()),
+            };
+            input.splice(at..end, piece.iter().copied());
+        }
+        input.truncate(MOST);
+        input
+    }
+}

@@ -1,0 +1,205 @@
+//! The memory of the settings: whatever lies in it, whenever the power goes.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use kband::control::{Settings, Target};
+use kband::wire::KeptFault;
+use kband_firmware::store::{Condition, Records, Store};
+
+use crate::Taker;
+
+/// Bytes of a page, the smallest of a board.
+pub const PAGE: usize = 2048;
+
+struct Cells {
+    bytes: Vec<u8>,
+    power: usize,
+}
+
+/// NOR flash of four pages that programs only what is erased, for as many words as its power lasts; its copies are the same
+/// flash.
+#[derive(Clone)]
+pub struct Flash(Rc<RefCell<Cells>>);
+
+/// The power went, or what was to be programmed was not erased.
+#[derive(Clone, Copy, Debug)]
+pub struct Failed;
+
+impl NorFlashError for Failed {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl Default for Flash {
+    fn default() -> Self {
+        Self(Rc::new(RefCell::new(Cells {
+            bytes: vec![0xff; 4 * PAGE],
+            power: usize::MAX,
+        })))
+    }
+}
+
+impl Flash {
+    fn touch(&self) -> Result<(), Failed> {
+        let power = &mut self.0.borrow_mut().power;
+        *power = power.checked_sub(1).ok_or(Failed)?;
+        Ok(())
+    }
+
+    /// From now on the power lasts for so many words.
+    pub fn power(&self, words: usize) {
+        self.0.borrow_mut().power = words;
+    }
+
+    /// The memory of settings and faults in it.
+    ///
+    /// # Panics
+    /// Never: the ranges are two pages each.
+    #[must_use]
+    pub fn records(&self) -> Records<Self> {
+        let page = PAGE as u32;
+        Records::new(self.clone(), 0..2 * page, 2 * page..4 * page).expect("two pages each")
+    }
+}
+
+impl ErrorType for Flash {
+    type Error = Failed;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+        let at = offset as usize;
+        bytes.copy_from_slice(&self.0.borrow().bytes[at..at + bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.borrow().bytes.len()
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+        for at in (from as usize..to as usize).step_by(4) {
+            self.touch()?;
+            self.0.borrow_mut().bytes[at..at + 4].fill(0xff);
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+        for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks_exact(4)) {
+            self.touch()?;
+            for (old, new) in self.0.borrow_mut().bytes[at..].iter_mut().zip(word) {
+                if *old != 0xff && *new != 0 {
+                    return Err(Failed);
+                }
+                *old &= new;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Settings that are accepted, others for each number.
+fn some(number: u8) -> Settings {
+    Settings {
+        amplitude_limit: 0.1 + f32::from(number) * 0.01,
+        ..Settings::default()
+    }
+}
+
+fn one(number: u8) -> Target {
+    match number % 4 {
+        0 => Target::Gear { order: 1 },
+        1 => Target::K(0.41),
+        2 => Target::Amplitude(f32::from(number) * 1e-3),
+        _ => Target::Identify,
+    }
+}
+
+/// What is done to a memory, one thing after the other.
+#[must_use]
+pub fn store(input: &[u8]) -> bool {
+    let flash = Flash::default();
+    let mut records = flash.records();
+    let mut input = Taker(input);
+    // Whether only kband has written to it.
+    let mut sound = true;
+    let mut whole = false;
+    while let Some(what) = input.byte() {
+        let number = input.byte().unwrap_or(0);
+        match what % 5 {
+            // Anything lies there after a change of firmware or an accident.
+            0 => {
+                let at = usize::from(input.half().unwrap_or(0)) % (4 * PAGE);
+                let piece = input.piece().unwrap_or(&[]);
+                for (cell, byte) in flash.0.borrow_mut().bytes[at..].iter_mut().zip(piece) {
+                    *cell = *byte;
+                }
+                records = flash.records();
+                sound = false;
+            }
+            1 => {
+                let kept = block_on(records.save(&some(number), one(number)));
+                assert!(kept.is_ok() || !sound, "a sound memory keeps");
+                if kept.is_ok() {
+                    for mut records in [flash.records(), records] {
+                        let found = block_on(records.load());
+                        assert_eq!(found.condition, Condition::Whole);
+                        assert_eq!((found.settings, found.target), (some(number), one(number)));
+                    }
+                }
+                records = flash.records();
+            }
+            2 => {
+                let fault = KeptFault {
+                    fault: number,
+                    seconds: 7 * u32::from(number),
+                    ..KeptFault::default()
+                };
+                let kept = block_on(records.keep_fault(&fault));
+                assert!(kept.is_ok() || !sound, "a sound memory keeps");
+                if kept.is_ok() {
+                    let newest = block_on(records.fault(0)).expect("it was kept");
+                    assert_eq!((newest.fault, newest.seconds), (fault.fault, fault.seconds));
+                }
+            }
+            // The power goes.
+            3 => {
+                let before = block_on(records.load());
+                flash.power(usize::from(input.half().unwrap_or(0)) % 700);
+                let kept = block_on(records.save(&some(number), one(number)));
+                flash.power(usize::MAX);
+                records = flash.records();
+                let after = block_on(records.load());
+                let new = (after.settings, after.target) == (some(number), one(number));
+                if sound {
+                    assert!(after == before || new, "{before:?} {after:?}");
+                }
+                assert!(kept.is_err() || new, "what is said to be kept is kept");
+            }
+            _ => {
+                records = flash.records();
+                for back in [0, 1, 31, u32::from(number) << 24] {
+                    let _ = block_on(records.fault(back));
+                }
+            }
+        }
+        let found = block_on(records.load());
+        found.settings.check().expect("what is found is accepted");
+        whole |= found.condition == Condition::Whole;
+    }
+    whole
+}

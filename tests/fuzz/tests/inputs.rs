@@ -1,0 +1,65 @@
+//! Every way into kband, with its corpus and what a seeded mutator makes of that.
+//!
+//! `KBAND_FUZZED` inputs of each target instead of some thousand, from the seed `KBAND_SEED`.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::time::Instant;
+
+use kband_fuzz::{Mutator, TARGETS, Target};
+
+fn number(variable: &str) -> Option<u64> {
+    let text = std::env::var(variable).ok()?;
+    Some(
+        text.parse()
+            .unwrap_or_else(|_| panic!("{variable} = {text}")),
+    )
+}
+
+/// Runs an input; one that fails is kept beside the build.
+fn run(target: &Target, input: &[u8]) -> bool {
+    let outcome = catch_unwind(AssertUnwindSafe(|| (target.run)(input)));
+    outcome.unwrap_or_else(|_| {
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{}.input", target.name));
+        std::fs::write(&file, input).expect("the input is kept");
+        panic!("{}: {} fails", target.name, file.display())
+    })
+}
+
+#[test]
+fn no_input_is_more_than_refused() {
+    let seed = number("KBAND_SEED").unwrap_or(1);
+    for target in TARGETS {
+        let began = Instant::now();
+        let corpus = target.corpus();
+        let known = corpus.iter().filter(|input| run(target, input)).count();
+        assert!(known > 0, "{}: the corpus makes no sense", target.name);
+        let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
+        let mut mutator = Mutator::new(&corpus, target.words, seed);
+        let made = (0..count).filter(|_| run(target, &mutator.make())).count();
+        println!(
+            "fuzz: {:8} {} of {} of the corpus and {made} of {count} mutated made sense, {:.1} s",
+            target.name,
+            known,
+            corpus.len(),
+            began.elapsed().as_secs_f64()
+        );
+        assert!((made as u64) < count, "{}: nothing is refused", target.name);
+    }
+}
+
+#[test]
+fn a_mutator_is_the_same_for_a_seed_and_another_for_another() {
+    let corpus = [b"k = 0.41".to_vec(), vec![0; 40]];
+    let inputs = |seed| {
+        let mut mutator = Mutator::new(&corpus, &[b"word"], seed);
+        (0..100).map(|_| mutator.make()).collect::<Vec<_>>()
+    };
+    assert_eq!(inputs(1), inputs(1));
+    assert_ne!(inputs(1), inputs(2));
+    assert!(
+        inputs(1)
+            .iter()
+            .any(|input| input.windows(4).any(|w| w == b"word"))
+    );
+}
