@@ -538,6 +538,36 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     }
 }
 
+/// Whatever the board started for and is told, the defaults in the place of settings that are lost move no track.
+#[test]
+fn defaults_in_the_place_of_lost_settings_move_nothing() {
+    for condition in [Condition::Never, Condition::Lost] {
+        let found = Found::none(condition);
+        assert_eq!(found.target, Target::Amplitude(0.0));
+        let mut board = Board::with(found);
+        for request in [
+            Request::Defaults,
+            Request::Enable(true),
+            Request::Target(kband::wire::Target::K(0.5)),
+            Request::Set {
+                key: "safe_amplitude",
+                value: 0.5,
+            },
+            Request::Alive,
+        ] {
+            board.done(&request);
+            for cycle in 0..60 {
+                // Withdrawn for long enough to acknowledge what may be acknowledged, and given.
+                board.enable = cycle >= 30;
+                board.cycle();
+                let report = board.station.report();
+                assert_eq!(report.command.amplitude, 0.0, "{request:?}");
+                assert_eq!(report.state, State::Fault, "{request:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn saves_are_refused_where_they_come_too_often() {
     let mut board = Board::new();

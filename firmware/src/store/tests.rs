@@ -22,6 +22,8 @@ pub struct Nor<const PAGE: usize> {
     power: usize,
     touched: usize,
     erasures: [u32; 4],
+    /// A byte that takes nothing.
+    worn: Option<usize>,
 }
 
 #[derive(Debug)]
@@ -40,6 +42,7 @@ impl<const PAGE: usize> Nor<PAGE> {
             power: usize::MAX,
             touched: 0,
             erasures: [0; 4],
+            worn: None,
         }
     }
 
@@ -107,6 +110,9 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
                 assert!(*old == 0xff || *new == 0);
                 *old &= new;
             }
+            if let Some(worn) = self.worn.filter(|worn| (at..at + 4).contains(worn)) {
+                self.bytes[worn] = 0xff;
+            }
         }
         Ok(())
     }
@@ -169,6 +175,20 @@ fn settings_and_target_come_back_as_saved_and_never_saved_is_told() {
         };
         assert_eq!(block_on(store.load()), wanted);
     }
+}
+
+#[test]
+fn a_byte_that_takes_nothing_is_told() {
+    let mut store = records(Nor::<SMALL>::new());
+    block_on(store.save(&changed(1.0), TARGETS[0])).unwrap();
+    // Within the settings of the second record.
+    store.flash.worn = Some(SLOT + 20);
+    assert_eq!(
+        block_on(store.save(&changed(0.9), TARGETS[0])),
+        Err(StoreFailed)
+    );
+    let found = block_on(records(store.flash.clone()).load());
+    assert_ne!(found.settings, changed(0.9));
 }
 
 #[test]

@@ -156,6 +156,15 @@ mod tests {
             assert!(writes(&link).is_err());
         }
         drop(writes(&folder.path().join("b.csv")).unwrap());
+
+        // Two outputs that are one file by a second name of it.
+        let (result, again) = (folder.path().join("r.csv"), folder.path().join("s.csv"));
+        fs::write(&result, "").unwrap();
+        fs::hard_link(&result, &again).unwrap();
+        let held = writes(&result).unwrap();
+        let refused = writes(&again).unwrap_err().to_string();
+        assert!(refused.contains("two outputs"), "{refused}");
+        drop(held);
     }
 
     #[test]
