@@ -20,7 +20,7 @@ pub(super) struct Written<'a> {
 
 /// Expected share of time in gear below which it is said that nothing serves the lot.
 const POORLY: f64 = 0.7;
-/// Widest lot that is one restitution: what one part is planned for by ear.
+/// Widest lot that is one restitution: what one part is planned for by what is heard.
 const NARROW: f32 = 0.045;
 
 /// The timeline and the result in words.
