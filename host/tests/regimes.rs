@@ -173,6 +173,42 @@ fn every_verb_gives_the_same_answer() {
     }
 }
 
+/// A simulation ends as `basins` has it of the same part from rest, at a few k; what is irregular for thousands of impacts before it
+/// rests is undecided after those that there were, and no chaos.
+#[test]
+fn a_simulation_gives_that_answer_too_or_says_that_it_is_undecided() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = folder.path().join("scene.toml");
+    let picture = folder.path().join("scene.svg");
+    for (k, restitution) in [
+        ("0.4", "0.7"),
+        ("0.35", "0.2"),
+        ("0.405", "0.2"),
+        ("0.43", "0.2"),
+    ] {
+        let text = format!(
+            "duration = 20.0\n[track]\nfrequency = 50.0\nincline = 3.0\namplitude_ratio = 1.5\n\
+             [part]\nrestitution = {restitution}\n[drive]\nresonance = 50.0\nquality = 25.0\ngain = 1.0\n\
+             [target]\nk = {k}\n"
+        );
+        std::fs::write(&scene, text).expect("a scene");
+        let path = |path: &std::path::Path| path.to_str().expect("text").to_string();
+        let simulated = json(&["simulate", &path(&scene), "--out", &path(&picture)]);
+        let told = simulated["regime"].as_str().expect("words").to_string();
+        let at = ["--k", k, "--restitution", restitution];
+        let basins = json(&[&["basins", "--grid", "2"][..], &at].concat());
+        let from_rest = basins["from_rest"].as_str().expect("words");
+        let expected = match (k, restitution) {
+            ("0.4", "0.7") => "undecided after",
+            _ => from_rest.split(',').next().expect("words"),
+        };
+        assert!(
+            told.starts_with(expected),
+            "{k} {restitution}: {told}, {from_rest}"
+        );
+    }
+}
+
 #[test]
 fn what_has_not_settled_is_undecided_with_how_long_it_was_followed() {
     let few = [

@@ -237,6 +237,7 @@ mod tests {
             match option {
                 "starts" if verb.get_name() == "diagram" => "rest",
                 "starts" | "impacts" => "500",
+                "launches" => "1000",
                 "phase-lead" | "incline" => "2",
                 "restitution"
                 | "tangential-restitution"
@@ -265,7 +266,7 @@ mod tests {
                 "with --second-tone" => &["--second-tone 0.1,2.4"],
                 "with --phase and --velocity" => &["--phase 0.5 --velocity 0.4"],
                 "with --print-scene and --schema" => &["--print-scene", "--schema"],
-                "with --on" => &["--on qemu"],
+                "with --on" | "with --on qemu" => &["--on qemu"],
                 "without --b" => &["--k 0.4"],
                 other => panic!("no example of {other}"),
             };
