@@ -163,6 +163,9 @@ mod tests {
     fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
         let settings = Settings::default();
         let scale = Scale::at(&settings, settings.frequency);
+        // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
+        assert!((scale.least - 6.4042e-6).abs() < 1e-9, "{}", scale.least);
+        assert_eq!(scale.least, least(&settings));
         // The output's 0.95 mm; a millimetre is allowed.
         assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
         let limited = Settings {

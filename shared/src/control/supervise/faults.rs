@@ -213,6 +213,60 @@ mod tests {
     }
 
     #[test]
+    fn a_reading_that_may_not_be_trusted_is_said_at_once() {
+        let expected = Expected {
+            running: true,
+            known: true,
+            amplitude: 1e-4,
+            opposed: true,
+            least: 1e-6,
+            ceiling: 1e-3,
+        };
+        let moving = Cycle {
+            low: 2000,
+            high: 2100,
+            ..Cycle::default()
+        };
+        let still = Cycle {
+            high: 2000,
+            ..moving.clone()
+        };
+        let clipped = Cycle {
+            saturated: CLIPPED,
+            ..moving.clone()
+        };
+        for (cycle, measured, blind) in [
+            (&moving, 1e-4, false),
+            (&still, 1e-4, true),
+            (&clipped, 1e-4, true),
+            (&moving, 1e-5, true),
+            (&moving, 0.3e-4, true),
+            (&moving, 3e-4, false),
+        ] {
+            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &expected);
+            assert_eq!(seen, (None, blind), "{measured}");
+            // Nothing is suspected of a drive whose response is not known, but the converter's own ends.
+            let searching = Expected {
+                known: false,
+                ..expected
+            };
+            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
+            assert_eq!(seen, (None, cycle.saturated > 0), "{measured}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_answer_is_not_inverted_whatever_its_phase() {
+        let moving = Cycle {
+            low: 2000,
+            high: 2100,
+            ..Cycle::default()
+        };
+        assert_eq!(after(14, &moving, 1e-5, 1.0), None);
+        assert_eq!(after(15, &moving, 1e-5, 1.0), Some(Fault::NoResponse));
+    }
+
+    #[test]
     fn each_sign_is_a_fault_where_it_is_as_strong_and_lasts_as_long_as_its_constant_says() {
         let moving = Cycle {
             low: 2000,
