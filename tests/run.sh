@@ -4,7 +4,7 @@
 #   tests/run.sh          everything that a change must pass
 #   tests/run.sh --soak [MILLIONS [SEED]]  instead: the long ones (launches of the impact map: 100 million in every arithmetic on one
 #                         tone and 10 on several, or MILLIONS on both; a day of simulated operation, and a week of it by its
-#                         envelope). A million takes some 4 s of one core on one tone and 2 minutes on several: 1000 of them an
+#                         envelope; a million frames at the emulated board). A million launches takes some 4 s of one core on one tone and 2 minutes on several: 1000 of them an
 #                         hour and a day and a half.
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
@@ -55,7 +55,7 @@ trap stop INT TERM HUP
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
-        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed/ { print "   " $0 }' "$1"
+        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^fuzz: |^flood: |^mutants: |^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed/ { print "   " $0 }' "$1"
 }
 
 # step NAME LIMIT COMMAND...: LIMIT in seconds.
@@ -109,6 +109,8 @@ if [ "${1:-}" = --soak ]; then
     step "random scenes" 7200 env KBAND_SCENES=2000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test random_scenes -- --nocapture
     step "day" 7200 cargo run --release --locked --package kband-tests --bin day
+    step "flood" 7200 env KBAND_FRAMES=1000000 KBAND_SEED=2 \
+        cargo test --release --locked --package kband-tests --test flood -- --nocapture
     step "week" 7200 cargo run --release --locked --package kband-tests --bin day -- --days 7 --fidelity envelope
     finish
 fi

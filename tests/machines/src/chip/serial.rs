@@ -35,6 +35,8 @@ pub struct Serial {
     cycle: u64,
     /// Bytes that came at another rate than the port's and were lost.
     pub garbled: u64,
+    /// Bytes that nobody saw: overrun, or complete between a read of the status and one of the data.
+    pub lost: u64,
 }
 
 impl Default for Serial {
@@ -52,6 +54,7 @@ impl Default for Serial {
             seen: 0,
             cycle: 63,
             garbled: 0,
+            lost: 0,
         }
     }
 }
@@ -66,6 +69,7 @@ impl Serial {
             coming: std::mem::take(&mut self.coming),
             sent: std::mem::take(&mut self.sent),
             garbled: self.garbled,
+            lost: self.lost,
             cycle: self.cycle,
             ..Self::default()
         };
@@ -106,6 +110,8 @@ impl Serial {
                 self.status
             }
             0x04 => {
+                let unseen = self.status & RECEIVED != 0 && self.seen & RECEIVED == 0;
+                self.lost += u64::from(unseen);
                 self.status &= !RECEIVED;
                 self.status &= !(self.seen & (OVERRUN | IDLE));
                 self.seen = 0;
@@ -164,6 +170,7 @@ impl Serial {
             }
             if self.status & RECEIVED != 0 {
                 self.status |= OVERRUN;
+                self.lost += 1;
             } else {
                 self.data = byte.into();
                 self.status |= RECEIVED;
@@ -230,6 +237,21 @@ mod tests {
         assert_eq!(serial.read(0) & OVERRUN, OVERRUN);
         assert_eq!(serial.read(4), u32::from(b'k'));
         assert_eq!(serial.read(0) & (OVERRUN | RECEIVED), 0);
+        assert_eq!(serial.lost, 1);
+    }
+
+    #[test]
+    fn a_byte_complete_between_status_and_data_is_lost() {
+        let mut serial = port();
+        serial.receive(0, b"kb");
+        assert_eq!(serial.read(0) & RECEIVED, 0);
+        serial.happen(serial.due());
+        serial.read(4);
+        assert_eq!((serial.lost, serial.read(0) & RECEIVED), (1, 0));
+        serial.happen(TICKS);
+        assert_eq!(serial.read(0) & RECEIVED, RECEIVED);
+        assert_eq!(serial.read(4), u32::from(b'b'));
+        assert_eq!(serial.lost, 1);
     }
 
     #[test]

@@ -1,0 +1,168 @@
+//! A flood of frames at the board's image while it drives: samples in time, control in time, every count asked for answered.
+//!
+//! `KBAND_FRAMES` frames instead of ten thousand, from the seed `KBAND_SEED`; `tests/run.sh --soak` sends a million.
+
+use kband::wire::{Counters, Request, Response, Target};
+use kband_tests::chip::{LINK, SAMPLE};
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+use kband_tests::rig::{Act, Rig};
+use kband_tests::states::Random;
+
+/// Cycles of the core between two samples.
+const DEADLINE: u64 = 8400;
+/// Bytes that come in a slice of the run at 115200 baud, and what that takes in s.
+const SLICE: usize = 1152;
+const SLICE_LASTS: f64 = 0.1;
+
+fn number(variable: &str, otherwise: u64) -> u64 {
+    std::env::var(variable).map_or(otherwise, |text| {
+        text.parse()
+            .unwrap_or_else(|_| panic!("{variable} = {text}"))
+    })
+}
+
+/// A frame of the flood, its end included: mostly what is refused, as what is answered takes the line's time.
+fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
+    let any = random.bits();
+    let size = (any >> 8) as usize % 4 + 1;
+    let garbage = |random: &mut Random, size: usize| -> Vec<u8> {
+        let byte = |_| random.bits() as u8 | 1;
+        (0..size).map(byte).chain([0]).collect()
+    };
+    let requests = [
+        Request::Alive,
+        Request::Counters,
+        Request::Status,
+        Request::Held,
+        Request::Set {
+            key: "amplitude_limit",
+            value: 0.5,
+        },
+        Request::Save,
+        Request::SelfTest,
+        Request::Target(Target::K(f32::NAN)),
+        Request::Target(Target::Amplitude(1e9)),
+        Request::Get("nothing"),
+        Request::Fault(0),
+    ];
+    let request = &requests[(any >> 16) as usize % requests.len()];
+    match any % 16 {
+        0..=10 => garbage(random, size),
+        11 => {
+            let mut frame = rig.frame(request);
+            let last = frame.len() - 1;
+            let at = (any >> 24) as usize % last;
+            // Another byte that ends no frame.
+            frame[at] = (frame[at] ^ (1 << (any % 8))).max(1);
+            frame
+        }
+        12 => {
+            let mut frame = rig.frame(request);
+            frame.drain(1..2 + (any >> 24) as usize % (frame.len() - 3));
+            frame
+        }
+        13 if any >> 32 & 15 == 0 => garbage(random, 600),
+        _ => rig.frame(request),
+    }
+}
+
+fn sum(counters: &Counters) -> u64 {
+    let Counters {
+        requests,
+        oversized,
+        corrupt,
+        foreign,
+        unknown,
+        flooded,
+    } = counters;
+    let all = [requests, oversized, corrupt, foreign, unknown, flooded];
+    all.into_iter().map(|count| u64::from(*count)).sum()
+}
+
+#[test]
+fn a_flood_of_frames_makes_no_sample_late_and_every_count_is_answered() {
+    let frames = number("KBAND_FRAMES", 10_000);
+    let mut random = Random::new(number("KBAND_SEED", 1));
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let mut rig = Rig::boot(&image);
+    rig.run(0.3);
+    rig.done(&Request::Target(Target::K(0.41)));
+    rig.done(&Request::Save);
+    rig.at(1.0, Act::Enable(true));
+    for half in 2..=8 {
+        rig.run(f64::from(half) * 0.5);
+        rig.done(&Request::Alive);
+    }
+    rig.done(&Request::Telemetry(1));
+    let held = rig.amplitude();
+    let began = rig.time();
+    rig.chip.forget_handlers();
+    let lost = rig.chip.board.serials[1].lost;
+    let count = |rig: &mut Rig| {
+        rig.ask(&Request::Counters, |response| match response {
+            Response::Counters(counters) => counters,
+            other => panic!("{other:?}"),
+        })
+    };
+    let before = count(&mut rig);
+    let (mut sent, mut counts, mut came) = (0_u64, 1_u64, 0);
+    let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
+    while sent < frames {
+        let mut bytes = Vec::with_capacity(2 * SLICE);
+        while bytes.len() < SLICE && sent < frames {
+            bytes.extend(frame(&mut rig, &mut random));
+            sent += 1;
+        }
+        came += bytes.len();
+        let lasts = SLICE_LASTS * bytes.len() as f64 / SLICE as f64;
+        rig.act(&Act::Link(bytes));
+        rig.run(rig.time() + lasts);
+        (low, high) = (low.min(rig.amplitude()), high.max(rig.amplitude()));
+        // What was sent so far is no more of interest.
+        rig.chip.board.serials[1].sent.clear();
+        if counts * 500 < sent {
+            count(&mut rig);
+            counts += 1;
+        }
+    }
+    let after = count(&mut rig);
+    counts += 1;
+    let counted = sum(&after) - sum(&before);
+    let lost = rig.chip.board.serials[1].lost - lost;
+    let (sampling, port) = (rig.chip.handler(SAMPLE), rig.chip.handler(LINK));
+    let lasted = rig.time() - began;
+    println!(
+        "flood: {sent} frames in {lasted:.1} s of the board, {counted} counted of {} ({counts} of them questions) with \
+         {lost} of {came} bytes lost: {after:?}; a \
+         sample {} cycles at most of {DEADLINE}, the port {}; b {low:.5} to {high:.5} mm, {held:.5} before",
+        sent + counts,
+        sampling.longest,
+        port.longest,
+    );
+    // A byte that is complete between the port's status and its data is lost: where it ends a frame, two are one. A question
+    // that was lost is asked again.
+    assert!(sent + counts - 1 <= counted + lost, "{counted}, {lost}");
+    assert!(counted <= sent + counts + lost, "{counted}, {lost}");
+    assert!((lost as f64) < 0.01 * came as f64, "{lost} of {came}");
+    assert!(after.corrupt > before.corrupt && after.requests > before.requests);
+    assert!(sampling.longest < DEADLINE, "{sampling:?}");
+    assert!(
+        sampling.count as f64 > 19_990.0 * lasted - 100.0,
+        "{sampling:?} in {lasted} s"
+    );
+    assert!(low > 0.98 * held && high < 1.02 * held);
+    assert_eq!(rig.resets().len(), 1);
+    let state = rig.ask(&Request::Status, |response| match response {
+        Response::Status(status) => status.ready,
+        other => panic!("{other:?}"),
+    });
+    assert!(state, "it holds what it was told");
+    rig.act(&Act::Enable(false));
+    rig.run(rig.time() + 3.0);
+    let missed = rig.ask(&Request::SelfTest, |response| match response {
+        Response::SelfTest(test) => Some(test.missed),
+        _ => None,
+    });
+    assert_eq!(missed, Some(0), "cycles whose control came too late");
+}
