@@ -131,6 +131,7 @@ scenes! {
     fault_in_limiting
     fault_in_lost
     fault_in_stopping
+    friction
     from_rest
     gain_drift
     identification

@@ -319,6 +319,9 @@ mod tests {
             ..Scene::default()
         };
         expected.settings.scatter = 0.04;
+        // They slide; a locked one is stopped at every impact.
+        expected.settings.tangential_restitution = 0.0;
+        expected.friction = Some([0.3; 2]);
         expected.scatter = file.scene.parts.iter().map(|_| 0.04).collect();
         assert_eq!(file.scene, expected);
         assert_eq!(file.duration, 10.0);

@@ -17,9 +17,9 @@ pub struct Example {
     pub lot: Restitution,
 }
 
-/// Amplitude ratio and tangential restitution of the built-in scene.
+/// Amplitude ratio of the built-in scene, and the restitution along the track that its friction leaves a part in lock.
 const RATIO: f64 = 1.5;
-const TANGENTIAL: f64 = 0.3;
+const TANGENTIAL: f64 = 0.0;
 
 impl Example {
     /// The formula of `term` and what it gives here, where it has one.
@@ -130,7 +130,7 @@ impl Example {
                     let speed = locked::velocity_in_phase(1, k, self.lot.low(), &along)
                         * self.track.velocity_unit(self.track.amplitude(k));
                     format!(
-                        "{:.1} mm/s in lock of order 1 (a/b = {RATIO}, Rt = {TANGENTIAL})",
+                        "{:.1} mm/s in lock of order 1 (a/b = {RATIO}, friction stops it at every impact: Rt = {TANGENTIAL})",
                         speed * 1e3
                     )
                 };

@@ -635,11 +635,21 @@ mod tests {
 
     /// Speeds by small time steps and a contact that takes time, each with its own error: tests/reference/friction.py.
     const STEPPED: &str = include_str!("../../../../tests/reference/friction.csv");
+    /// Speeds by Siconos, an engine for unilateral contacts, likewise: tests/reference/friction_siconos.py.
+    const SICONOS: &str = include_str!("../../../../tests/reference/friction-siconos.csv");
 
     #[test]
-    fn speeds_are_those_of_small_steps() {
+    fn speeds_are_those_of_small_steps_and_of_another_engine() {
+        // What is of first order in the contact's time is as far from its limit as from its double; the engine's error is
+        // that of its limit.
+        assert_eq!(judged_by(STEPPED, 2.0), 6);
+        assert_eq!(judged_by(SICONOS, 1.0), 8);
+    }
+
+    /// Compares with speeds that come with an error, of which so many are allowed; how many there were.
+    fn judged_by(speeds: &str, errors: f64) -> usize {
         let mut cases = 0;
-        for line in STEPPED.lines().skip(1) {
+        for line in speeds.lines().skip(1) {
             let columns: Vec<f64> = line.split(',').map(|word| word.parse().unwrap()).collect();
             let [throw, eta, mu, incline, lead, restitution, velocity, error] = columns[..] else {
                 panic!("{line}");
@@ -649,15 +659,14 @@ mod tests {
                  --restitution {restitution}"
             ));
             let mean = rows[0].measured.conveyed.time_mean().unwrap();
-            // What is of first order in the contact's time is as far from its limit as from its double; 20 cycles leave 2e-5
-            // of the way to a steady slide.
+            // 20 cycles leave 2e-5 of the way to a steady slide.
             assert!(
-                (mean - velocity).abs() < 2.0 * error + 2e-5,
+                (mean - velocity).abs() < errors * error + 2e-5,
                 "{line}: {mean}"
             );
             cases += 1;
         }
-        assert_eq!(cases, 6);
+        cases
     }
 
     /// Friction holds an incline of mu at most; above it a part has no steady speed in any regime.
