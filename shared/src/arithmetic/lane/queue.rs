@@ -41,6 +41,7 @@ impl Queue {
 
     /// Takes over the last lanes of another queue, which fill no register of `width` there, where they have room in the
     /// last one here.
+    #[cfg(target_arch = "x86_64")]
     pub fn fill_from(&mut self, other: &mut Self, width: usize) {
         let (rest, taken) = (other.count % width, self.count % width);
         if rest > 0 && taken > 0 && rest + taken <= width {

@@ -42,6 +42,10 @@ struct Stretch<L: Lane> {
 
 /// The kinds of flight.
 #[derive(Clone, Copy)]
+#[cfg_attr(
+    not(target_arch = "x86_64"),
+    expect(dead_code, reason = "a launch alone is asked for tall by itself")
+)]
 pub(super) enum Kind {
     /// It meets the track once, far from the humps.
     Tall,
@@ -54,9 +58,11 @@ pub(super) enum Kind {
 }
 
 impl Kind {
+    #[cfg(target_arch = "x86_64")]
     pub const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Once, Self::Low];
 
     /// Which lanes fly so.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn of<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> [L::Mask; 4] {
         let tall = launch.is_tall(track);

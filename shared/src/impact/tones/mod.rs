@@ -14,6 +14,8 @@ mod launch;
 mod map;
 mod search;
 mod short;
+#[cfg(target_arch = "x86_64")]
+mod sorted;
 pub(super) mod track;
 
 pub use exact::WaveExact;
