@@ -238,6 +238,21 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn what_a_killed_run_left_is_said_and_left_alone() {
+    let folder = Folder::new("left");
+    // The largest number that Linux gives to a process is 2^22.
+    let left = ".rows.csv.4194999.unfinished";
+    std::fs::write(folder.0.join(left), "half").unwrap();
+    let output = kband(&folder.0, &words("bands --restitution 0.2 --out rows.csv"));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(message.contains(left), "{message}");
+    assert!(message.contains("left of a run that was killed; remove it"));
+    assert_eq!(folder.names(), [left, "rows.csv"]);
+}
+
+#[test]
 fn golden_impacts_by_file_keep_17_digits() {
     let folder = Folder::new("golden");
     let reference = concat!(
