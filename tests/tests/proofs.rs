@@ -107,7 +107,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 67] = [
+const PROOFS: [(&str, Shows, Break); 68] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -163,6 +163,7 @@ const PROOFS: [(&str, Shows, Break); 67] = [
         Shows::Fault(Fault::OverTemperature),
         Hidden(hot),
     ),
+    ("friction", Obeying, Told(another_target)),
     ("from_rest", Listening, Seen(deaf)),
     ("gain_drift", Listening, Done(uncontrolled)),
     ("identification", Listening, Seen(unfolded)),
