@@ -179,7 +179,10 @@ fn every_verb_gives_the_same_answer() {
 fn a_simulation_gives_that_answer_too_or_says_that_it_is_undecided() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = folder.path().join("scene.toml");
-    let picture = folder.path().join("scene.svg");
+    let (picture, trace) = (
+        folder.path().join("scene.svg"),
+        folder.path().join("scene.csv"),
+    );
     for (k, restitution) in [
         ("0.4", "0.7"),
         ("0.35", "0.2"),
@@ -193,7 +196,14 @@ fn a_simulation_gives_that_answer_too_or_says_that_it_is_undecided() {
         );
         std::fs::write(&scene, text).expect("a scene");
         let path = |path: &std::path::Path| path.to_str().expect("text").to_string();
-        let simulated = json(&["simulate", &path(&scene), "--out", &path(&picture)]);
+        let simulated = json(&[
+            "simulate",
+            &path(&scene),
+            "--out",
+            &path(&picture),
+            "--trace",
+            &path(&trace),
+        ]);
         let told = simulated["regime"].as_str().expect("words").to_string();
         let at = ["--k", k, "--restitution", restitution];
         let basins = json(&[&["basins", "--grid", "2"][..], &at].concat());
