@@ -5,11 +5,11 @@
 //! and `all`. The amplitude told is off by up to 2 %, another one in each run.
 
 use std::f64::consts::TAU;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use kband::control::{GearPlanned, Target};
 use kband::plant::{EnvelopeLoop, Noise, Scene};
 use kband::regime::gear::GearWatch;
+use rayon::prelude::*;
 
 /// Cycles of a run, and those before it is judged: 60 s and 5 s at 50 Hz.
 const CYCLES: u32 = 3000;
@@ -195,39 +195,23 @@ fn rows(which: &str) -> Vec<Row> {
 fn main() {
     let mut given = std::env::args().skip(1);
     let mut number = |otherwise| {
-        given
-            .next()
-            .and_then(|n| n.parse().ok())
-            .unwrap_or(otherwise)
+        let number = given.next();
+        number.map_or(otherwise, |n| n.parse().expect("a whole number"))
     };
     let (runs, seed) = (number(4_u64), number(1_u64));
     let rows = rows(&given.next().unwrap_or_else(|| "all".into()));
-    let next = AtomicUsize::new(0);
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut found: Vec<(usize, Vec<Heard>)> = std::thread::scope(|scope| {
-        let work = || {
-            let mut done = Vec::new();
-            loop {
-                let n = next.fetch_add(1, Ordering::Relaxed);
-                let Some(row) = rows.get(n) else {
-                    return done;
-                };
-                let mut known = None;
-                let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r, &mut known));
-                done.push((n, runs.collect()));
-            }
-        };
-        let all: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        all.into_iter()
-            .flat_map(|thread| thread.join().expect("no run panics"))
-            .collect()
-    });
-    found.sort_by_key(|(n, _)| *n);
+    let found: Vec<Vec<Heard>> = rows
+        .par_iter()
+        .map(|row| {
+            let mut known = None;
+            let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r, &mut known));
+            runs.collect()
+        })
+        .collect();
     println!(
         "R         s     k      e     parts  true   heard  apart  +-     rms    error  told   least"
     );
-    for (n, runs) in found {
-        let row = &rows[n];
+    for (row, runs) in rows.iter().zip(found) {
         let count = runs.len() as f64;
         let mean = |of: &dyn Fn(&Heard) -> f64| runs.iter().map(of).sum::<f64>() / count;
         let told: Vec<_> = runs.iter().filter(|run| run.told > 0.0).collect();

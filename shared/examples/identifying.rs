@@ -3,10 +3,9 @@
 //!
 //! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST FIDELITY`, with FIDELITY `envelope` or `waveform`.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use kband::control::{Identification, Report, Settings, Target, Unidentified};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
+use rayon::prelude::*;
 
 /// Cycles in which an identification surely ends.
 const LONGEST: usize = 4100;
@@ -51,42 +50,32 @@ fn heard(lot: Lot, seed: u64, waveform: bool) -> Identification {
 fn main() {
     let given: Vec<_> = std::env::args().skip(1).collect();
     let number = |n: usize, otherwise| {
-        let given = given.get(n).and_then(|given| given.parse().ok());
-        given.unwrap_or(otherwise)
+        let given = given.get(n);
+        given.map_or(otherwise, |given| given.parse().expect("a whole number"))
     };
     let (seeds, first) = (number(0, 2_u64), number(1, 1_u64));
-    let waveform = given.get(2).is_none_or(|given| given == "waveform");
+    let waveform = match given.get(2).map(String::as_str) {
+        None | Some("waveform") => true,
+        Some("envelope") => false,
+        Some(other) => panic!("{other} is no fidelity: envelope or waveform"),
+    };
     let mut lots: Vec<Lot> = Vec::new();
     for parts in [1, 2, 3, 6] {
         for scatter in [0.0, 0.02, 0.05, 0.10, 0.15] {
             lots.extend((1..=7_u8).map(|tenths| (f32::from(tenths) / 10.0, scatter, parts)));
         }
     }
-    let next = AtomicUsize::new(0);
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut found: Vec<(usize, Vec<Identification>)> = std::thread::scope(|scope| {
-        let work = || {
-            let mut done = Vec::new();
-            loop {
-                let n = next.fetch_add(1, Ordering::Relaxed);
-                let Some(&lot) = lots.get(n) else {
-                    return done;
-                };
-                let runs = (first..first + seeds).map(|seed| heard(lot, seed, waveform));
-                done.push((n, runs.collect()));
-            }
-        };
-        let all: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        all.into_iter()
-            .flat_map(|thread| thread.join().expect("no run panics"))
-            .collect()
-    });
-    found.sort_by_key(|(n, _)| *n);
+    let found: Vec<Vec<Identification>> = lots
+        .par_iter()
+        .map(|&lot| {
+            let runs = (first..first + seeds).map(|seed| heard(lot, seed, waveform));
+            runs.collect()
+        })
+        .collect();
     println!(
         "parts  s     R    answered  false  farthest  in errors  error told  scatter told  refused as"
     );
-    for (n, runs) in found {
-        let (restitution, scatter, parts) = lots[n];
+    for ((restitution, scatter, parts), runs) in lots.into_iter().zip(found) {
         let answers: Vec<_> = runs
             .iter()
             .filter_map(|run| match run {

@@ -77,21 +77,26 @@ impl Section {
         .of_key(self.path(key))
     }
 
+    /// The refusal of a key that is left and was surely meant to be this one, if there is any.
+    pub fn misspelt(&self, key: &str, accepted: &str) -> Option<Refusal> {
+        let near = |left: &&String| alike(key, left) && !self.known.contains(&left.as_str());
+        let left = self.table.keys().find(near)?;
+        let meant = format!("{} = {accepted}", self.shown(key));
+        Some(self.unknown(left, meant, &format!("; did you mean {key}?")))
+    }
+
     pub fn missing(&self, key: &str, accepted: &str) -> Refusal {
-        let misspelt = |left: &&String| alike(key, left) && !self.known.contains(&left.as_str());
-        if let Some(left) = self.table.keys().find(misspelt) {
-            let meant = format!("{} = {accepted}", self.shown(key));
-            return self.unknown(left, meant, &format!("; did you mean {key}?"));
-        }
-        Refusal::value(
-            self.path(key),
-            "(missing)",
-            accepted,
-            format!(
-                "add {} to the scene; kband simulate --print-scene shows a whole one",
-                self.path(key)
-            ),
-        )
+        self.misspelt(key, accepted).unwrap_or_else(|| {
+            Refusal::value(
+                self.path(key),
+                "(missing)",
+                accepted,
+                format!(
+                    "add {} to the scene; kband simulate --print-scene shows a whole one",
+                    self.path(key)
+                ),
+            )
+        })
     }
 
     pub fn number(

@@ -38,18 +38,21 @@ pub fn describe(target: Target) -> String {
 const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true, \
                        tones = [k, e, degrees]";
 
+/// What a target may be given by.
+const KEYS: [&str; 8] = [
+    "gear",
+    "locked",
+    "chaotic",
+    "k",
+    "amplitude",
+    "speed",
+    "identify",
+    "tones",
+];
+
 pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut found = None;
-    for key in [
-        "gear",
-        "locked",
-        "chaotic",
-        "k",
-        "amplitude",
-        "speed",
-        "identify",
-        "tones",
-    ] {
+    for key in KEYS {
         let Some(value) = section.take(key) else {
             continue;
         };
@@ -83,19 +86,9 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
         });
     }
     found.ok_or_else(|| {
-        for key in [
-            "gear",
-            "locked",
-            "chaotic",
-            "amplitude",
-            "speed",
-            "identify",
-            "tones",
-        ] {
-            let refusal = section.missing(key, TARGETS);
-            if refusal.key().is_some() {
-                return refusal;
-            }
+        let misspelt = |key| section.misspelt(key, TARGETS);
+        if let Some(refusal) = KEYS.into_iter().find_map(misspelt) {
+            return refusal;
         }
         Refusal::new(
             format!("{} says nothing", section.path("")),

@@ -498,3 +498,20 @@ pub struct Counters {
     /// Requests beyond what a drive cycle answers.
     pub flooded: u32,
 }
+
+impl Counters {
+    /// Frames that came, read or refused; each is counted once.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        let Self {
+            requests,
+            oversized,
+            corrupt,
+            foreign,
+            unknown,
+            flooded,
+        } = *self;
+        let all = [requests, oversized, corrupt, foreign, unknown, flooded];
+        all.into_iter().map(u64::from).sum()
+    }
+}

@@ -2,7 +2,7 @@
 
 use embassy_futures::block_on;
 use kband::control::{Cycle, Inputs, StartCause, State};
-use kband::wire::{Counters, Outgoing, Response, SetUp, read_answer};
+use kband::wire::{Outgoing, Response, SetUp, read_answer};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
@@ -79,10 +79,10 @@ impl Board {
         let _ = self.take(&[0]);
         let (station, service) = (&self.station, &self.service);
         let (settings, target) = (station.settings(), station.target());
-        let (counted, at_rest) = (sum(service.counters()), station.at_rest());
+        let (counted, at_rest) = (service.counters().frames(), station.at_rest());
         let answer = self.take(&frame);
         let (station, service) = (&self.station, &self.service);
-        assert_eq!(sum(service.counters()), counted + 1);
+        assert_eq!(service.counters().frames(), counted + 1);
         station
             .settings()
             .check()
@@ -108,19 +108,6 @@ impl Board {
             Outgoing::Identity { .. } => true,
         }
     }
-}
-
-fn sum(counters: Counters) -> u64 {
-    let Counters {
-        requests,
-        oversized,
-        corrupt,
-        foreign,
-        unknown,
-        flooded,
-    } = counters;
-    let all = [requests, oversized, corrupt, foreign, unknown, flooded];
-    all.into_iter().map(u64::from).sum()
 }
 
 /// What happens to a board, one thing after the other.

@@ -104,10 +104,7 @@ pub(super) fn run(
     }
     let json = json!({ "one_tone": json_of(&one), "two_tones": json_of(&two) });
     Printout::new(rows)
-        .heading(
-            "With one tone and with the tones above it, from 5 s on where it is in gear"
-                .to_string(),
-        )
+        .heading("With one tone and with the tones above it, from 5 s on where it is in gear")
         .note(format!("picture          {}", picture.path().display()))
         .json(&json)?
         .print(arguments.format)?;

@@ -171,7 +171,11 @@ pub(super) fn told(
             outcome.gear_order()
         ));
         let record = outcome.record();
-        if let (Some(heard), Some(told)) = (record.in_gear_heard(), record.in_gear_told()) {
+        if let (Some(heard), Some(error), Some(told)) = (
+            record.in_gear_heard(),
+            record.in_gear_error(),
+            record.in_gear_told(),
+        ) {
             let told = match told {
                 1.0 => String::new(),
                 told => format!(", told for {} of that time", number(told, 3)),
@@ -179,7 +183,7 @@ pub(super) fn told(
             say(format!(
                 "                 heard {} +- {}{told}",
                 number(heard, 3),
-                number(record.in_gear_error().unwrap_or(f64::NAN), 1)
+                number(error, 1)
             ));
         } else if record.in_gear_told().is_some() {
             say("                 heard: not told".into());

@@ -196,37 +196,35 @@ mod tests {
     use crate::control::target::Target;
     use crate::plant::{ClosedLoop, DriveModel, EnvelopeLoop, Scene};
 
+    const EXPECTED: Expected = Expected {
+        running: true,
+        known: true,
+        amplitude: 1e-4,
+        opposed: true,
+        least: 1e-6,
+        ceiling: 1e-3,
+    };
+
+    /// A cycle of a sensor that moves.
+    fn moving() -> Cycle {
+        Cycle {
+            low: 2000,
+            high: 2100,
+            ..Cycle::default()
+        }
+    }
+
     /// What the detector says of a number of cycles alike.
     fn after(cycles: usize, cycle: &Cycle, measured: f32, lead: f32) -> Option<Fault> {
-        let expected = Expected {
-            running: true,
-            known: true,
-            amplitude: 1e-4,
-            opposed: true,
-            least: 1e-6,
-            ceiling: 1e-3,
-        };
         let mut detector = FaultDetector::default();
         (0..cycles).fold(None, |found, _| {
-            found.or(detector.cycle(cycle, measured, lead, &expected).0)
+            found.or(detector.cycle(cycle, measured, lead, &EXPECTED).0)
         })
     }
 
     #[test]
     fn a_reading_that_may_not_be_trusted_is_said_at_once() {
-        let expected = Expected {
-            running: true,
-            known: true,
-            amplitude: 1e-4,
-            opposed: true,
-            least: 1e-6,
-            ceiling: 1e-3,
-        };
-        let moving = Cycle {
-            low: 2000,
-            high: 2100,
-            ..Cycle::default()
-        };
+        let moving = moving();
         let still = Cycle {
             high: 2000,
             ..moving.clone()
@@ -243,12 +241,12 @@ mod tests {
             (&moving, 0.3e-4, true),
             (&moving, 3e-4, false),
         ] {
-            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &expected);
+            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
             assert_eq!(seen, (None, blind), "{measured}");
             // Nothing is suspected of a drive whose response is not known, but the converter's own ends.
             let searching = Expected {
                 known: false,
-                ..expected
+                ..EXPECTED
             };
             let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
             assert_eq!(seen, (None, cycle.saturated > 0), "{measured}");
@@ -257,22 +255,14 @@ mod tests {
 
     #[test]
     fn what_does_not_answer_is_not_inverted_whatever_its_phase() {
-        let moving = Cycle {
-            low: 2000,
-            high: 2100,
-            ..Cycle::default()
-        };
+        let moving = moving();
         assert_eq!(after(14, &moving, 1e-5, 1.0), None);
         assert_eq!(after(15, &moving, 1e-5, 1.0), Some(Fault::NoResponse));
     }
 
     #[test]
     fn each_sign_is_a_fault_where_it_is_as_strong_and_lasts_as_long_as_its_constant_says() {
-        let moving = Cycle {
-            low: 2000,
-            high: 2100,
-            ..Cycle::default()
-        };
+        let moving = moving();
         let spread = |steps: u16| Cycle {
             high: 2000 + steps,
             ..moving.clone()
@@ -343,11 +333,7 @@ mod tests {
 
     #[test]
     fn amplitudes_far_apart_are_implausible_in_a_second_and_others_never() {
-        let moving = Cycle {
-            low: 2000,
-            high: 2100,
-            ..Cycle::default()
-        };
+        let moving = moving();
         for (measured, found) in [
             (0.39e-4, Some(Fault::SensorImplausible)),
             (0.41e-4, None),
@@ -389,14 +375,6 @@ mod tests {
     #[test]
     fn a_contact_that_bounces_evades_no_count() {
         let mut detector = FaultDetector::default();
-        let expected = Expected {
-            running: true,
-            known: true,
-            amplitude: 1e-4,
-            opposed: true,
-            least: 1e-6,
-            ceiling: 1e-3,
-        };
         let found = (0..200).find_map(|n| {
             // Every other cycle is sound.
             let (measured, high) = if n % 2 == 0 {
@@ -409,7 +387,7 @@ mod tests {
                 high,
                 ..Cycle::default()
             };
-            detector.cycle(&cycle, measured, -1.5, &expected).0
+            detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });
         assert_eq!(found, Some(Fault::SensorLost));
     }

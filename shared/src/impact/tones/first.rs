@@ -88,6 +88,12 @@ impl Kind {
     }
 }
 
+/// All lanes.
+#[inline(always)]
+fn everywhere<L: Lane>() -> L::Mask {
+    L::splat(0.0).below(L::splat(1.0))
+}
+
 /// Whether a flight that is not tall is short.
 #[inline(always)]
 fn is_short<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> L::Mask {
@@ -150,7 +156,7 @@ fn not_tall<const N: usize>(
 #[inline(always)]
 fn tall<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
     let mut d = launch.falls_to(track, 0.0);
-    let mut far = L::splat(0.0).below(L::splat(1.0));
+    let mut far = everywhere::<L>();
     for _ in 0..APPROACHES {
         let (_, next, _) = approach::<L, N>(track, launch, d);
         let near = (next - d).abs().below(L::splat(LEAP / N as f64));
@@ -222,7 +228,7 @@ fn falling<L: Lane>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
         start: launch.falls_to(track, 0.0),
         low: zero,
         high: launch.falls_to(track, -track.wave.bottom()) + L::splat(1e-9),
-        certain: zero.below(L::splat(1.0)),
+        certain: everywhere::<L>(),
     }
 }
 
@@ -326,8 +332,8 @@ impl<L: Lane> Edge<L> {
 #[inline(always)]
 fn before_next_hump<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
     let edge = Edge::next(track, launch);
-    let all = L::splat(0.0).below(L::splat(1.0));
-    edge.stretch::<N>(track, launch, edge.time - edge.before, edge.time, all)
+    let low = edge.time - edge.before;
+    edge.stretch::<N>(track, launch, low, edge.time, everywhere::<L>())
 }
 
 /// The stretch by the signs of the gap at the edges of the humps.
