@@ -15,6 +15,7 @@
 //! | `log` | the log of a board |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
+//! | [`provenance`] | what a result came from, in every file |
 //! | [`stream`] | rows printed as they come |
 //! | [`verbs`] | one file per verb |
 
@@ -30,6 +31,7 @@ pub mod live;
 #[cfg(feature = "log")]
 pub mod log;
 pub mod picture;
+pub mod provenance;
 pub mod refusal;
 pub mod report;
 pub mod simulate;

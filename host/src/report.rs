@@ -12,9 +12,10 @@ pub use value::{Value, number, shortest};
 use std::io::{ErrorKind, Write};
 
 use serde::Serialize;
-use serde_json::Value as Json;
+use serde_json::{Map, Value as Json};
 
 use crate::file::Destination;
+use crate::provenance;
 use crate::refusal::Refusal;
 
 /// Form of a result.
@@ -36,10 +37,10 @@ pub struct Printout {
     table: Table,
     notes: Vec<String>,
     json: Option<Json>,
-    csv: Option<Box<WriteCsv>>,
+    csv: Option<(Vec<Column>, Box<WriteRows>)>,
 }
 
-type WriteCsv = dyn Fn(&mut dyn Write) -> std::io::Result<()>;
+type WriteRows = dyn Fn(&mut dyn Rows) -> Result<(), Refusal>;
 
 impl Printout {
     /// The printout of a table; its JSON is the array of its rows.
@@ -76,11 +77,22 @@ impl Printout {
         Ok(self)
     }
 
-    /// The printout with a CSV form of its own, for more rows than a table should hold.
+    /// The printout with rows of its own as CSV, for more of them than a table should hold.
     #[must_use]
-    pub fn csv(mut self, write: impl Fn(&mut dyn Write) -> std::io::Result<()> + 'static) -> Self {
-        self.csv = Some(Box::new(write));
+    pub fn csv(
+        mut self,
+        columns: &[Column],
+        rows: impl Fn(&mut dyn Rows) -> Result<(), Refusal> + 'static,
+    ) -> Self {
+        self.csv = Some((columns.to_vec(), Box::new(rows)));
         self
+    }
+
+    /// The printout with another table as CSV.
+    #[must_use]
+    pub fn csv_of(self, table: Table) -> Self {
+        let columns = table.columns().to_vec();
+        self.csv(&columns, move |rows| table.write_rows(rows))
     }
 
     /// Writes it in a format.
@@ -102,14 +114,18 @@ impl Printout {
                 Ok(())
             }
             Format::Csv => match &self.csv {
-                Some(write) => write(out),
+                Some((columns, write)) => CsvRows::begin(out, columns)
+                    .and_then(|mut rows| write(&mut rows))
+                    .map_err(std::io::Error::other),
                 None => self.table.write_csv(out),
             },
             Format::Json => {
-                match &self.json {
-                    Some(json) => serde_json::to_writer_pretty(&mut *out, json)?,
-                    None => serde_json::to_writer_pretty(&mut *out, &self.table.to_json())?,
-                }
+                let document = match &self.json {
+                    Some(json) => json.clone(),
+                    None => self.table.to_json(),
+                };
+                let whole = provenance::with(document, units(self.table.columns()));
+                serde_json::to_writer_pretty(&mut *out, &whole)?;
                 writeln!(out)
             }
         }
@@ -125,6 +141,15 @@ impl Printout {
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
         target.write(|out| self.write(format, out))
     }
+}
+
+/// The units of the columns that have one.
+pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
+    columns
+        .iter()
+        .filter(|column| !column.unit().is_empty())
+        .map(|column| (column.name().to_string(), column.unit().into()))
+        .collect()
 }
 
 /// Prints a line or more on standard output; a reader that has gone away (`| head`) is no failure.

@@ -1,11 +1,12 @@
-//! Rows printed as they come: aligned, as CSV, or a JSON object a line.
+//! Rows printed as they come: aligned, as CSV, or a JSON object a line, the first of them with the provenance.
 
 use std::io::{ErrorKind, Write};
 
 use serde_json::{Map, Value as Json};
 
+use crate::provenance;
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Value};
+use crate::report::{Column, Format, Value, units};
 
 /// Rows to a writer, each as soon as it is there.
 pub struct Stream<W> {
@@ -68,10 +69,18 @@ impl<W: Write> Stream<W> {
 
     fn header(&self) -> String {
         let names = self.columns.iter().map(|(column, _)| column.header());
+        let columns: Vec<Column> = self.columns.iter().map(|(column, _)| *column).collect();
+        let units = units(&columns);
         match self.format {
             Format::Table => self.aligned(names) + "\n",
-            Format::Csv => names.collect::<Vec<_>>().join(",") + "\n",
-            Format::Json => String::new(),
+            Format::Csv => {
+                let mut comments = Vec::new();
+                // Writing to a Vec cannot fail.
+                let _ = provenance::write_comments(units, &mut comments);
+                let header = names.collect::<Vec<_>>().join(",") + "\n";
+                String::from_utf8_lossy(&comments).into_owned() + &header
+            }
+            Format::Json => provenance::with(Json::Object(Map::new()), units).to_string() + "\n",
         }
     }
 
@@ -106,13 +115,11 @@ mod tests {
             printed(Format::Table),
             "time (s)     state\n    0.02       off\n    0.04         -\n"
         );
-        assert_eq!(
-            printed(Format::Csv),
-            "time (s),state\n0.02,off\n0.040000000000000001,\n"
-        );
-        assert_eq!(
-            printed(Format::Json),
-            "{\"time\":0.02,\"state\":\"off\"}\n{\"time\":0.04}\n"
-        );
+        assert!(printed(Format::Csv).ends_with(
+            "\n# units: {\"time\":\"s\"}\ntime (s),state\n0.02,off\n0.040000000000000001,\n"
+        ));
+        let json = printed(Format::Json);
+        assert!(json.starts_with("{\"provenance\":{"), "{json}");
+        assert!(json.ends_with("}\n{\"time\":0.02,\"state\":\"off\"}\n{\"time\":0.04}\n"));
     }
 }

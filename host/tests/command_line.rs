@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use kband_host::provenance;
+
 /// Runs `kband` in `folder` without a terminal or standard input; killed after 60 s.
 fn kband(folder: &Path, arguments: &[&str]) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
@@ -261,7 +263,7 @@ fn golden_impacts_by_file_keep_17_digits() {
     );
     let output = kband(&folder.0, &["impacts", "--from", reference]);
     assert_eq!(output.status.code(), Some(0));
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = provenance::stripped(&String::from_utf8(output.stdout).unwrap());
     let golden = std::fs::read_to_string(reference).unwrap();
     let mut lines = text.lines();
     assert_eq!(lines.next(), Some("flight,next_phase,next_velocity"));
@@ -292,14 +294,15 @@ fn the_batch_gives_the_bits_of_f64() {
             &["impacts", "--from", reference, "--arithmetic", name],
         );
         assert_eq!(output.status.code(), Some(0));
-        output.stdout
+        provenance::stripped(&String::from_utf8(output.stdout).unwrap())
     };
     assert_eq!(from("f64"), from("batch"));
     let orbit = |name: &str| {
         let line = format!(
             "impacts --k 0.34 --restitution 0.2 --phase 1 --velocity 0.6 --count 50 --arithmetic {name}"
         );
-        kband(&folder.0, &words(&line)).stdout
+        let printed = kband(&folder.0, &words(&line)).stdout;
+        provenance::stripped(&String::from_utf8(printed).unwrap())
     };
     assert_eq!(orbit("f64"), orbit("batch"));
 }
@@ -313,7 +316,7 @@ fn an_orbit_in_three_formats_says_the_same() {
         );
         let output = kband(&folder.0, &words(&line));
         assert_eq!(output.status.code(), Some(0));
-        String::from_utf8(output.stdout).unwrap()
+        provenance::stripped(&String::from_utf8(output.stdout).unwrap())
     };
     let csv = run("csv");
     let json: serde_json::Value = serde_json::from_str(&run("json")).unwrap();
@@ -344,9 +347,10 @@ fn any_number_of_threads_gives_the_same_bytes() {
         std::fs::read(folder.0.join(out)).unwrap()
     };
     for ending in ["csv", "svg", "png"] {
-        let one = run("1", &format!("one.{ending}"));
+        let out = format!("out.{ending}");
+        let one = run("1", &out);
         assert!(one.len() > 1000);
-        assert_eq!(one, run("3", &format!("three.{ending}")), "{ending}");
+        assert_eq!(one, run("3", &out), "{ending}");
     }
 }
 
@@ -434,7 +438,7 @@ fn a_seed_on_the_command_line_is_the_scenes() {
         let ended = kband(&folder.0, &words(line));
         assert_eq!(ended.status.code(), Some(0), "{line}");
         // All but how fast it went.
-        let told = String::from_utf8(ended.stdout).unwrap();
+        let told = provenance::stripped(&String::from_utf8(ended.stdout).unwrap());
         let lines = told.lines().filter(|l| !l.contains("times_real_time"));
         lines.collect::<String>()
     };
@@ -473,7 +477,7 @@ fn what_parts_in_gear_are_compared_with_is_a_run_of_its_own() {
         let ended = kband(&folder.0, &words(line));
         let text = String::from_utf8_lossy(&ended.stderr).into_owned();
         assert_eq!(ended.status.code(), Some(0), "{line}: {text}");
-        serde_json::from_slice(&ended.stdout).unwrap()
+        provenance::without(serde_json::from_slice(&ended.stdout).unwrap())
     };
     let share = |row: &serde_json::Value| row["in_gear"].as_f64().unwrap();
     // The middle of the lock's band holds parts of scatter 0.04 for half of the time that the choice for gear does.

@@ -10,6 +10,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
+use kband_host::provenance;
 use serde_json::Value;
 
 /// A table of the manual.
@@ -74,7 +75,7 @@ fn kband(words: &str) -> Value {
         .expect("kband starts");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "kband {words}: {said}");
-    serde_json::from_slice(&output.stdout).expect("kband prints JSON")
+    provenance::without(serde_json::from_slice(&output.stdout).expect("kband prints JSON"))
 }
 
 fn list(value: &Value) -> &[Value] {

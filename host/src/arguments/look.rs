@@ -2,6 +2,7 @@
 
 use crate::file::Destination;
 use crate::picture::{Look, Picture, Theme};
+use crate::provenance;
 use crate::refusal::Refusal;
 
 use super::{number, within};
@@ -46,15 +47,16 @@ impl LookArguments {
     /// Writes the picture as its ending says, one of [`PICTURES`].
     pub fn write(self, target: &Destination, picture: &Picture) -> Result<(), Refusal> {
         let look = Look::new(self.theme, self.width, self.font_size);
+        let about = provenance::line();
         let bytes = match target.ending().as_str() {
-            "pdf" => picture.to_pdf(look),
-            "png" => picture.to_png(look).ok_or_else(|| {
+            "pdf" => picture.to_pdf(look, &about),
+            "png" => picture.to_png(look, &about).ok_or_else(|| {
                 Refusal::new(
                     "there is no memory for the picture",
                     "write an .svg or .pdf instead",
                 )
             })?,
-            _ => picture.to_svg(look).into_bytes(),
+            _ => picture.to_svg(look, &about).into_bytes(),
         };
         target.write_bytes(&bytes)
     }

@@ -16,7 +16,12 @@ const SCALE: f64 = 2.0;
 const DOTS: f64 = 300.0;
 
 /// The PNG of shapes on a sheet of this size; `None` only where memory for it is refused.
-pub(super) fn png([width, height]: [f64; 2], look: Look, shapes: &[Shape]) -> Option<Vec<u8>> {
+pub(super) fn png(
+    [width, height]: [f64; 2],
+    about: &str,
+    look: Look,
+    shapes: &[Shape],
+) -> Option<Vec<u8>> {
     let times = if look.on_paper() {
         look.points() / 72.0 * DOTS
     } else {
@@ -77,7 +82,7 @@ pub(super) fn png([width, height]: [f64; 2], look: Look, shapes: &[Shape]) -> Op
             Shape::Image { place, raster } => image(&mut sheet, place, raster, times),
         }
     }
-    encode(&sheet, look.on_paper())
+    encode(&sheet, about, look.on_paper())
 }
 
 /// A raster as a PNG with its palette, for SVG to embed.
@@ -216,7 +221,7 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster, times: f64) {
     sheet.draw_pixmap(0, 0, source.as_ref(), &paint, transform, None);
 }
 
-fn encode(sheet: &Pixmap, on_paper: bool) -> Option<Vec<u8>> {
+fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
     let mut pixels = Vec::with_capacity(3 * sheet.pixels().len());
     for pixel in sheet.pixels() {
         // The sheet was filled with an opaque colour, and nothing drawn over it takes that away.
@@ -234,6 +239,11 @@ fn encode(sheet: &Pixmap, on_paper: bool) -> Option<Vec<u8>> {
             yppu: dots,
             unit: png::Unit::Meter,
         }));
+    }
+    if !about.is_empty() {
+        encoder
+            .add_itxt_chunk("Provenance".into(), about.into())
+            .ok()?;
     }
     encoder
         .write_header()

@@ -86,29 +86,29 @@ impl Picture {
         self
     }
 
-    /// The picture as an SVG document.
+    /// The picture as an SVG document. `about` is what it says of itself beside what is seen; nothing where it is empty.
     #[must_use]
-    pub fn to_svg(&self, look: impl Into<Look>) -> String {
+    pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
-        svg::document(size, &self.title, look, &shapes)
+        svg::document(size, [&self.title, about], look, &shapes)
     }
 
     /// The picture as a PNG, on a screen of twice its size in pixels, on paper of 300 dots an inch; `None` only where
-    /// memory is refused.
+    /// memory is refused. `about` as of the SVG.
     #[must_use]
-    pub fn to_png(&self, look: impl Into<Look>) -> Option<Vec<u8>> {
+    pub fn to_png(&self, look: impl Into<Look>, about: &str) -> Option<Vec<u8>> {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
-        bitmap::png(size, look, &shapes)
+        bitmap::png(size, about, look, &shapes)
     }
 
-    /// The picture as a PDF of one page, with its letters as letters.
+    /// The picture as a PDF of one page, with its letters as letters. `about` as of the SVG.
     #[must_use]
-    pub fn to_pdf(&self, look: impl Into<Look>) -> Vec<u8> {
+    pub fn to_pdf(&self, look: impl Into<Look>, about: &str) -> Vec<u8> {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
-        pdf::document(size, &self.title, look, &shapes)
+        pdf::document(size, [&self.title, about], look, &shapes)
     }
 
     /// Width and height, and what is drawn.
@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = everything().to_svg(Theme::Light);
+        let svg = everything().to_svg(Theme::Light, "");
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let bytes = everything().to_png(theme).unwrap();
+            let bytes = everything().to_png(theme, "").unwrap();
             let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
                 .read_info()
                 .unwrap();
@@ -264,22 +264,22 @@ mod tests {
     #[test]
     fn a_picture_is_as_wide_on_paper_as_it_was_asked_for() {
         let column = Look::new(Theme::Light, Some(84.0), Some(7.0));
-        let svg = everything().to_svg(column);
+        let svg = everything().to_svg(column, "");
         assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
         // 300 dots an inch.
-        let bytes = everything().to_png(column).unwrap();
+        let bytes = everything().to_png(column, "").unwrap();
         let reader = png::Decoder::new(std::io::Cursor::new(&bytes))
             .read_info()
             .unwrap();
         assert_eq!(reader.info().width, 992);
         assert_eq!(reader.info().pixel_dims.unwrap().xppu, 11_811);
-        let pdf = everything().to_pdf(column);
+        let pdf = everything().to_pdf(column, "");
         assert!(pdf.starts_with(b"%PDF-") && pdf.ends_with(b"%%EOF"));
         let text = String::from_utf8_lossy(&pdf);
         // 84 mm are 238.110 points.
         assert!(text.contains("/MediaBox [0 0 238.11"), "{}", text.len());
         assert!(text.contains("/ToUnicode") && text.contains("/SMask"));
-        assert_eq!(pdf, everything().to_pdf(column));
+        assert_eq!(pdf, everything().to_pdf(column, ""));
         // Small letters of 7 points: 12 pixels of the layout, which is so much wider.
         let (size, _) = everything().shapes(column);
         assert!((size[0] - 84.0 / 25.4 * 72.0 / (7.0 / 12.0)).abs() < 1e-9);
@@ -296,10 +296,10 @@ mod tests {
             )
         };
         let svg =
-            picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new()).to_svg(Theme::Light);
+            picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new()).to_svg(Theme::Light, "");
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
-        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light);
+        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light, "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 
@@ -313,7 +313,7 @@ mod tests {
             shapes.len(),
             lone.len() + left.shapes(Theme::Light.into()).1.len() - 1
         );
-        let svg = sample_and(everything()).to_svg(Theme::Light);
+        let svg = sample_and(everything()).to_svg(Theme::Light, "");
         assert!(svg.contains("Left") && svg.contains("every kind of item"));
     }
 
@@ -325,12 +325,12 @@ mod tests {
     #[test]
     fn the_same_picture_gives_the_same_bytes() {
         assert_eq!(
-            everything().to_svg(Theme::Dark),
-            everything().to_svg(Theme::Dark)
+            everything().to_svg(Theme::Dark, ""),
+            everything().to_svg(Theme::Dark, "")
         );
         assert_eq!(
-            everything().to_png(Theme::Dark),
-            everything().to_png(Theme::Dark)
+            everything().to_png(Theme::Dark, ""),
+            everything().to_png(Theme::Dark, "")
         );
     }
 }

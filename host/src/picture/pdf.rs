@@ -29,7 +29,12 @@ const IDENTITY: SystemInfo<'static> = SystemInfo {
 };
 
 /// The PDF of shapes on a sheet of this size.
-pub(super) fn document(size: [f64; 2], title: &str, look: Look, shapes: &[Shape]) -> Vec<u8> {
+pub(super) fn document(
+    size: [f64; 2],
+    [title, about]: [&str; 2],
+    look: Look,
+    shapes: &[Shape],
+) -> Vec<u8> {
     let points = look.points();
     let [width, height] = size.map(|length| (length * points) as f32);
     let mut sheet = Sheet {
@@ -52,9 +57,12 @@ pub(super) fn document(size: [f64; 2], title: &str, look: Look, shapes: &[Shape]
     let mut pdf = Pdf::new();
     pdf.catalog(CATALOG).pages(PAGES);
     pdf.pages(PAGES).kids([PAGE]).count(1);
-    pdf.document_info(INFO)
-        .title(TextStr(title))
-        .creator(TextStr("kband"));
+    let mut info = pdf.document_info(INFO);
+    info.title(TextStr(title)).creator(TextStr("kband"));
+    if !about.is_empty() {
+        info.subject(TextStr(about));
+    }
+    info.finish();
     let states: Vec<(String, Ref, f32)> = sheet
         .opacities
         .iter()

@@ -6,10 +6,10 @@ use super::shape::{Anchor, Rect, Shape, Stroke, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
 
-/// The SVG document of shapes on a sheet of this size.
+/// The SVG document of shapes on a sheet of this size, with its title and what it says about itself.
 pub(super) fn document(
     [width, height]: [f64; 2],
-    title: &str,
+    [title, about]: [&str; 2],
     look: Look,
     shapes: &[Shape],
 ) -> String {
@@ -34,6 +34,9 @@ pub(super) fn document(
         size(height),
         escape(title)
     );
+    if !about.is_empty() {
+        let _ = writeln!(text, "<metadata>{}</metadata>", escape(about));
+    }
     if !clips.is_empty() {
         text.push_str("<defs>\n");
         for (n, clip) in clips.iter().enumerate() {

@@ -12,6 +12,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
 use super::{Column, Rows, Value};
+use crate::provenance;
 use crate::refusal::Refusal;
 
 /// Rows of a group: few enough to wait in memory, many enough to read fast.
@@ -24,7 +25,7 @@ enum Waiting {
 }
 
 /// Rows that go out as Parquet. Missing values are null; the file's metadata has `units` as a JSON object
-/// of the columns that have one.
+/// of the columns that have one, and `provenance` as one of what the rows came from.
 pub(super) struct ParquetRows<'a> {
     writer: SerializedFileWriter<&'a mut (dyn Write + Send)>,
     waiting: Vec<Waiting>,
@@ -55,15 +56,15 @@ impl<'a> ParquetRows<'a> {
                     .build()
             })
             .map_err(unwritten)?;
-        let units: serde_json::Map<_, _> = columns
-            .iter()
-            .filter(|column| !column.unit().is_empty())
-            .map(|column| (column.name().to_string(), column.unit().into()))
-            .collect();
+        let units = super::units(columns);
+        let told = provenance::object(units.clone()).to_string();
         let units = serde_json::Value::Object(units).to_string();
         let properties = WriterProperties::builder()
             .set_created_by(concat!("kband version ", env!("CARGO_PKG_VERSION")).into())
-            .set_key_value_metadata(Some(vec![KeyValue::new("units".into(), units)]))
+            .set_key_value_metadata(Some(vec![
+                KeyValue::new("units".into(), units),
+                KeyValue::new("provenance".into(), told),
+            ]))
             .build();
         let writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties));
         Ok(Self {
@@ -192,6 +193,8 @@ mod tests {
         let pairs = metadata.key_value_metadata().unwrap();
         let units = pairs.iter().find(|pair| pair.key == "units").unwrap();
         assert_eq!(units.value.as_deref(), Some(r#"{"time":"s"}"#));
+        let told = pairs.iter().find(|pair| pair.key == "provenance").unwrap();
+        assert!(told.value.as_ref().unwrap().contains("\"commit\":"));
         let last = reader.get_row_iter(None).unwrap().last().unwrap().unwrap();
         assert_eq!(last.get_double(0).unwrap(), f64::from(count - 1) * 0.02);
         assert_eq!(last.get_double(1).is_ok(), !(count - 1).is_multiple_of(3));

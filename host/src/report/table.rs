@@ -6,6 +6,7 @@ use std::io::Write;
 use serde_json::{Map, Value as Json};
 
 use super::value::Value;
+use crate::provenance;
 use crate::refusal::Refusal;
 
 /// A column of a table.
@@ -190,8 +191,9 @@ impl Table {
         text
     }
 
-    /// Writes it as CSV: units in the header, 17 significant digits.
+    /// Writes it as CSV: where it came from, units in the header, 17 significant digits.
     pub fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
+        provenance::write_comments(super::units(&self.columns), out)?;
         let name = |column: &Column| {
             if self.plain {
                 column.name.to_string()
@@ -252,7 +254,7 @@ pub trait Rows {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
 }
 
-/// Rows that go out as CSV: units in the header, numbers in full.
+/// Rows that go out as CSV: where they came from, units in the header, numbers in full.
 pub struct CsvRows<'a> {
     out: &'a mut dyn Write,
 }
@@ -261,7 +263,9 @@ impl<'a> CsvRows<'a> {
     /// Writes the header of these columns.
     pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
         let names: Vec<String> = columns.iter().map(Column::header).collect();
-        writeln!(out, "{}", names.join(",")).map_err(|error| unwritten(&error))?;
+        provenance::write_comments(super::units(columns), out)
+            .and_then(|()| writeln!(out, "{}", names.join(",")))
+            .map_err(|error| unwritten(&error))?;
         Ok(Self { out })
     }
 }
@@ -299,8 +303,13 @@ mod tests {
     fn csv_has_units_in_the_header_and_quotes_commas() {
         let mut csv = Vec::new();
         table().write_csv(&mut csv).unwrap();
+        let csv = String::from_utf8(csv).unwrap();
+        let (comments, rows): (Vec<&str>, Vec<&str>) =
+            csv.lines().partition(|line| line.starts_with('#'));
+        assert!(comments[0].starts_with(provenance::FIRST) && csv.starts_with('#'));
+        assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
         assert_eq!(
-            String::from_utf8(csv).unwrap(),
+            rows.join("\n") + "\n",
             "k,b (mm),regime\n0.10000000000000001,1.234567,\"locked, r = 1\"\n\
              0.25,,rest\n"
         );

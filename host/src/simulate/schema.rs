@@ -291,7 +291,8 @@ pub fn schema() -> Value {
 }
 
 /// Unit of a key in a section of a scene; `–` for a pure number.
-pub(super) fn unit(section: &str, key: &str) -> &'static str {
+#[must_use]
+pub fn unit(section: &str, key: &str) -> &'static str {
     let known = |field: &&Field| field.key == key;
     let field = match section {
         "disturbance" => CHANGES.iter().map(|(field, _)| field).find(known),

@@ -285,7 +285,7 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout
         );
     }
     let json = full.to_json();
-    report.csv(move |out| full.write_csv(out)).json(&json)
+    report.csv_of(full).json(&json)
 }
 
 #[cfg(test)]

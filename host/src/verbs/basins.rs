@@ -127,20 +127,22 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "shares": shares,
             "from_rest": ending::told(endings.from_rest(), arguments.impacts),
         }))?
-        .csv(move |out| {
-            writeln!(out, "phase (rad),velocity (b w),regime")?;
-            for (n, end) in listed.iter().enumerate() {
-                let (phase, velocity) = (phase(n % side), velocity(n / side));
-                writeln!(
-                    out,
-                    "{},{},\"{}\"",
-                    number(phase, 17),
-                    number(velocity, 17),
-                    ending::told(*end, followed)
-                )?;
-            }
-            Ok(())
-        });
+        .csv(
+            &[
+                Column::new("phase", "rad"),
+                Column::new("velocity", "b w"),
+                Column::new("regime", ""),
+            ],
+            move |rows| {
+                listed.iter().enumerate().try_for_each(|(n, end)| {
+                    rows.row(&[
+                        phase(n % side).into(),
+                        velocity(n / side).into(),
+                        ending::told(*end, followed).into(),
+                    ])
+                })
+            },
+        );
     report.print(arguments.printed.format)?;
     output.write(&report, || {
         picture(arguments, &told, &endings, &ends, &counts)

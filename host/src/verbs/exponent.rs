@@ -321,7 +321,7 @@ fn report(
             None => "no chaotic band: below the cascade the parts come to rest".into(),
         });
     }
-    report.csv(move |out| full.write_csv(out)).json(&json)
+    report.csv_of(full).json(&json)
 }
 
 /// Floquet multipliers as words.

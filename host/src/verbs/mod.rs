@@ -40,6 +40,7 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 
 use crate::arguments;
 use crate::desk::Desk;
+use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 
 macro_rules! verbs {
@@ -148,6 +149,12 @@ pub fn main() -> ExitCode {
             return ExitCode::from(message.exit_code() as u8);
         }
     };
+    let whole = command();
+    let (verb, given) = match matches.subcommand() {
+        Some((name, given)) => (whole.find_subcommand(name), given),
+        None => (None, &matches),
+    };
+    provenance::begin(std::env::args_os(), verb.unwrap_or(&whole), given);
     let checked = matches
         .subcommand()
         .map_or(Ok(()), |(verb, given)| idle::check(verb, given));

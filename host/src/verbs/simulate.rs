@@ -14,6 +14,7 @@ use crate::arguments::{self, LookArguments, PICTURES};
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
+use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
 use crate::report::{self, Format, Printout, Table};
@@ -149,6 +150,9 @@ fn own_picture(begin: &str) -> bool {
 
 /// Whether a file that begins like this has the rows of a run, or of many.
 fn own_rows(begin: &str) -> bool {
+    if begin.starts_with(provenance::FIRST) {
+        return true;
+    }
     let head = begin.lines().next().unwrap_or_default();
     head.starts_with("time (s),amplitude (mm),k,") || head.contains(",kicks,b (mm),k,")
 }
@@ -220,6 +224,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }
         table.insert("seed".into(), toml::Value::Integer(seed as i64));
     }
+    provenance::scene(&table, |section, key| schema::unit(section, key).into());
     let mut file = SceneFile::from_table(table.clone()).map_err(named)?;
     arguments.adapt(&mut file);
     file.check()?;

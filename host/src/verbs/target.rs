@@ -117,6 +117,20 @@ impl Kind {
     }
 }
 
+/// Refused where no settings at all take its number, before a port is opened for it.
+fn in_range(target: Target) -> Result<(), Refusal> {
+    // An amplitude is limited by the board's own setting.
+    let limit = Settings::KEYS
+        .iter()
+        .find(|key| key.name == "amplitude_limit");
+    let settings = Settings {
+        amplitude_limit: limit.map_or(f32::INFINITY, |key| key.high),
+        ..Settings::default()
+    };
+    kband::control::Controller::build(&settings, target, StartCause::Ordinary)?;
+    Ok(())
+}
+
 /// Refused where the board would refuse it, or its drive does not reach what it needs; why there is nothing to choose for it,
 /// where that is known at once. `settings` are the board's.
 fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
@@ -135,6 +149,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         Some(kind) => Some(kind.target(arguments.value)?),
         None => None,
     };
+    if let Some(target) = target {
+        in_range(target)?;
+    }
     let address = &arguments.address;
     if arguments.save && address.is_emulated() && address.flash_image.is_none() {
         return Err(Refusal::new(
@@ -205,6 +222,23 @@ mod tests {
         ] {
             let message = kind.target(value).unwrap_err().to_string();
             assert!(message.contains(words), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_number_that_no_board_takes_is_refused_without_one() {
+        let message = in_range(Target::K(50.0)).unwrap_err().to_string();
+        assert!(
+            message.contains("target k = 50") && message.contains("0.02..10"),
+            "{message}"
+        );
+        assert!(in_range(Target::Amplitude(-1.0)).is_err());
+        for target in [
+            Target::K(0.41),
+            Target::Amplitude(3.0),
+            Target::Gear { order: 2 },
+        ] {
+            assert_eq!(in_range(target), Ok(()));
         }
     }
 

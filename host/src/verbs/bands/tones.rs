@@ -249,7 +249,7 @@ fn report(
              {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}; of a lot from its liveliest part to its dullest)."
         ))
         .json(&json)
-        .map(|report| report.csv(move |out| full.write_csv(out)))
+        .map(|report| report.csv_of(full))
 }
 
 #[cfg(test)]

@@ -95,6 +95,15 @@ impl Kicks {
         })
     }
 
+    /// Every kick of the map with the share that it captures; one that the drive cannot give captures none, and is not
+    /// among them.
+    pub(super) fn cells(&self) -> Vec<(KickSettings, f64)> {
+        let shares = self.shares.iter().enumerate();
+        shares
+            .filter_map(|(cell, share)| Some((self.kick(cell).ok()?.settings(), *share)))
+            .collect()
+    }
+
     /// The cell with most cells around it, as a square in steps of the map, that capture nine tenths of
     /// what the best does; beyond the edge of the map nothing is known.
     pub(super) fn widest(&self) -> Option<Widest> {

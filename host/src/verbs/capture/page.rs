@@ -110,7 +110,8 @@ pub(super) fn report(
             "release": kick.release,
         })
     };
-    report.json(&serde_json::json!({
+    let cells = map.cells();
+    let report = report.json(&serde_json::json!({
         "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
         "order": task.lot.order,
         "k": task.lot.k,
@@ -137,5 +138,31 @@ pub(super) fn report(
         "seed": task.arguments.seed,
         "captured_alone": rates.alone,
         "captured": rates.by_attempt,
+        "map": cells
+            .iter()
+            .map(|cell| {
+                let mut told = kick(cell.0);
+                told["share"] = cell.1.into();
+                told
+            })
+            .collect::<Vec<_>>(),
+    }))?;
+    let columns = [
+        Column::new("factor", ""),
+        Column::new("hold", "cycles"),
+        Column::new("descent", "cycles"),
+        Column::new("release", ""),
+        Column::new("share", ""),
+    ];
+    Ok(report.csv(&columns, move |rows| {
+        cells.iter().try_for_each(|(kick, share)| {
+            rows.row(&[
+                f64::from(kick.factor).into(),
+                u32::from(kick.hold).into(),
+                u32::from(kick.descent).into(),
+                f64::from(kick.release).into(),
+                (*share).into(),
+            ])
+        })
     }))
 }

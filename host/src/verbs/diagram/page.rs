@@ -1,7 +1,6 @@
 //! A diagram as table, CSV and picture.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
-use std::io::Write;
 use std::sync::Arc;
 
 use kband::impact::PartState;
@@ -14,7 +13,7 @@ use crate::arguments::Range;
 use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Column, Printout, Rows, Table, number};
 
 pub(super) struct Diagram {
     pub(super) over: Over,
@@ -86,7 +85,16 @@ impl Diagram {
             .note(format!(
                 "{drawn} impacts; --out FILE.svg draws them, FILE.csv lists them"
             ))
-            .csv(move |out| rows.write_csv(out))
+            .csv(
+                &[
+                    Column::new("start", ""),
+                    Column::new(self.over.name(), self.over.unit()),
+                    Column::new("phase", "rad"),
+                    Column::new("velocity", "b w"),
+                    Column::new("regime", ""),
+                ],
+                move |out| rows.impacts(out),
+            )
             .json(&serde_json::json!({
                 "over": self.over.name(),
                 "bands": self.bands,
@@ -94,27 +102,19 @@ impl Diagram {
             }))
     }
 
-    pub(super) fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        let unit = if matches!(self.over, Over::Amplitude { .. }) {
-            " (mm)"
-        } else {
-            ""
-        };
-        writeln!(
-            out,
-            "start,{}{unit},phase (rad),velocity (b w)",
-            self.over.name()
-        )?;
+    /// Every impact that is drawn.
+    fn impacts(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
         for branch in &self.branches {
             let start = branch.start.name();
             for (x, column) in self.values.iter().zip(&branch.columns) {
-                let x = number(*x, 17);
                 for state in &column.impacts {
-                    writeln!(
-                        out,
-                        "{start},{x},{:.16e},{:.16e}",
-                        state.phase, state.velocity
-                    )?;
+                    rows.row(&[
+                        start.into(),
+                        (*x).into(),
+                        state.phase.into(),
+                        state.velocity.into(),
+                        column.ending.name().into(),
+                    ])?;
                 }
             }
         }

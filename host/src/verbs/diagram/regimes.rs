@@ -116,7 +116,7 @@ impl Map {
                 self.restitution.count
             ))
             .note("--out FILE.svg draws the map, FILE.csv lists its points")
-            .csv(move |out| full.write_csv(out))
+            .csv_of(full)
             .json(&serde_json::json!({
                 "k": [self.k.low, self.k.high, self.k.count],
                 "restitution": [self.restitution.low, self.restitution.high, self.restitution.count],

@@ -204,13 +204,18 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
         },
     });
     let rows = rows(survey);
-    Ok(report.json(&json)?.csv(move |out| {
-        writeln!(out, "e,th (rad),e3,th3 (rad),k,in_gear,in_gear_least")?;
-        for row in &rows {
-            let row: Vec<String> = row.iter().map(|&value| number(value, 17)).collect();
-            writeln!(out, "{}", row.join(","))?;
-        }
-        Ok(())
+    let columns = [
+        Column::new("e", ""),
+        Column::new("th", "rad"),
+        Column::new("e3", ""),
+        Column::new("th3", "rad"),
+        Column::new("k", ""),
+        Column::new("in_gear", ""),
+        Column::new("in_gear_least", ""),
+    ];
+    Ok(report.json(&json)?.csv(&columns, move |out| {
+        rows.iter()
+            .try_for_each(|row| out.row(&row.map(Value::from)))
     }))
 }
 

@@ -4,6 +4,7 @@ use super::figures;
 use super::row::{Row, Verdict};
 use crate::desk::Desk;
 use crate::picture::Theme;
+use crate::provenance;
 use crate::refusal::Refusal;
 use crate::report::number;
 use crate::verbs::transport;
@@ -72,6 +73,10 @@ pub(super) fn page(
         String::from("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
     page.push_str("<meta name=\"viewport\" content=\"width=device-width\">");
     page.push_str(&format!(
+        "<meta name=\"provenance\" content=\"{}\">",
+        escaped(&provenance::line()).replace('"', "&quot;")
+    ));
+    page.push_str(&format!(
         "<title>The paper, recomputed</title><style>{STYLE}</style></head><body{}>\n",
         if theme == Theme::Dark {
             " class=\"dark\""
@@ -103,7 +108,7 @@ pub(super) fn page(
     for (picture, words) in pictures {
         page.push_str(&format!(
             "<figure>\n{}\n<figcaption>{}</figcaption></figure>\n",
-            inline(&picture.to_svg(theme)),
+            inline(&picture.to_svg(theme, "")),
             escaped(&words)
         ));
     }
@@ -173,7 +178,7 @@ mod tests {
         broken.residual = f64::INFINITY;
         assert!(table(&[broken]).contains("class=\"fails\""));
         let picture = figures::regimes(0.2, &Desk::new(Some(2)).unwrap()).unwrap();
-        let svg = picture.to_svg(Theme::Light);
+        let svg = picture.to_svg(Theme::Light, "");
         let inline = inline(&svg);
         assert!(inline.starts_with("<svg") && !inline.contains("href=\"http"));
     }

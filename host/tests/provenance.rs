@@ -1,0 +1,219 @@
+//! What a file says of itself: where it came from, and in which units its numbers are.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Cursor;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use kband_host::provenance;
+use serde_json::Value;
+
+fn kband(folder: &Path, words: &str) -> Output {
+    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(words.split_whitespace())
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .output()
+        .expect("kband starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "kband {words}: {said}");
+    output
+}
+
+/// The comments of a CSV, each `key: value`.
+fn comments(csv: &str) -> BTreeMap<String, String> {
+    let lines = csv.lines().map_while(|line| line.strip_prefix("# "));
+    lines
+        .skip(1)
+        .map(|line| {
+            let (key, value) = line.split_once(": ").expect("a key and its value");
+            (key.into(), value.into())
+        })
+        .collect()
+}
+
+/// What every file has to say, of `kband basins` with b in mm.
+fn complete(told: &Value, command: &str) {
+    assert_eq!(told["kband"], env!("CARGO_PKG_VERSION"), "{told}");
+    assert!(!told["commit"].as_str().unwrap().is_empty(), "{told}");
+    assert_eq!(told["command"], command, "{told}");
+    let parameters = &told["parameters"];
+    let b = serde_json::json!({"value": 0.235, "unit": "mm"});
+    assert_eq!(parameters["b"], b, "{told}");
+    // A default says its unit as well.
+    let velocity = serde_json::json!({"value": 3, "unit": "b w"});
+    assert_eq!(parameters["velocity"], velocity, "{told}");
+    assert_eq!(parameters["grid"]["value"], 3, "{told}");
+    assert_eq!(told["arithmetic"], "f64", "{told}");
+    assert!(told["seed"].is_null(), "{told}");
+}
+
+/// The text of a PNG's Provenance.
+fn png_text(bytes: &[u8]) -> String {
+    let reader = png::Decoder::new(Cursor::new(bytes)).read_info().unwrap();
+    let texts = &reader.info().utf8_text;
+    let text = texts.iter().find(|text| text.keyword == "Provenance");
+    text.expect("a text named Provenance").get_text().unwrap()
+}
+
+#[test]
+fn every_kind_of_file_says_what_it_came_from() {
+    let folder = tempfile::tempdir().unwrap();
+    for ending in ["csv", "json", "svg", "png", "pdf"] {
+        let words = format!("basins --b 0.235 --restitution 0.2 --grid 3 --out a.{ending}");
+        let command = format!("kband {words}");
+        kband(folder.path(), &format!("{words} --threads 2"));
+        let bytes = fs::read(folder.path().join(format!("a.{ending}"))).unwrap();
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        let told: Value = match ending {
+            "csv" => {
+                let mut told: Value = comments(&text)
+                    .into_iter()
+                    .map(|(key, value)| {
+                        let value = serde_json::from_str(&value).unwrap_or(Value::String(value));
+                        (key, value)
+                    })
+                    .collect();
+                let first = text.lines().next().unwrap();
+                told["kband"] = first.trim_start_matches(provenance::FIRST).into();
+                told
+            }
+            "json" => serde_json::from_str::<Value>(&text).unwrap()["provenance"].clone(),
+            "svg" => {
+                let begin = text.find("<metadata>").expect("metadata") + "<metadata>".len();
+                let end = text.find("</metadata>").unwrap();
+                let escaped = text[begin..end].replace("&lt;", "<").replace("&gt;", ">");
+                let escaped = escaped.replace("&quot;", "\"").replace("&amp;", "&");
+                serde_json::from_str(&escaped).unwrap()
+            }
+            "png" => serde_json::from_str(&png_text(&bytes)).unwrap(),
+            _ => {
+                // Its words are ASCII within brackets, which are escaped.
+                let begin = text.find("/Subject (").expect("a subject") + "/Subject (".len();
+                let end = begin + text[begin..].find("\n").unwrap();
+                let line = text[begin..end].trim_end_matches(')').replace("\\", "");
+                let object = &line[..=line.rfind('}').unwrap()];
+                serde_json::from_str(object).unwrap_or_else(|_| panic!("{object}"))
+            }
+        };
+        complete(&told, &command);
+    }
+}
+
+#[test]
+fn a_scene_stands_whole_in_what_it_gave() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = kband(
+        folder.path(),
+        "simulate --duration 1 --seed 5 --scope scope.csv --format json",
+    );
+    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let told = &document["provenance"];
+    assert_eq!(told["seed"], 5, "{told}");
+    let frequency = serde_json::json!({"value": 50.0, "unit": "Hz"});
+    assert_eq!(told["scene"]["track.frequency"], frequency, "{told}");
+    assert_eq!(told["scene"]["sensor.noise"]["unit"], "m/s^2", "{told}");
+    for name in ["kband-simulate.csv", "scope.csv"] {
+        let text = fs::read_to_string(folder.path().join(name)).unwrap();
+        let scene: Value = serde_json::from_str(&comments(&text)["scene"]).unwrap();
+        assert_eq!(scene, told["scene"], "{name}");
+    }
+    let svg = fs::read_to_string(folder.path().join("kband-simulate.svg")).unwrap();
+    assert!(svg.contains("track.frequency"));
+}
+
+/// Every CSV is read by a reader that knows of comments, with the units from the file itself: those of the header are those
+/// of its comments, and every number parses.
+#[test]
+fn a_csv_is_read_with_its_units_by_another_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let commands = [
+        ("bands --restitution 0.2", "setpoint", ""),
+        (
+            "bands --restitution 0.2 --second-tone 0.15,2.356 --orders 1",
+            "setpoint",
+            "",
+        ),
+        ("basins --k 0.43 --restitution 0.2 --grid 3", "phase", "rad"),
+        ("cascade --doublings 2", "k", ""),
+        (
+            "capture --restitution 0.2 --runs 2 --parts 1 --factor 1..2:3",
+            "hold",
+            "cycles",
+        ),
+        ("diagram --b 0.2..0.3:3 --impacts 2 --settle 2", "b", "mm"),
+        (
+            "exponent --k 0.34 --impacts 320 --settle 10",
+            "exponent",
+            "1/impact",
+        ),
+        (
+            "impacts --k 0.43 --restitution 0.2 --phase 1 --velocity 1 --count 3",
+            "phase",
+            "rad",
+        ),
+        ("margins", "quality", ""),
+        (
+            "transport --k 0.43 --impacts 100 --settle 10 --starts 2",
+            "speed",
+            "mm/s",
+        ),
+    ];
+    for (words, column, unit) in commands {
+        kband(folder.path(), &format!("{words} --out a.csv"));
+        let path = folder.path().join("a.csv");
+        let text = fs::read_to_string(&path).unwrap();
+        let units: BTreeMap<String, String> = comments(&text)
+            .get("units")
+            .map_or_else(BTreeMap::new, |units| serde_json::from_str(units).unwrap());
+        let mut reader = csv::ReaderBuilder::new()
+            .comment(Some(b'#'))
+            .from_path(&path)
+            .unwrap();
+        let header = reader.headers().unwrap().clone();
+        // What pandas takes for a comment wherever it stands must stand nowhere else.
+        assert!(
+            !text.lines().any(|line| line.rfind('#') > Some(0)),
+            "{words}"
+        );
+        for name in &header {
+            if let Some((name, said)) = name.split_once(" (") {
+                let said = said.trim_end_matches(')');
+                assert_eq!(units.get(name).map(String::as_str), Some(said), "{words}");
+            }
+        }
+        let place = header
+            .iter()
+            .position(|name| name.split(" (").next() == Some(column))
+            .unwrap_or_else(|| panic!("{words}: {column} is not in {header:?}"));
+        assert_eq!(
+            units.get(column).map_or("", String::as_str),
+            unit,
+            "{words}"
+        );
+        let mut numbers = 0;
+        for row in reader.records() {
+            let row = row.unwrap_or_else(|error| panic!("{words}: {error}"));
+            if !row[place].is_empty() {
+                let number: f64 = row[place].parse().expect("a number");
+                assert!(number.is_finite(), "{words}");
+                numbers += 1;
+            }
+        }
+        assert!(numbers > 0, "{words}");
+    }
+}
+
+#[test]
+fn kband_reads_what_it_wrote() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = "# kband 0\n# command: by hand\nk,restitution,phase,velocity\n0.43,0.2,1,1\n";
+    fs::write(folder.path().join("in.csv"), rows).unwrap();
+    let first = kband(folder.path(), "impacts --from in.csv").stdout;
+    let again = kband(folder.path(), "impacts --from in.csv").stdout;
+    assert_eq!(first, again);
+    let text = String::from_utf8(first).unwrap();
+    assert!(text.starts_with(provenance::FIRST), "{text}");
+    assert_eq!(provenance::stripped(&text).lines().count(), 2, "{text}");
+}
