@@ -1,5 +1,6 @@
 //! Results as a table to read, as CSV and as JSON.
 
+pub mod columns;
 #[cfg(feature = "parquet")]
 mod parquet;
 pub mod rows_file;
@@ -124,7 +125,8 @@ impl Printout {
                     Some(json) => json.clone(),
                     None => self.table.to_json(),
                 };
-                let whole = provenance::with(document, units(self.table.columns()));
+                let units = columns::units_of(&document);
+                let whole = provenance::with(document, units);
                 serde_json::to_writer_pretty(&mut *out, &whole)?;
                 writeln!(out)
             }

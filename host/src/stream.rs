@@ -68,15 +68,18 @@ impl<W: Write> Stream<W> {
     }
 
     fn header(&self) -> String {
-        let names = self.columns.iter().map(|(column, _)| column.header());
         let columns: Vec<Column> = self.columns.iter().map(|(column, _)| *column).collect();
         let units = units(&columns);
         match self.format {
-            Format::Table => self.aligned(names) + "\n",
+            Format::Table => {
+                let names = self.columns.iter().map(|(column, _)| column.heading());
+                self.aligned(names) + "\n"
+            }
             Format::Csv => {
                 let mut comments = Vec::new();
                 // Writing to a Vec cannot fail.
                 let _ = provenance::write_comments(units, &mut comments);
+                let names = columns.iter().map(Column::header);
                 let header = names.collect::<Vec<_>>().join(",") + "\n";
                 String::from_utf8_lossy(&comments).into_owned() + &header
             }
@@ -99,9 +102,10 @@ impl<W: Write> Stream<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::columns;
 
     fn printed(format: Format) -> String {
-        let columns = [(Column::new("time", "s"), 8), (Column::new("state", ""), 9)];
+        let columns = [(columns::TIME, 8), (columns::STATE, 9)];
         let mut out = Vec::new();
         let mut stream = Stream::new(format, &columns, &mut out);
         assert!(stream.row(&[0.02.into(), "off".into()]).unwrap());

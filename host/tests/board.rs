@@ -52,11 +52,11 @@ fn an_image_is_checked_without_a_probe() {
     let sectors = plan["sectors"].as_array().unwrap();
     let bytes: u64 = sectors
         .iter()
-        .map(|sector| sector["bytes"].as_u64().unwrap())
+        .map(|sector| sector["image_size"].as_u64().unwrap())
         .sum();
-    assert_eq!(Some(bytes), plan["flash_bytes"].as_u64());
+    assert_eq!(Some(bytes), plan["flash_used"].as_u64());
     assert!(
-        bytes > 100_000 && plan["ram_bytes"].as_u64().unwrap() > 32 * 1024,
+        bytes > 100_000 && plan["ram_used"].as_u64().unwrap() > 32 * 1024,
         "{plan}"
     );
     assert_eq!(plan["written"], false);
@@ -561,7 +561,7 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     let reached = (0..50).any(|_| {
         std::thread::sleep(std::time::Duration::from_millis(100));
         let now = board.ask("status");
-        let amplitude = now["amplitude_mm"].as_f64().unwrap();
+        let amplitude = now["b"].as_f64().unwrap();
         now["state"] == "holding" && now["ready"] == true && (amplitude - 0.15).abs() < 0.005
     });
     assert!(reached, "{}", board.ask("status"));

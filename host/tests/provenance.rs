@@ -129,11 +129,11 @@ fn a_scene_stands_whole_in_what_it_gave() {
 fn a_csv_is_read_with_its_units_by_another_program() {
     let folder = tempfile::tempdir().unwrap();
     let commands = [
-        ("bands --restitution 0.2", "setpoint", ""),
+        ("bands --restitution 0.2", "b", "mm"),
         (
             "bands --restitution 0.2 --second-tone 0.15,2.356 --orders 1",
-            "setpoint",
-            "",
+            "margin",
+            "%",
         ),
         ("basins --k 0.43 --restitution 0.2 --grid 3", "phase", "rad"),
         ("cascade --doublings 2", "k", ""),
@@ -153,7 +153,7 @@ fn a_csv_is_read_with_its_units_by_another_program() {
             "phase",
             "rad",
         ),
-        ("margins", "quality", ""),
+        ("margins", "phase_margin", "degrees"),
         (
             "transport --k 0.43 --impacts 100 --settle 10 --starts 2",
             "speed",

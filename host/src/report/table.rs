@@ -16,17 +16,41 @@ pub struct Column {
     unit: &'static str,
     digits: usize,
     words: bool,
+    /// Heading in the table to read, where it is another.
+    title: Option<&'static str>,
 }
 
 impl Column {
-    /// A column; `name` is also its JSON key, `unit` may be empty.
-    #[must_use]
-    pub const fn new(name: &'static str, unit: &'static str) -> Self {
+    /// A column; `name` is also its JSON key, `unit` may be empty. Verbs take theirs from
+    /// [`columns`](super::columns).
+    pub(super) const fn new(name: &'static str, unit: &'static str) -> Self {
         Self {
             name,
             unit,
             digits: 6,
             words: false,
+            title: None,
+        }
+    }
+
+    /// The column of a key of scenes or settings, under its own name.
+    #[must_use]
+    pub const fn of_key(key: &'static str, unit: &'static str) -> Self {
+        Self::new(key, unit)
+    }
+
+    /// The column in a unit that depends on what is asked for.
+    #[must_use]
+    pub const fn in_unit(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
+    }
+
+    /// The column with another heading in the table to read; its name stays.
+    #[must_use]
+    pub const fn titled(self, title: &'static str) -> Self {
+        Self {
+            title: Some(title),
+            ..self
         }
     }
 
@@ -66,6 +90,11 @@ impl Column {
     /// The value as this column shows it in a table to read.
     pub(crate) fn shown(&self, value: &Value) -> String {
         value.read(self.digits)
+    }
+
+    /// Its heading in the table to read.
+    pub(crate) fn heading(&self) -> String {
+        self.title.map_or_else(|| self.header(), Into::into)
     }
 
     pub(crate) fn header(&self) -> String {
@@ -140,7 +169,7 @@ impl Table {
     /// As aligned columns: words to the left, numbers to the right.
     #[must_use]
     pub fn to_text(&self) -> String {
-        let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::header).collect()];
+        let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::heading).collect()];
         for row in &self.rows {
             let cell = |(value, column): (&Value, &Column)| value.read(column.digits);
             cells.push(row.iter().zip(&self.columns).map(cell).collect());

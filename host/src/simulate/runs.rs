@@ -10,7 +10,7 @@ use super::scene::SceneFile;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Table, Value};
+use crate::report::{Column, Table, Value, columns};
 
 /// What came of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,19 +43,19 @@ pub struct Run {
 
 /// Columns of a run.
 pub const COLUMNS: [Column; 13] = [
-    Column::new("run", ""),
-    Column::new("restitution", ""),
-    Column::new("sensitivity", "of the one told"),
-    Column::new("reached", "s"),
-    Column::new("kicks", ""),
-    Column::new("b", "mm"),
-    Column::new("k", ""),
-    Column::new("in_gear", ""),
-    Column::new("in_gear_heard", ""),
-    Column::new("in_gear_told", ""),
-    Column::new("speed", "mm/s"),
-    Column::new("state", "").words(),
-    Column::new("regime", "").words(),
+    columns::RUN,
+    columns::RESTITUTION,
+    columns::SENSOR_SENSITIVITY,
+    columns::REACHED,
+    columns::KICKS,
+    columns::B,
+    columns::K,
+    columns::IN_GEAR,
+    columns::IN_GEAR_HEARD,
+    columns::IN_GEAR_TOLD,
+    columns::SPEED,
+    columns::STATE.words(),
+    columns::REGIME.words(),
 ];
 
 impl Run {
@@ -232,7 +232,7 @@ fn wanted(target: Target) -> State {
 /// The runs as a table, one row each.
 #[must_use]
 pub fn table(all: &[Runs]) -> Table {
-    let mut columns = vec![Column::new("control", "").words()];
+    let mut columns = vec![columns::CONTROL.words()];
     columns.extend(COLUMNS);
     let mut table = Table::new(&columns);
     for runs in all {
@@ -249,18 +249,18 @@ pub fn table(all: &[Runs]) -> Table {
 #[must_use]
 pub fn summary(all: &[Runs]) -> Table {
     let mut table = Table::new(&[
-        Column::new("control", "").words(),
-        Column::new("runs", ""),
-        Column::new("reached", ""),
-        Column::new("share", "%").digits(4),
-        Column::new("low_95", "%").digits(4),
-        Column::new("high_95", "%").digits(4),
-        Column::new("median", "s").digits(3),
-        Column::new("slowest_5_percent", "s").digits(3),
-        Column::new("in_gear", "").digits(3),
-        Column::new("in_gear_heard", "").digits(3),
-        Column::new("in_gear_told", "").digits(3),
-        Column::new("speed_mm_s", "").digits(4),
+        columns::CONTROL.words(),
+        columns::RUNS,
+        columns::RUNS_REACHED.titled("reached"),
+        columns::SHARE.digits(4),
+        columns::LOW_95.digits(4),
+        columns::HIGH_95.digits(4),
+        columns::MEDIAN_TIME.titled("median (s)").digits(3),
+        columns::SLOWEST_TIME.titled("slowest 5 % (s)").digits(3),
+        columns::IN_GEAR.digits(3),
+        columns::IN_GEAR_HEARD.digits(3),
+        columns::IN_GEAR_TOLD.digits(3),
+        columns::SPEED.digits(4),
     ]);
     for runs in all {
         let (share, low, high) = runs.share();
@@ -273,9 +273,9 @@ pub fn summary(all: &[Runs]) -> Table {
             runs.name.into(),
             runs.runs.len().into(),
             runs.reached().into(),
-            (100.0 * share).into(),
-            (100.0 * low).into(),
-            (100.0 * high).into(),
+            share.into(),
+            low.into(),
+            high.into(),
             at(50),
             at(95),
             runs.in_gear().into(),

@@ -9,7 +9,7 @@ use super::scene::SceneFile;
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Table as Rows, Value as Cell};
+use crate::report::{Column, Table as Rows, Value as Cell, columns};
 
 /// Most points of a sweep, all keys together.
 const POINTS: usize = 1_000_000;
@@ -108,19 +108,19 @@ impl Sweep {
     pub fn summary(&self) -> Rows {
         let mut columns = self.key_columns();
         columns.extend([
-            Column::new("runs", ""),
-            Column::new("reached", "%").digits(4),
-            Column::new("low_95", "%").digits(4),
-            Column::new("high_95", "%").digits(4),
-            Column::new("median", "s").digits(3),
-            Column::new("b", "mm").digits(4),
-            Column::new("k", "").digits(4),
-            Column::new("in_gear", "").digits(3),
-            Column::new("in_gear_heard", "").digits(3),
-            Column::new("in_gear_told", "").digits(3),
-            Column::new("speed", "mm/s").digits(4),
-            Column::new("state", ""),
-            Column::new("regime", ""),
+            columns::RUNS,
+            columns::SHARE.titled("reached").digits(4),
+            columns::LOW_95.digits(4),
+            columns::HIGH_95.digits(4),
+            columns::MEDIAN_TIME.titled("median (s)").digits(3),
+            columns::B.digits(4),
+            columns::K.digits(4),
+            columns::IN_GEAR.digits(3),
+            columns::IN_GEAR_HEARD.digits(3),
+            columns::IN_GEAR_TOLD.digits(3),
+            columns::SPEED.digits(4),
+            columns::STATE,
+            columns::REGIME,
         ]);
         let mut table = Rows::new(&columns);
         for point in &self.points {
@@ -135,9 +135,9 @@ impl Sweep {
             let mut row: Vec<Cell> = point.values.iter().map(|value| (*value).into()).collect();
             row.extend([
                 point.runs.runs.len().into(),
-                (100.0 * share).into(),
-                (100.0 * low).into(),
-                (100.0 * high).into(),
+                share.into(),
+                low.into(),
+                high.into(),
                 times.get(times.len() / 2).copied().into(),
                 middle(&|run| run.amplitude * 1e3).into(),
                 middle(&|run| run.k).into(),
@@ -171,7 +171,7 @@ impl Sweep {
 
     fn key_columns(&self) -> Vec<Column> {
         // A column's name lives as long as the process: a few letters for each key typed.
-        let column = |axis: &Axes| Column::new(axis.key.clone().leak(), unit(&axis.key));
+        let column = |axis: &Axes| Column::of_key(axis.key.clone().leak(), unit(&axis.key));
         self.axes.iter().map(column).collect()
     }
 

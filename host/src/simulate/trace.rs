@@ -3,38 +3,38 @@
 use kband::control::{Event, UpperTone};
 use kband::plant::{Moment, Sample};
 
-use crate::report::{Column, Value};
+use crate::report::{Column, Value, columns};
 
 /// Columns of the trace.
 pub const TRACE: [Column; 28] = [
-    Column::new("time", "s"),
-    Column::new("amplitude", "mm"),
-    Column::new("k", ""),
-    Column::new("reference", "mm"),
-    Column::new("output", "of full"),
-    Column::new("lead", "rad"),
-    Column::new("state", "").words(),
-    Column::new("fault", "").words(),
-    Column::new("limits", ""),
-    Column::new("impacts_heard", "per cycle"),
-    Column::new("phase_heard", "rad"),
-    Column::new("confidence", ""),
-    Column::new("in_gear_heard", ""),
-    Column::new("in_gear_error", ""),
-    Column::new("trace_heard", ""),
-    Column::new("flip_heard", ""),
-    Column::new("restitution_heard", ""),
-    Column::new("restitution_error", ""),
-    Column::new("scatter_heard", ""),
-    Column::new("to_loss_heard", "cycles"),
-    Column::new("e", "of the first tone"),
-    Column::new("th", "degrees"),
-    Column::new("e3", "of the first tone"),
-    Column::new("th3", "degrees"),
-    Column::new("in_gear_expected", ""),
-    Column::new("impacts", ""),
-    Column::new("way", "mm"),
-    Column::new("events", "").words(),
+    columns::TIME,
+    columns::B,
+    columns::K,
+    columns::REFERENCE,
+    columns::OUTPUT,
+    columns::LEAD,
+    columns::STATE.words(),
+    columns::FAULT.words(),
+    columns::LIMITS,
+    columns::IMPACTS_HEARD,
+    columns::PHASE_HEARD,
+    columns::CONFIDENCE,
+    columns::IN_GEAR_HEARD,
+    columns::IN_GEAR_ERROR,
+    columns::TRACE_HEARD,
+    columns::FLIP_HEARD,
+    columns::RESTITUTION_HEARD,
+    columns::RESTITUTION_ERROR,
+    columns::SCATTER_HEARD,
+    columns::TO_LOSS_HEARD,
+    columns::E,
+    columns::TH,
+    columns::E3,
+    columns::TH3,
+    columns::IN_GEAR_EXPECTED,
+    columns::IMPACTS,
+    columns::WAY,
+    columns::EVENTS.words(),
 ];
 
 /// The row of a cycle.
@@ -81,11 +81,11 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
 
 /// Columns of a scope.
 pub const SCOPE: [Column; 5] = [
-    Column::new("time", "s"),
-    Column::new("output", "of full"),
-    Column::new("reading", "codes"),
-    Column::new("displacement", "mm"),
-    Column::new("velocity", "mm/s"),
+    columns::TIME,
+    columns::OUTPUT,
+    columns::READING,
+    columns::TRACK_DISPLACEMENT,
+    columns::TRACK_VELOCITY,
 ];
 
 /// The row of a sample.
@@ -106,10 +106,10 @@ fn heard(value: Option<f32>) -> Value {
 }
 
 /// A number of single precision with the digits it has, not those of its nearest double.
-/// Phase of a tone in degrees, where there is one.
+/// Phase of a tone in rad, where there is one.
 fn angle(tone: UpperTone) -> Value {
     if tone.ratio > 0.0 {
-        single(tone.phase.to_degrees())
+        single(tone.phase)
     } else {
         Value::Missing
     }

@@ -12,7 +12,7 @@ use kband::regime::reach::Reach;
 use crate::arguments::{self, Drawn, DriveArguments, Printed};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, Value};
+use crate::report::{Printout, Table, Value, columns};
 
 /// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
@@ -163,41 +163,41 @@ fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
 
 fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout, Refusal> {
     let mut read = Table::new(&[
-        Column::new("order", ""),
-        Column::new("k2", ""),
-        Column::new("k1", ""),
-        Column::new("setpoint", ""),
-        Column::new("margin", "%").digits(3),
-        Column::new("b", "mm").digits(4),
-        Column::new("b at k1..k2", "mm"),
-        Column::new("throw", "").digits(4),
-        Column::new("peak", "g").digits(4),
-        Column::new("chaos edge", ""),
-        Column::new("reached from rest", ""),
+        columns::ORDER,
+        columns::K2,
+        columns::K1,
+        columns::SETPOINT,
+        columns::MARGIN.digits(3),
+        columns::B.digits(4),
+        columns::B_RANGE.titled("b at k1..k2 (mm)"),
+        columns::THROW.digits(4),
+        columns::PEAK.digits(4),
+        columns::CHAOS_EDGE.titled("chaos edge"),
+        columns::REACHED_FROM_REST.titled("reached from rest"),
     ])
     .folded();
     let mut full = Table::new(&[
-        Column::new("order", ""),
-        Column::new("k2", ""),
-        Column::new("k1", ""),
-        Column::new("empty", ""),
-        Column::new("setpoint", ""),
-        Column::new("margin_k", ""),
-        Column::new("margin_percent", ""),
-        Column::new("margin_b_mm", ""),
-        Column::new("chaos_edge", ""),
-        Column::new("chaos_edge_error", ""),
-        Column::new("chaos_edge_last_part", ""),
-        Column::new("reachable_edge", ""),
-        Column::new("reachable_highest", ""),
-        Column::new("reachable_share", ""),
-        Column::new("b_mm", ""),
-        Column::new("b_at_k1_mm", ""),
-        Column::new("b_at_k2_mm", ""),
-        Column::new("throw_number", ""),
-        Column::new("acceleration_g", ""),
-        Column::new("allowing_high_bound", ""),
-        Column::new("allowing_low_bound", ""),
+        columns::ORDER,
+        columns::K2,
+        columns::K1,
+        columns::EMPTY,
+        columns::SETPOINT,
+        columns::MARGIN_K,
+        columns::MARGIN,
+        columns::MARGIN_B,
+        columns::CHAOS_EDGE,
+        columns::CHAOS_EDGE_ERROR,
+        columns::CHAOS_EDGE_LAST_PART,
+        columns::REACHABLE_EDGE,
+        columns::REACHABLE_HIGHEST,
+        columns::REACHABLE_SHARE,
+        columns::B,
+        columns::B_AT_K1,
+        columns::B_AT_K2,
+        columns::THROW,
+        columns::PEAK,
+        columns::ALLOWING_HIGH_BOUND,
+        columns::ALLOWING_LOW_BOUND,
     ]);
     let millimetres = |k: f64| track.amplitude(k) * 1e3;
     for row in rows {

@@ -13,7 +13,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 /// Which regime a part ends in, by the phase and velocity it starts with.
 #[derive(Clone, Debug, clap::Args)]
@@ -96,15 +96,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     };
     counts.sort_by_key(|(regime, count)| (rank(*regime), std::cmp::Reverse(*count)));
     let share = |count: usize| count as f64 / ends.len() as f64;
-    let mut table = Table::new(&[
-        Column::new("regime", ""),
-        Column::new("share", "%").digits(4),
-        Column::new("starts", ""),
-    ]);
+    let mut table = Table::new(&[columns::REGIME, columns::SHARE.digits(4), columns::STARTS]);
     for (end, count) in &counts {
         table.push([
             ending::told(*end, arguments.impacts).into(),
-            (100.0 * share(*count)).into(),
+            share(*count).into(),
             (*count).into(),
         ]);
     }
@@ -129,9 +125,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }))?
         .csv(
             &[
-                Column::new("phase", "rad"),
-                Column::new("velocity", "b w"),
-                Column::new("regime", ""),
+                columns::PHASE,
+                columns::VELOCITY,
+                columns::REGIME,
             ],
             move |rows| {
                 listed.iter().enumerate().try_for_each(|(n, end)| {

@@ -8,7 +8,7 @@ use crate::bench::{Measurement, median, scene, skips, waves};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 /// Run time against error of every arithmetic of the impact map, and what each skip saves.
 #[derive(Clone, Debug, clap::Args)]
@@ -70,16 +70,16 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let (counts, missing) = instructions::counts();
 
     let mut table = Table::new(&[
-        Column::new("kernel", ""),
-        Column::new("workload", ""),
-        Column::new("ns_per_impact", "").digits(4),
-        Column::new("impacts_per_second", "").digits(3),
-        Column::new("median_error", "rad").digits(2),
-        Column::new("p99_error", "rad").digits(2),
-        Column::new("max_error", "rad").digits(2),
-        Column::new("wrong_roots", ""),
-        Column::new("instructions_m4f", ""),
-        Column::new("instructions_m0", ""),
+        columns::KERNEL,
+        columns::WORKLOAD,
+        columns::IMPACT_TIME.digits(4),
+        columns::IMPACT_RATE.digits(3),
+        columns::MEDIAN_ERROR.digits(2),
+        columns::P99_ERROR.digits(2),
+        columns::MAX_ERROR.digits(2),
+        columns::WRONG_ROOTS,
+        columns::INSTRUCTIONS_M4F,
+        columns::INSTRUCTIONS_M0,
     ]);
     for line in lines.iter().chain(&skips).chain(&scenes) {
         let count = |cpu: &str| find(&counts, line, cpu);
@@ -151,12 +151,12 @@ fn count(arguments: &Arguments) -> Result<Exit, Refusal> {
         return Err(Refusal::new(cause, instructions::NEXT));
     }
     let mut table = Table::new(&[
-        Column::new("kernel", ""),
-        Column::new("workload", ""),
-        Column::new("cpu", ""),
-        Column::new("instructions", ""),
-        Column::new("instructions_tones", ""),
-        Column::new("tones_over_one", "").digits(3),
+        columns::KERNEL,
+        columns::WORKLOAD,
+        columns::CPU,
+        columns::INSTRUCTIONS,
+        columns::INSTRUCTIONS_TONES,
+        columns::TONES_OVER_ONE.digits(3),
     ]);
     for one in counts
         .iter()

@@ -7,7 +7,7 @@ use crate::arguments::{self, Drawn, NoScatter, Printed};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 /// Where the locked orbit doubles its period, and doubles again, down to chaos.
 #[derive(Clone, Debug, clap::Args)]
@@ -143,11 +143,11 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
 
 fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("flip", ""),
-        Column::new("k", "").digits(15),
-        Column::new("gap", "").digits(8),
-        Column::new("ratio", "").digits(8),
-        Column::new("seen below sigma", "").digits(3),
+        columns::FLIP,
+        columns::K.digits(15),
+        columns::GAP.digits(8),
+        columns::RATIO.digits(8),
+        columns::VISIBLE_BELOW.titled("seen below sigma").digits(3),
     ]);
     let visible: Vec<Option<f64>> = cascade.visible_below().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();

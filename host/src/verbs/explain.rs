@@ -10,7 +10,7 @@ use kband::feeder::Restitution;
 use crate::arguments::{self, DriveArguments};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report;
+use crate::report::{self, columns};
 use manual::Word;
 use number::Example;
 
@@ -267,11 +267,24 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
         }
         None => parts.extend(rows.iter().filter_map(Word::section)),
     }
+    if parts.is_empty() {
+        parts.extend(output(&name));
+    }
     parts.dedup();
     if parts.is_empty() {
         return Err(unknown(asked.trim(), &name));
     }
     Ok(parts.join("\n"))
+}
+
+/// What a column or a field of the outputs holds.
+fn output(name: &str) -> Option<String> {
+    let (name, unit, meaning) = columns::entry(&name.replace(' ', "_"))?;
+    let unit = match *unit {
+        "" => String::new(),
+        unit => format!(" Unit: {unit}."),
+    };
+    Some(format!("**{name}**: {meaning}{unit}\n"))
 }
 
 /// The words of the glossary that are written so: a symbol as it stands, a term or name in any case.
@@ -464,7 +477,14 @@ mod tests {
             "gear",
             "throw number",
         ];
-        for name in states.chain(events).chain(regimes).chain(printed) {
+        let written = columns::COLUMNS.iter().chain(columns::FIELDS);
+        let written = written.map(|(name, ..)| *name);
+        for name in states
+            .chain(events)
+            .chain(regimes)
+            .chain(printed)
+            .chain(written)
+        {
             assert!(told(name).is_ok(), "{name}");
         }
     }

@@ -15,7 +15,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, Value, number};
+use crate::report::{Printout, Table, Value, columns, number};
 
 /// How fast neighbouring orbits part: Lyapunov exponents, with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
@@ -232,29 +232,29 @@ fn report(
         Some(_) => Some(arguments.amplitude.track()?),
         None => None,
     };
-    let mut first = vec![Column::new("k", "")];
-    first.extend(track.map(|_| Column::new("b", "mm")));
+    let mut first = vec![columns::K];
+    first.extend(track.map(|_| columns::B));
     let mut read = first.clone();
     read.extend([
-        Column::new("exponent", "").digits(5),
-        Column::new("error", "").digits(2),
-        Column::new("second", "").digits(5),
-        Column::new("motion", ""),
-        Column::new("regime", ""),
+        columns::EXPONENT.titled("exponent").digits(5),
+        columns::EXPONENT_ERROR.titled("error").digits(2),
+        columns::SECOND_EXPONENT.titled("second").digits(5),
+        columns::MOTION,
+        columns::REGIME,
     ]);
     let mut full = first;
     full.extend([
-        Column::new("exponent", "1/impact"),
-        Column::new("exponent_error", "1/impact").digits(2),
-        Column::new("second_exponent", "1/impact"),
-        Column::new("exponent_per_cycle", "1/cycle"),
-        Column::new("exponent_per_cycle_error", "1/cycle").digits(2),
-        Column::new("mean_flight", "cycles"),
-        Column::new("motion", ""),
-        Column::new("rest_after", "impacts"),
-        Column::new("regime", ""),
-        Column::new("multipliers", ""),
-        Column::new("multiplier_modulus", ""),
+        columns::EXPONENT.titled("exponent"),
+        columns::EXPONENT_ERROR.digits(2),
+        columns::SECOND_EXPONENT,
+        columns::EXPONENT_PER_CYCLE,
+        columns::EXPONENT_PER_CYCLE_ERROR.digits(2),
+        columns::MEAN_FLIGHT,
+        columns::MOTION,
+        columns::REST_AFTER,
+        columns::REGIME,
+        columns::MULTIPLIERS,
+        columns::MULTIPLIER_MODULUS,
     ]);
     let (mut read, mut full) = (Table::new(&read), Table::new(&full));
     let finite = |value: f64| value.is_finite().then_some(value);

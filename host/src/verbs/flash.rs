@@ -10,7 +10,7 @@ use crate::desk::Desk;
 #[cfg(feature = "flash")]
 use crate::desk::Progress;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, Value};
+use crate::report::{Printout, Table, Value, columns};
 
 /// Where `cargo feeder` leaves the board's image.
 const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
@@ -64,11 +64,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let options = options(chip, arguments.option_bytes)?;
     let runs = runs(&image);
     let mut table = Table::new(&[
-        Column::new("sectors", ""),
-        Column::new("address", ""),
-        Column::new("size", "KiB"),
-        Column::new("image", "bytes"),
-        Column::new("what", ""),
+        columns::SECTORS,
+        columns::ADDRESS,
+        columns::SIZE,
+        columns::IMAGE_SIZE.titled("image (bytes)"),
+        columns::WHAT,
     ]);
     for run in &runs {
         table.push([
@@ -86,8 +86,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let sectors: Vec<_> = runs
         .iter()
         .map(|run| {
-            json!({"sectors": [run.first.number, run.last.number], "address": run.address(), "kib": run.kib(),
-                "bytes": run.bytes, "what": run.what})
+            json!({"sectors": [run.first.number, run.last.number], "address": run.address(), "size": run.kib(),
+                "image_size": run.bytes, "what": run.what})
         })
         .collect();
     let memory = chip.memory.end - chip.memory.start;
@@ -116,8 +116,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .json(&json!({
             "image": path.display().to_string(),
             "chip": chip.name,
-            "flash_bytes": flash_bytes,
-            "ram_bytes": ram_bytes,
+            "flash_used": flash_bytes,
+            "ram_used": ram_bytes,
             "sectors": sectors,
             "option_bytes": options.map(|options| options.what),
             "written": !arguments.dry_run,

@@ -9,7 +9,7 @@ use crate::arguments::Printed;
 use crate::board::{Address, Emulated, Link};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table};
+use crate::report::{Printout, Table, columns};
 
 /// Ask a board who it is: image, link version, self-test, last words before its reset, counters.
 ///
@@ -32,7 +32,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = arguments.address.open_any(Emulated::AtRest)?;
     let (version, schema) = link.speaks();
     let fits = link.speaks_the_same().is_ok();
-    let mut table = Table::new(&[Column::new("item", ""), Column::new("value", "")]);
+    let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
     let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
     row("board", link.name().into());
     row("image", format!("kband {}", link.image()));
@@ -126,10 +126,10 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
             },
             "stack_free": test.stack_free,
             "missed": test.missed,
-            "brown_out_mv": test.set_up.brown_out,
+            "brown_out": test.set_up.brown_out,
             "hardware_watchdog": test.set_up.watchdog,
-            "sample_cycles": test.set_up.sample,
-            "control_cycles": test.set_up.control,
+            "sample_cost": test.set_up.sample,
+            "control_cost": test.set_up.control,
         })
     });
     json["faults"] = condition
@@ -137,9 +137,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         .iter()
         .map(|fault| {
             json!({
-                "number": fault.number, "seconds": fault.seconds, "fault": fault.fault,
-                "state": fault.state, "amplitude_mm": fault.amplitude * 1e3,
-                "expected_mm": fault.expected * 1e3, "output": fault.output,
+                "number": fault.number, "time": fault.seconds, "fault": fault.fault,
+                "state": fault.state, "b": fault.amplitude * 1e3,
+                "b_expected": fault.expected * 1e3, "output": fault.output,
                 "low": fault.low, "high": fault.high,
             })
         })

@@ -16,7 +16,7 @@ use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
 use crate::desk::Desk;
 use crate::file;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Printout, Table};
+use crate::report::{Format, Printout, Table, columns};
 use portrait::{States, portrait};
 use rows::{Row, Rows, not_held, read_rows};
 
@@ -213,9 +213,9 @@ fn table<K: Kernel>(
     if let Some(path) = &arguments.from {
         let Rows { held, places, left } = read_rows(path, &file::read_text(path)?, build)?;
         let mut table = Table::new(&[
-            Column::new("flight", "rad").digits(17),
-            Column::new("next_phase", "rad").digits(17),
-            Column::new("next_velocity", "b w").digits(17),
+            columns::FLIGHT.digits(17),
+            columns::NEXT_PHASE.digits(17),
+            columns::NEXT_VELOCITY.digits(17),
         ]);
         let impacts = impacts(&held);
         for place in places {
@@ -249,10 +249,10 @@ fn table<K: Kernel>(
     }];
     let mut scatter = arguments.scatter.stream(given(arguments.restitution), 0)?;
     let mut table = Table::new(&[
-        Column::new("n", ""),
-        Column::new("phase", "rad").digits(17),
-        Column::new("velocity", "b w").digits(17),
-        Column::new("flight", "rad").digits(17),
+        columns::N,
+        columns::PHASE.digits(17),
+        columns::VELOCITY.digits(17),
+        columns::FLIGHT.digits(17),
     ]);
     for n in 1..=arguments.count {
         if n % 1024 == 0 {

@@ -7,7 +7,7 @@ use crate::arguments::{Drawn, Printed};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table};
+use crate::report::{Printout, Table, columns};
 
 /// The margins of the loop that holds the track's amplitude, on drives at their resonance and beside it.
 ///
@@ -98,33 +98,39 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 fn report(lines: &[Line]) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("quality", "").digits(3),
-        Column::new("gain over told", "").digits(2),
-        Column::new("gain margin", "").digits(4),
-        Column::new("at detuning", "%").digits(3),
-        Column::new("phase margin", "degrees").digits(4),
-        Column::new("at detuning", "%").digits(3),
+        columns::QUALITY.digits(3),
+        columns::GAIN_OVER_TOLD.titled("gain over told").digits(2),
+        columns::GAIN_MARGIN.titled("gain margin").digits(4),
+        columns::GAIN_MARGIN_DETUNING
+            .titled("at detuning")
+            .digits(3),
+        columns::PHASE_MARGIN
+            .titled("phase margin (degrees)")
+            .digits(4),
+        columns::PHASE_MARGIN_DETUNING
+            .titled("at detuning")
+            .digits(3),
     ]);
     let mut rows = Vec::new();
     for line in lines {
         let (gain, gain_at) = line.least(|margins| margins.gain);
         let (phase, phase_at) = line.least(|margins| margins.phase);
-        let percent = |detuning: f32| f64::from(detuning) * 100.0;
+        let as_told = |detuning: f32| f64::from(detuning);
         table.push([
             f64::from(line.quality).into(),
             f64::from(line.wrong).into(),
             gain.into(),
-            percent(gain_at).into(),
+            as_told(gain_at).into(),
             phase.into(),
-            percent(phase_at).into(),
+            as_told(phase_at).into(),
         ]);
         rows.push(json!({
             "quality": line.quality,
             "gain_over_told": line.wrong,
             "gain_margin": gain,
-            "gain_margin_at": gain_at,
+            "gain_margin_detuning": gain_at,
             "phase_margin": phase,
-            "phase_margin_at": phase_at,
+            "phase_margin_detuning": phase_at,
         }));
     }
     Printout::new(table)

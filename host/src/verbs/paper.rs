@@ -20,7 +20,7 @@ use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::Theme;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table};
+use crate::report::{Printout, Table, columns};
 
 use row::{Row, Verdict};
 
@@ -115,16 +115,16 @@ fn recomputed(desk: &Desk) -> Result<Vec<Row>, Refusal> {
 
 fn report(rows: &[Row]) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("equation", ""),
-        Column::new("subject", ""),
-        Column::new("printed", ""),
-        Column::new("recomputed", ""),
-        Column::new("verdict", ""),
-        Column::new("residual", "").digits(2),
-        Column::new("tolerance", "").digits(2),
-        Column::new("printed_error", "").digits(2),
-        Column::new("cases", ""),
-        Column::new("holds", ""),
+        columns::EQUATION,
+        columns::SUBJECT,
+        columns::PRINTED,
+        columns::RECOMPUTED,
+        columns::VERDICT,
+        columns::RESIDUAL.digits(2),
+        columns::TOLERANCE.digits(2),
+        columns::PRINTED_ERROR.digits(2),
+        columns::CASES,
+        columns::HOLDS,
     ]);
     for row in rows {
         table.push([

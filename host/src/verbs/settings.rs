@@ -18,7 +18,7 @@ use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Printout, Table, Value, shortest};
+use crate::report::{Format, Printout, Table, Value, columns, shortest};
 
 /// List, change, keep, export and import the settings of a board.
 ///
@@ -243,12 +243,12 @@ fn list<'a>(
     notes: &[String],
 ) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("key", ""),
-        Column::new("value", ""),
-        Column::new("unit", ""),
-        Column::new("low", ""),
-        Column::new("high", ""),
-        Column::new("default", ""),
+        columns::KEY,
+        columns::VALUE,
+        columns::UNIT,
+        columns::LOW,
+        columns::HIGH,
+        columns::DEFAULT,
     ]);
     let mut rows = Vec::new();
     for setting in settings {

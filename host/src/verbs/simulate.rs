@@ -154,6 +154,7 @@ fn own_rows(begin: &str) -> bool {
         return true;
     }
     let head = begin.lines().next().unwrap_or_default();
+    // As kband 0.1 wrote them before it said where they are from.
     head.starts_with("time (s),amplitude (mm),k,") || head.contains(",kicks,b (mm),k,")
 }
 

@@ -8,7 +8,7 @@ use kband::transport::locked;
 use super::{AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, Value, number};
+use crate::report::{Printout, Table, Value, columns, number};
 
 /// Values of k that are tried from rest in each band.
 const SAMPLES: u32 = 60;
@@ -101,40 +101,40 @@ fn report(
     rows: &[Row],
 ) -> Result<Printout, Refusal> {
     let mut read = Table::new(&[
-        Column::new("order", ""),
-        Column::new("k2", ""),
-        Column::new("k1", ""),
-        Column::new("setpoint", ""),
-        Column::new("margin", "%").digits(3),
-        Column::new("b", "mm").digits(4),
-        Column::new("b at k1..k2", "mm"),
-        Column::new("throw", "").digits(4),
-        Column::new("peak", "g").digits(4),
-        Column::new("ends", ""),
-        Column::new("locks from rest", ""),
-        Column::new("speed", "mm/s"),
+        columns::ORDER,
+        columns::K2,
+        columns::K1,
+        columns::SETPOINT,
+        columns::MARGIN.digits(3),
+        columns::B.digits(4),
+        columns::B_RANGE.titled("b at k1..k2 (mm)"),
+        columns::THROW.digits(4),
+        columns::PEAK.digits(4),
+        columns::ENDS,
+        columns::REACHED_FROM_REST.titled("locks from rest"),
+        columns::SPEEDS.titled("speed (mm/s)"),
     ])
     .folded();
     let mut full = Table::new(&[
-        Column::new("order", ""),
-        Column::new("k2", ""),
-        Column::new("k1", ""),
-        Column::new("empty", ""),
-        Column::new("k2_end", ""),
-        Column::new("k1_end", ""),
-        Column::new("setpoint", ""),
-        Column::new("margin_percent", ""),
-        Column::new("from_rest_low", ""),
-        Column::new("from_rest_high", ""),
-        Column::new("from_rest_share", ""),
-        Column::new("b_mm", ""),
-        Column::new("b_at_k1_mm", ""),
-        Column::new("b_at_k2_mm", ""),
-        Column::new("throw_number", ""),
-        Column::new("acceleration_g", ""),
-        Column::new("speed_mm_s_at_low_restitution", ""),
-        Column::new("speed_mm_s_at_high_restitution", ""),
-        Column::new("margin_b_mm", ""),
+        columns::ORDER,
+        columns::K2,
+        columns::K1,
+        columns::EMPTY,
+        columns::K2_END,
+        columns::K1_END,
+        columns::SETPOINT,
+        columns::MARGIN,
+        columns::FROM_REST_LOW,
+        columns::FROM_REST_HIGH,
+        columns::FROM_REST_SHARE,
+        columns::B,
+        columns::B_AT_K1,
+        columns::B_AT_K2,
+        columns::THROW,
+        columns::PEAK,
+        columns::SPEED_AT_LOW_RESTITUTION,
+        columns::SPEED_AT_HIGH_RESTITUTION,
+        columns::MARGIN_B,
     ]);
     let along = along(track);
     let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));

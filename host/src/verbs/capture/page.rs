@@ -6,7 +6,7 @@ use super::Task;
 use super::draws::Rates;
 use super::kicks::Kicks;
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 fn spelled(kick: KickSettings) -> String {
     let mut words = format!(
@@ -31,12 +31,12 @@ pub(super) fn report(
     rates: &Rates,
 ) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("attempt", ""),
-        Column::new("factor", "").digits(4),
-        Column::new("hold", "cycles"),
-        Column::new("descent", "cycles"),
-        Column::new("release", "").digits(4),
-        Column::new("captured so far", "%").digits(4),
+        columns::ATTEMPT,
+        columns::FACTOR.digits(4),
+        columns::HOLD,
+        columns::DESCENT,
+        columns::RELEASE.digits(4),
+        columns::CAPTURED.titled("captured so far").digits(4),
     ]);
     table.push([
         "band alone".into(),
@@ -44,7 +44,7 @@ pub(super) fn report(
         0_u32.into(),
         0_u32.into(),
         1.0.into(),
-        (100.0 * rates.alone).into(),
+        rates.alone.into(),
     ]);
     let kicks: Vec<KickSettings> = (0..task.arguments.attempts)
         .filter_map(|attempt| plan.attempt(attempt as u32))
@@ -57,7 +57,7 @@ pub(super) fn report(
             u32::from(kick.hold).into(),
             u32::from(kick.descent).into(),
             f64::from(kick.release).into(),
-            (100.0 * rate).into(),
+            (*rate).into(),
         ]);
     }
     let mut report = Printout::new(table).heading(format!(
@@ -148,11 +148,11 @@ pub(super) fn report(
             .collect::<Vec<_>>(),
     }))?;
     let columns = [
-        Column::new("factor", ""),
-        Column::new("hold", "cycles"),
-        Column::new("descent", "cycles"),
-        Column::new("release", ""),
-        Column::new("share", ""),
+        columns::FACTOR,
+        columns::HOLD,
+        columns::DESCENT,
+        columns::RELEASE,
+        columns::SHARE,
     ];
     Ok(report.csv(&columns, move |rows| {
         cells.iter().try_for_each(|(kick, share)| {

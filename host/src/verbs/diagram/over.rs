@@ -6,7 +6,7 @@ use super::Arguments;
 use crate::arguments::{self, Range};
 use crate::picture::{Axis, Unit};
 use crate::refusal::Refusal;
-use crate::report::number;
+use crate::report::{Column, columns, number};
 
 /// What the columns stand for.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +38,14 @@ impl Over {
         match self {
             Self::Amplitude { .. } => "mm",
             Self::K { .. } | Self::Restitution { .. } => "",
+        }
+    }
+
+    pub(super) fn column(self) -> Column {
+        match self {
+            Self::K { .. } => columns::K,
+            Self::Amplitude { .. } => columns::B,
+            Self::Restitution { .. } => columns::RESTITUTION,
         }
     }
 

@@ -13,7 +13,7 @@ use crate::arguments::Range;
 use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Rows, Table, number};
+use crate::report::{Printout, Rows, Table, columns, number};
 
 pub(super) struct Diagram {
     pub(super) over: Over,
@@ -28,10 +28,10 @@ pub(super) struct Diagram {
 impl Diagram {
     pub(super) fn report(self: &Arc<Self>) -> Result<Printout, Refusal> {
         let mut table = Table::new(&[
-            Column::new("start", ""),
-            Column::new("from", self.over.unit()),
-            Column::new("to", self.over.unit()),
-            Column::new("regime", ""),
+            columns::START,
+            columns::FROM.in_unit(self.over.unit()),
+            columns::TO.in_unit(self.over.unit()),
+            columns::REGIME,
         ]);
         let mut left_out = 0;
         let mut listed = Vec::new();
@@ -87,11 +87,11 @@ impl Diagram {
             ))
             .csv(
                 &[
-                    Column::new("start", ""),
-                    Column::new(self.over.name(), self.over.unit()),
-                    Column::new("phase", "rad"),
-                    Column::new("velocity", "b w"),
-                    Column::new("regime", ""),
+                    columns::START,
+                    self.over.column(),
+                    columns::PHASE,
+                    columns::VELOCITY,
+                    columns::REGIME,
                 ],
                 move |out| rows.impacts(out),
             )

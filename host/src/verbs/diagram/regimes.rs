@@ -11,7 +11,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 /// Most points of a map: some minutes on one core.
 const MOST: usize = 250_000;
@@ -70,21 +70,16 @@ impl Map {
 
     pub(super) fn report(&self) -> Result<Printout, Refusal> {
         let mut table = Table::new(&[
-            Column::new("start", ""),
-            Column::new("regime", ""),
-            Column::new("share", "%").digits(4),
-            Column::new("points", ""),
+            columns::START,
+            columns::REGIME,
+            columns::SHARE.digits(4),
+            columns::POINTS,
         ]);
         let mut shares = Vec::new();
         for (n, (start, _)) in STARTS.iter().enumerate() {
             for (_, name, count) in self.counts(n) {
                 let share = count as f64 / self.ends[n].len() as f64;
-                table.push([
-                    (*start).into(),
-                    name.into(),
-                    (100.0 * share).into(),
-                    count.into(),
-                ]);
+                table.push([(*start).into(), name.into(), share.into(), count.into()]);
                 let told = serde_json::json!({
                     "start": start, "regime": name, "share": share, "points": count,
                 });
@@ -92,10 +87,10 @@ impl Map {
             }
         }
         let mut full = Table::new(&[
-            Column::new("k", ""),
-            Column::new("restitution", ""),
-            Column::new("from_rest", ""),
-            Column::new("from_lock", ""),
+            columns::K,
+            columns::RESTITUTION,
+            columns::FROM_REST,
+            columns::FROM_LOCK,
         ]);
         let places = self
             .restitution

@@ -7,7 +7,7 @@ use super::Arguments;
 use super::survey::{Point, Survey};
 use crate::picture::{Axis, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, Value, number};
+use crate::report::{Printout, Table, Value, columns, number};
 
 /// What a point takes of the drive.
 struct Price {
@@ -61,8 +61,8 @@ fn point_json(arguments: &Arguments, point: &Point) -> Result<Json, Refusal> {
         "in_gear": point.shares.mean(),
         "in_gear_least": point.shares.least(),
         "periods_to_loss": point.shares.time_to_loss(),
-        "b_mm": price.amplitude,
-        "peak_acceleration_g": price.peak,
+        "b": price.amplitude,
+        "peak": price.peak,
         "force_ratio_on_resonance": price.force[0],
         "force_ratio_off_resonance": price.force[1],
         "third_force_ratio_on_resonance": price.third[0],
@@ -94,16 +94,18 @@ fn until_lost(point: &Point) -> Value {
 
 pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("point", ""),
-        Column::new("k", "").digits(4),
-        Column::new("e", "").digits(3),
-        Column::new("th", "rad").digits(4),
-        Column::new("in gear", "").digits(3),
-        Column::new("worst part", "").digits(3),
-        Column::new("until lost", "periods").digits(3),
-        Column::new("b", "mm").digits(4),
-        Column::new("peak", "g").digits(3),
-        Column::new("F2/F1", "").digits(3),
+        columns::POINT,
+        columns::K.digits(4),
+        columns::E.titled("e").digits(3),
+        columns::TH.digits(4),
+        columns::IN_GEAR.titled("in gear").digits(3),
+        columns::IN_GEAR_LEAST.titled("worst part").digits(3),
+        columns::PERIODS_TO_LOSS
+            .titled("until lost (periods)")
+            .digits(3),
+        columns::B.digits(4),
+        columns::PEAK.digits(3),
+        columns::FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3),
     ]);
     for (name, point) in named(survey) {
         let price = price(arguments, point)?;
@@ -205,13 +207,13 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
     });
     let rows = rows(survey);
     let columns = [
-        Column::new("e", ""),
-        Column::new("th", "rad"),
-        Column::new("e3", ""),
-        Column::new("th3", "rad"),
-        Column::new("k", ""),
-        Column::new("in_gear", ""),
-        Column::new("in_gear_least", ""),
+        columns::E.titled("e"),
+        columns::TH,
+        columns::E3,
+        columns::TH3,
+        columns::K,
+        columns::IN_GEAR,
+        columns::IN_GEAR_LEAST,
     ];
     Ok(report.json(&json)?.csv(&columns, move |out| {
         rows.iter()

@@ -8,7 +8,7 @@ use kband::transport::locked;
 
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table};
+use crate::report::{Printout, Table, columns};
 use crate::simulate::{DEFAULT, Distribution, Fidelity, Runs, SceneFile};
 
 /// A lot of the table.
@@ -60,23 +60,23 @@ const DURATION: f64 = 60.0;
 /// Runs the built-in feeder with each lot, aiming for the middle of the band and for gear, `count` times each.
 pub(super) fn run(count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("restitution", "").words(),
-        Column::new("scatter", ""),
-        Column::new("target", "").words(),
-        Column::new("second_tone", ""),
-        Column::new("third_tone", ""),
-        Column::new("in_gear", "").digits(3),
-        Column::new("in_gear_heard", "").digits(3),
-        Column::new("in_gear_told", "").digits(3),
-        Column::new("expected", "").digits(3),
-        Column::new("k", "").digits(4),
-        Column::new("e", "").digits(3),
-        Column::new("th", "rad").digits(3),
-        Column::new("e3", "").digits(3),
-        Column::new("th3", "rad").digits(3),
-        Column::new("peak", "g").digits(3),
-        Column::new("speed_mm_s", "").digits(4),
-        Column::new("lock_mm_s", "").digits(4),
+        columns::RESTITUTION.words(),
+        columns::SCATTER,
+        columns::TARGET.words(),
+        columns::SECOND_TONE.titled("second_tone"),
+        columns::THIRD_TONE.titled("third_tone"),
+        columns::IN_GEAR.digits(3),
+        columns::IN_GEAR_HEARD.digits(3),
+        columns::IN_GEAR_TOLD.digits(3),
+        columns::IN_GEAR_EXPECTED.titled("expected").digits(3),
+        columns::K.digits(4),
+        columns::E.titled("e").digits(3),
+        columns::TH.digits(3),
+        columns::E3.titled("e3").digits(3),
+        columns::TH3.digits(3),
+        columns::PEAK.digits(3),
+        columns::SPEED.digits(4),
+        columns::LOCK_SPEED.digits(4),
     ]);
     for row in &ROWS {
         let locked = std::iter::once((Target::Locked { order: 1 }, ONE));

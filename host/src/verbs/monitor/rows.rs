@@ -8,7 +8,7 @@ use kband::wire::{Record, Telemetry, UpperTone};
 use super::watch::Watch;
 use crate::board::{Clock, Said};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Value, shortest};
+use crate::report::{Format, Value, columns, shortest};
 use crate::stream::Stream;
 
 /// What is printed, row by row.
@@ -29,28 +29,34 @@ const BEFORE_THE_EVENT: usize = 21;
 impl Rows {
     pub(super) fn new(format: Format) -> Self {
         let columns = [
-            (Column::new("time", "s"), 9),
-            (Column::new("cycle", ""), 8),
-            (Column::new("state", ""), 9),
-            (Column::new("k", "").digits(4), 8),
-            (Column::new("b", "mm").digits(4), 8),
-            (Column::new("e", "").digits(3), 5),
-            (Column::new("th", "rad").digits(3), 8),
-            (Column::new("e3", "").digits(3), 5),
-            (Column::new("th3", "rad").digits(3), 8),
-            (Column::new("output", "%").digits(3), 10),
-            (Column::new("impacts", "1/cycle").digits(3), 17),
-            (Column::new("phase", "rad").digits(3), 11),
-            (Column::new("confidence", "").digits(2), 10),
-            (Column::new("in_gear", "").digits(2), 7),
-            (Column::new("in_gear_error", "").digits(1), 13),
-            (Column::new("expected", "").digits(2), 8),
-            (Column::new("margin", "").digits(2), 6),
-            (Column::new("trace", "").digits(2), 6),
-            (Column::new("R", "").digits(3), 6),
-            (Column::new("s", "").digits(2), 6),
-            (Column::new("to_loss", "cycles").digits(3), 7),
-            (Column::new("event", ""), 0),
+            (columns::TIME, 9),
+            (columns::CYCLE, 8),
+            (columns::STATE, 9),
+            (columns::K.digits(4), 8),
+            (columns::B.digits(4), 8),
+            (columns::E.titled("e").digits(3), 5),
+            (columns::TH.digits(3), 8),
+            (columns::E3.titled("e3").digits(3), 5),
+            (columns::TH3.digits(3), 8),
+            (columns::OUTPUT.titled("output").digits(3), 10),
+            (
+                columns::IMPACTS_HEARD.titled("impacts (1/cycle)").digits(3),
+                17,
+            ),
+            (columns::PHASE_HEARD.titled("phase (rad)").digits(3), 11),
+            (columns::CONFIDENCE.digits(2), 10),
+            (columns::IN_GEAR.digits(2), 7),
+            (columns::IN_GEAR_ERROR.digits(1), 13),
+            (columns::IN_GEAR_EXPECTED.titled("expected").digits(2), 8),
+            (columns::FLIP_HEARD.titled("margin").digits(2), 6),
+            (columns::TRACE_HEARD.titled("trace").digits(2), 6),
+            (columns::RESTITUTION_HEARD.titled("R").digits(3), 6),
+            (columns::SCATTER_HEARD.titled("s").digits(2), 6),
+            (
+                columns::TO_LOSS_HEARD.titled("to_loss (cycles)").digits(3),
+                7,
+            ),
+            (columns::EVENT, 0),
         ];
         Self {
             stream: Stream::new(format, &columns, stdout()),
@@ -138,7 +144,7 @@ impl Rows {
             second.map(|tone| shortest(tone.phase)).into(),
             third.map(|tone| shortest(tone.ratio)).into(),
             third.map(|tone| shortest(tone.phase)).into(),
-            (shortest(telemetry.output) * 100.0).into(),
+            shortest(telemetry.output).into(),
             shortest(telemetry.rate).into(),
             shortest(telemetry.phase).into(),
             shortest(telemetry.confidence).into(),

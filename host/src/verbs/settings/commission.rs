@@ -11,7 +11,7 @@ use super::offer::{Offer, print};
 use crate::board::{Address, BoardSettings, Emulated, Link};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table, shortest};
+use crate::report::{Format, Table, columns, shortest};
 
 /// Half of the narrowest interval offered: what the identification is good for.
 const NARROWEST: f32 = 0.02;
@@ -42,10 +42,10 @@ pub(super) fn run(
     let offer = in_order(low, high, settings.known().restitution_high);
     notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[
-        Column::new("restitution", "").digits(3),
-        Column::new("deviation", "").digits(2),
-        Column::new("k", "").digits(4),
-        Column::new("hops", ""),
+        columns::RESTITUTION.digits(3),
+        columns::DEVIATION.digits(2),
+        columns::K.digits(4),
+        columns::HOPS,
     ]);
     table.push([
         shortest(found.restitution).into(),

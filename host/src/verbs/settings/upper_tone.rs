@@ -13,7 +13,7 @@ use super::offer::{Offer, print};
 use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table};
+use crate::report::{Column, Format, Table, columns};
 
 /// k of the trial: the track throws no part.
 const K: f32 = 1.3;
@@ -175,19 +175,15 @@ pub(super) fn run(
     };
     notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[
-        Column::new(of_gain, "mm").digits(4),
-        Column::new(of_lag, "degrees").digits(4),
-        Column::new("scatter", "%").digits(2),
+        Column::of_key(of_gain, "mm").digits(4),
+        Column::of_key(of_lag, "degrees").digits(4),
+        columns::GAIN_SCATTER.titled("scatter").digits(2),
     ]);
-    table.push([
-        found.gain.into(),
-        found.lag.into(),
-        (found.scatter * 100.0).into(),
-    ]);
+    table.push([found.gain.into(), found.lag.into(), found.scatter.into()]);
     let document = json!({
         of_gain: found.gain,
         of_lag: found.lag,
-        "scatter": found.scatter,
+        "gain_scatter": found.scatter,
         "applied": apply,
     });
     print(table, &notes, &document, format)

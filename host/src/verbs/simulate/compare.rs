@@ -9,7 +9,7 @@ use super::Arguments;
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table};
+use crate::report::{Printout, Table, columns};
 use crate::simulate::{Outcome, SceneFile, Watch, draw};
 
 /// Smallest second tone that is one.
@@ -65,25 +65,27 @@ pub(super) fn run(
         arguments.look.write(picture, &left.beside(right))?;
     }
     let mut rows = Table::new(&[
-        Column::new("second_tone", "afforded").digits(3),
-        Column::new("in_gear", "").digits(3),
-        Column::new("in_gear_heard", "").digits(3),
-        Column::new("in_gear_told", "").digits(3),
-        Column::new("expected", "").digits(3),
-        Column::new("b", "mm").digits(4),
-        Column::new("k", "").digits(4),
-        Column::new("e", "").digits(3),
-        Column::new("th", "degrees").digits(4),
-        Column::new("e3", "").digits(3),
-        Column::new("th3", "degrees").digits(4),
-        Column::new("peak", "g").digits(3),
-        Column::new("speed", "mm/s").digits(4),
+        columns::SECOND_TONE
+            .titled("second_tone (afforded)")
+            .digits(3),
+        columns::IN_GEAR.digits(3),
+        columns::IN_GEAR_HEARD.digits(3),
+        columns::IN_GEAR_TOLD.digits(3),
+        columns::IN_GEAR_EXPECTED.titled("expected").digits(3),
+        columns::B.digits(4),
+        columns::K.digits(4),
+        columns::E.titled("e").digits(3),
+        columns::TH.digits(4),
+        columns::E3.titled("e3").digits(3),
+        columns::TH3.digits(4),
+        columns::PEAK.digits(3),
+        columns::SPEED.digits(4),
     ]);
     for (most, outcome) in [(0.0, &one), (most, &two)] {
         let Shape { second, third } = outcome.last().shape;
         let phase = |tone: UpperTone| {
             (f64::from(tone.ratio) >= LEAST)
-                .then(|| f64::from(tone.phase.to_degrees()))
+                .then(|| f64::from(tone.phase))
                 .into()
         };
         rows.push([
@@ -141,13 +143,13 @@ fn json_of(outcome: &Outcome) -> Json {
         "in_gear_heard": outcome.record().in_gear_heard(),
         "in_gear_told": outcome.record().in_gear_told(),
         "in_gear_expected": last.expected_in_gear,
-        "b_mm": outcome.amplitude() * 1e3,
+        "b": outcome.amplitude() * 1e3,
         "k": outcome.k(),
         "e": last.shape.second.ratio,
         "th": last.shape.second.phase,
         "e3": last.shape.third.ratio,
         "th3": last.shape.third.phase,
-        "peak_acceleration_g": peak(outcome),
-        "speed_mm_s": outcome.speed() * 1e3,
+        "peak": peak(outcome),
+        "speed": outcome.speed() * 1e3,
     })
 }

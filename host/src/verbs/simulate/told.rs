@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::summary::Seen;
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, Value, number};
+use crate::report::{Printout, Table, Value, columns, number};
 use crate::simulate::{Lot, Outcome, SETTLED, describe, words};
 
 /// Files of a single run.
@@ -32,18 +32,19 @@ pub(super) fn told(
 ) -> Result<Printout, Refusal> {
     let upper = outcome.file().scene.settings.upper_tones();
     let mut columns = vec![
-        Column::new("time", "s").digits(4),
-        Column::new("event", ""),
-        Column::new("state", ""),
-        Column::new("b", "mm").digits(3),
-        Column::new("k", "").digits(4),
+        columns::TIME.digits(4),
+        columns::EVENT,
+        columns::STATE,
+        columns::B.digits(3),
+        columns::K.digits(4),
     ];
-    for (e, th) in [("e", "th"), ("e3", "th3")].into_iter().take(upper) {
-        columns.push(Column::new(e, "").digits(3));
-        columns.push(Column::new(th, "degrees").digits(4));
+    let tones = [(columns::E, columns::TH), (columns::E3, columns::TH3)];
+    for (e, th) in tones.into_iter().take(upper) {
+        columns.push(e.titled(e.name()).digits(3));
+        columns.push(th.digits(4));
     }
-    columns.push(Column::new("in gear", "heard").digits(2));
-    columns.push(Column::new("margin", "to the flip").digits(2));
+    columns.push(columns::IN_GEAR_HEARD.titled("in gear (heard)").digits(2));
+    columns.push(columns::FLIP_HEARD.titled("margin (to the flip)").digits(2));
     let mut table = Table::new(&columns);
     let mut row = |time: f64, event: String, report: &Report| {
         let k = f64::from(report.k);
@@ -57,7 +58,7 @@ pub(super) fn told(
         for UpperTone { ratio, phase } in report.shape.tones().into_iter().take(upper) {
             row.push(f64::from(ratio).into());
             row.push(if ratio > 0.0 {
-                f64::from(phase.to_degrees()).into()
+                f64::from(phase).into()
             } else {
                 Value::Missing
             });
@@ -365,7 +366,7 @@ pub(super) fn told(
         "state": last.state.name(),
         "fault": last.fault.map(|fault| fault.name()),
         "limits": outcome.limits(),
-        "amplitude_mm": outcome.amplitude() * 1e3,
+        "b": outcome.amplitude() * 1e3,
         "k": k.is_finite().then_some(k),
         "band": outcome.band().map(|band| [band.low(), band.high()]),
         "regime": outcome.regime(),
@@ -375,17 +376,17 @@ pub(super) fn told(
         "in_gear_told": outcome.record().in_gear_told(),
         "planned_for": json!({"restitution": lot.restitution, "scatter": lot.scatter}),
         "margin_heard": last.margin.map(|margin| json!({
-            "flip": margin.flip,
-            "trace": margin.trace,
-            "restitution": margin.restitution,
+            "flip_heard": margin.flip,
+            "trace_heard": margin.trace,
+            "restitution_heard": margin.restitution,
             "restitution_error": margin.error,
-            "scatter": margin.scatter,
-            "cycles_to_loss": margin.to_loss,
+            "scatter_heard": margin.scatter,
+            "to_loss_heard": margin.to_loss,
         })),
         "in_gear_expected": expected,
-        "cycles_to_loss": outcome.time_to_loss(),
-        "lock_phase_rad": outcome.lock_phase(),
-        "speed_mm_s": outcome.speed() * 1e3,
+        "to_loss": outcome.time_to_loss(),
+        "lock_phase": outcome.lock_phase(),
+        "speed": outcome.speed() * 1e3,
         "restitution_identified": outcome.identified().map(|found| found.restitution),
         "not_as_expected": unmet,
         "picture": path(written.picture),

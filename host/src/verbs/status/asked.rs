@@ -8,7 +8,7 @@ use serde_json::{Value as Json, json};
 
 use crate::board::{Link, Unasked};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 use crate::simulate::describe;
 
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
@@ -68,7 +68,7 @@ impl BoardStatus {
 
     /// What it is, with a line each, and the next step last.
     pub(in crate::verbs) fn printout(&self) -> Result<Printout, Refusal> {
-        let mut table = Table::new(&[Column::new("item", ""), Column::new("value", "")]);
+        let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
         let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
         let Telemetry {
             amplitude,
@@ -204,19 +204,19 @@ impl BoardStatus {
             "enable_input": self.status.inputs.enable,
             "enable_desk": self.status.permitted,
             "alarms": alarms,
-            "mean_acceleration_m_s2": self.status.mean,
-            "amplitude_mm": self.telemetry.amplitude * 1e3,
-            "setpoint_mm": self.telemetry.setpoint * 1e3,
+            "mean_acceleration": self.status.mean,
+            "b": self.telemetry.amplitude * 1e3,
+            "setpoint_b": self.telemetry.setpoint * 1e3,
             "k": k,
             "output": self.telemetry.output,
-            "impacts_per_cycle": self.telemetry.rate,
+            "impacts_heard": self.telemetry.rate,
             "in_gear_heard": self.telemetry.in_gear,
-            "margin": self.telemetry.margin.map(|margin| margin.flip),
+            "flip_heard": self.telemetry.margin.map(|margin| margin.flip),
             "trace_heard": self.telemetry.margin.map(|margin| margin.trace),
             "restitution_heard": self.telemetry.margin.map(|margin| margin.restitution),
             "scatter_heard": self.telemetry.margin.map(|margin| margin.scatter),
-            "cycles_to_loss": self.telemetry.margin.map(|margin| margin.to_loss),
-            "seconds": self.status.seconds,
+            "to_loss_heard": self.telemetry.margin.map(|margin| margin.to_loss),
+            "running_time": self.status.seconds,
             "next": self.next(),
         })
     }

@@ -9,7 +9,7 @@ use super::{Arguments, Computed, Feeder};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 const POINTS: usize = 2001;
 
@@ -35,12 +35,12 @@ pub(super) fn computed(
         dead.flight(launch).map(|flight| (launch, flight))
     })?;
     let mut table = Table::new(&[
-        Column::new("launch", "rad"),
-        Column::new("next_launch", "rad"),
-        Column::new("flight", "rad"),
-        Column::new("landing", "rad"),
-        Column::new("rest", "rad"),
-        Column::new("velocity", "b w"),
+        columns::LAUNCH,
+        columns::NEXT_LAUNCH,
+        columns::FLIGHT,
+        columns::LANDING,
+        columns::REST,
+        columns::VELOCITY,
     ]);
     let settings = feeder.settings;
     let mut rows = Vec::new();

@@ -10,7 +10,7 @@ use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Column, Printout, Table, columns, number};
 
 /// What the speed is shown over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -41,11 +41,11 @@ impl Over {
 
     fn column(self) -> Column {
         match self {
-            Self::Throw => Column::new("throw", ""),
-            Self::Amplitude => Column::new("b", "mm"),
-            Self::Incline => Column::new("incline", "degrees"),
-            Self::Friction => Column::new("friction", ""),
-            Self::PhaseLead => Column::new("phase_lead", "degrees"),
+            Self::Throw => columns::THROW,
+            Self::Amplitude => columns::B,
+            Self::Incline => columns::INCLINE,
+            Self::Friction => columns::FRICTION,
+            Self::PhaseLead => columns::PHASE_LEAD,
         }
     }
 
@@ -450,14 +450,14 @@ fn report(
             .map(|axis| axis.column()),
     );
     columns.extend([
-        Column::new("from_rest", ""),
-        Column::new("regime", ""),
-        Column::new("speed", "mm/s").digits(5),
-        Column::new("velocity", "b w").digits(6),
-        Column::new("in_flight", "").digits(3),
-        Column::new("sliding_up", "").digits(3),
-        Column::new("sliding_down", "").digits(3),
-        Column::new("still", "").digits(3),
+        columns::FROM_REST,
+        columns::REGIME,
+        columns::SPEED.digits(5),
+        columns::VELOCITY.digits(6),
+        columns::IN_FLIGHT.digits(3),
+        columns::SLIDING_UP.digits(3),
+        columns::SLIDING_DOWN.digits(3),
+        columns::STILL.digits(3),
     ]);
     let mut table = Table::new(&columns);
     let mut json = Vec::new();

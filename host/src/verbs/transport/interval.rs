@@ -8,7 +8,7 @@ use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, number};
+use crate::report::{Printout, Table, columns, number};
 
 const BINS: usize = 120;
 const LAGS: usize = 24;
@@ -140,9 +140,9 @@ impl Found {
 
 fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
-        Column::new("lag", "impacts"),
-        Column::new("autocorrelation", "").digits(4),
-        Column::new("error", "").digits(2),
+        columns::LAG,
+        columns::AUTOCORRELATION.digits(4),
+        columns::AUTOCORRELATION_ERROR.titled("error").digits(2),
     ]);
     for (n, spread) in found.correlation.iter().enumerate() {
         table.push([(n + 1).into(), spread.mean().into(), spread.error().into()]);
@@ -153,7 +153,7 @@ fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
         .into_iter()
         .zip(&found.bins)
         .map(|((low, high, density), count)| {
-            json!({ "low": low, "high": high, "count": count, "density": density })
+            json!({ "interval_low": low, "interval_high": high, "count": count, "density": density })
         })
         .collect();
     let lags: Vec<_> = found
@@ -161,7 +161,7 @@ fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
         .iter()
         .enumerate()
         .map(|(n, spread)| {
-            json!({ "lag": n + 1, "autocorrelation": spread.mean(), "error": spread.error() })
+            json!({ "lag": n + 1, "autocorrelation": spread.mean(), "autocorrelation_error": spread.error() })
         })
         .collect();
     Printout::new(table)
@@ -186,9 +186,9 @@ fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
             "starts": found.starts,
             "mean_interval": found.mean.mean(),
             "mean_interval_error": found.mean.error(),
-            "deviation": found.deviation.mean(),
+            "interval_deviation": found.deviation.mean(),
             "histogram": histogram,
-            "autocorrelation": lags,
+            "lags": lags,
             "verdict": found.verdict(),
         }))
 }

@@ -11,7 +11,7 @@ use super::{Over, Row, hops_on};
 use crate::ending::{self, FILLS};
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, Value, number};
+use crate::report::{Printout, Table, Value, columns, number};
 
 pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
     match row.regime {
@@ -38,24 +38,24 @@ pub(super) fn report(
     fits: &[Fit],
 ) -> Result<Printout, Refusal> {
     let mut columns = vec![
-        Column::new("k", ""),
-        Column::new("b", "mm").digits(5),
-        Column::new("regime", ""),
-        Column::new("starts", ""),
-        Column::new("from_rest", ""),
-        Column::new("speed", "mm/s").digits(5),
-        Column::new("speed_error", "mm/s").digits(2),
-        Column::new("impact_mean", "mm/s").digits(5),
-        Column::new("closed_form", "mm/s").digits(5),
-        Column::new("bound", "mm/s").digits(4),
-        Column::new("critical_slope", "degrees").digits(7),
-        Column::new("interval", "cycles").digits(5),
-        Column::new("exponent", "").digits(3),
-        Column::new("sensitivity", "").digits(3),
-        Column::new("sensitivity_error", "").digits(2),
+        columns::K,
+        columns::B.digits(5),
+        columns::REGIME,
+        columns::STARTS,
+        columns::FROM_REST,
+        columns::SPEED.digits(5),
+        columns::SPEED_ERROR.digits(2),
+        columns::IMPACT_MEAN.digits(5),
+        columns::CLOSED_FORM.digits(5),
+        columns::BOUND.digits(4),
+        columns::CRITICAL_SLOPE.digits(7),
+        columns::INTERVAL.digits(5),
+        columns::EXPONENT.titled("exponent").digits(3),
+        columns::SENSITIVITY.digits(3),
+        columns::SENSITIVITY_ERROR.digits(2),
     ];
     if arguments.part_length.is_some() {
-        columns.push(Column::new("parts_per_hour", "").digits(4));
+        columns.push(columns::PARTS_PER_HOUR.digits(4));
     }
     let mut table = Table::new(&columns);
     for row in rows {
@@ -159,7 +159,7 @@ pub(super) fn report(
             [slope] => Some(*slope),
             _ => None,
         }),
-        "bound": bound(feeder),
+        "velocity_bound": bound(feeder),
     }))
 }
 
@@ -176,8 +176,8 @@ pub(super) fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> ser
         "speed": speed,
         "speed_error": row.time_mean.error().map(|error| error * unit),
         "impact_mean": row.impact_mean.mean().map(|mean| mean * unit),
-        "time_mean_dimensionless": row.mean(),
-        "impact_mean_dimensionless": row.impact_mean.mean(),
+        "velocity": row.mean(),
+        "impact_velocity": row.impact_mean.mean(),
         "closed_form": closed_form(feeder, row).map(|velocity| velocity * unit),
         "bound": bound(feeder).map(|velocity| velocity * unit),
         "critical_slope": critical_slope(feeder, row),
