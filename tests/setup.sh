@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Brings what the emulated tests need onto a Debian machine with rustup: the thumb targets and
-# QEMU 9.2 or newer. Safe to repeat; where all is there it only looks, in about a second.
+# Brings what the tests need onto a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
+# and Chromium with its driver. Safe to repeat; where all is there it only looks, in about a second.
 #
 #   tests/setup.sh            install what is missing
 #   tests/setup.sh --check    install nothing; exit status 1 and one line where something is missing
@@ -85,6 +85,13 @@ install_emulator() {
     fi
 }
 
+install_browser() {
+    say "installing Chromium with apt"
+    [ -n "${sources:-}" ] || debian_sources || return 1
+    apt_get 900 install --no-install-recommends chromium chromium-driver
+}
+browser_is_there() { command -v chromedriver >/dev/null && command -v chromium >/dev/null; }
+
 # Where rustup cannot download: Debian's compiler builds core and alloc for the targets from
 # Debian's source package, once, and rustup gets to know it under a name of its own.
 install_targets_from_debian() {
@@ -118,6 +125,7 @@ missing=$(missing_targets | tr '\n' ' ')
 if [ "${1:-}" = --check ]; then
     [ -z "$missing" ] || give_up "no Rust target ${missing% }; run tests/setup.sh"
     emulator_is_new_enough || give_up "no QEMU $wanted or newer (qemu-system-arm); run tests/setup.sh"
+    browser_is_there || give_up "no chromium and chromedriver; run tests/setup.sh"
     exit 0
 fi
 
@@ -136,4 +144,5 @@ if [ -n "$missing" ]; then
 fi
 emulator_is_new_enough || install_emulator || give_up "QEMU could not be installed; it is the package qemu-system-arm, $wanted or newer"
 emulator_is_new_enough || give_up "QEMU is $(emulator_version), older than $wanted"
-say "ready: ${targets[*]}, QEMU $(emulator_version)"
+browser_is_there || install_browser || give_up "Chromium could not be installed; it is the packages chromium and chromium-driver"
+say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium"

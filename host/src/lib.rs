@@ -13,6 +13,7 @@
 //! | [`ending`] | where an orbit of the exact map ends |
 //! | `live` | the dashboard in the terminal |
 //! | `log` | the log of a board |
+//! | [`page`] | pages for the browser, of one file each |
 //! | [`picture`] | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`provenance`] | what a result came from, in every file |
@@ -30,6 +31,7 @@ pub mod file;
 pub mod live;
 #[cfg(feature = "log")]
 pub mod log;
+pub mod page;
 pub mod picture;
 pub mod provenance;
 pub mod refusal;

@@ -17,7 +17,7 @@ mod theme;
 pub use axis::{Axis, Unit};
 pub use look::Look;
 pub use panel::{Grid, Panel};
-pub use theme::{Fill, Theme};
+pub use theme::{Fill, Theme, page_colours};
 
 use shape::{Anchor, Rect, Shape, Text};
 

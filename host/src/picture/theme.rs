@@ -93,6 +93,18 @@ pub(super) enum Hatch {
 }
 
 impl Fill {
+    /// All of them; the place of each is its number.
+    pub const ALL: [Self; 8] = [
+        Self::Rest,
+        Self::HopAndRest,
+        Self::Locked,
+        Self::Doubled,
+        Self::Periodic,
+        Self::Chaotic,
+        Self::Undecided,
+        Self::Fault,
+    ];
+
     pub(super) fn colour(self, theme: Theme) -> Colour {
         Colour::hex(match (self, theme) {
             (Self::Rest, Theme::Light) => 0xF2F2F2,
@@ -236,6 +248,44 @@ impl Theme {
         };
         Colour::hex(few).towards(Colour::hex(many), part)
     }
+}
+
+/// The colours of both themes as properties of a page's style: `--text`, `--series0`, `--fill0` of the first [`Fill`], ...
+#[must_use]
+pub fn page_colours() -> String {
+    let of = |theme: Theme| {
+        let mut colours = vec![
+            ("background".into(), theme.background()),
+            ("text".into(), theme.text()),
+            ("muted".into(), theme.muted()),
+            ("grid".into(), theme.grid()),
+            ("axis".into(), theme.axis()),
+            ("strip".into(), theme.strip()),
+        ];
+        colours.extend((0..7).map(|n| (format!("series{n}"), theme.series(n).0)));
+        colours.extend(Fill::ALL.map(|fill| (format!("fill{}", fill as u8), fill.colour(theme))));
+        let lines: String = colours
+            .into_iter()
+            .map(|(name, colour)| {
+                let Colour {
+                    red,
+                    green,
+                    blue,
+                    opacity,
+                } = colour;
+                format!(" --{name}: rgba({red},{green},{blue},{opacity});")
+            })
+            .collect();
+        let scheme = match theme {
+            Theme::Light => "light",
+            Theme::Dark => "dark",
+        };
+        format!("{{{lines} color-scheme: {scheme}; }}\n")
+    };
+    let (light, dark) = (of(Theme::Light), of(Theme::Dark));
+    format!(
+        ":root {light}@media (prefers-color-scheme: dark) {{ :root:not([data-theme=light]) {dark}}}\n:root[data-theme=dark] {dark}"
+    )
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ pub use engine::{Fidelity, Lot};
 pub use expect::Expectation;
 pub use outcome::{Outcome, words};
 pub use parts::Distribution;
-pub use picture::draw;
+pub use picture::{STATE_FILLS, draw, state_fill};
 pub use record::{Happened, Record, SETTLED, Sketch, Take, Watch};
 pub use runs::Runs;
 pub use scene::{DEFAULT, SceneFile, at_line, table as scene_table, within_reach};

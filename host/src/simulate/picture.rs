@@ -9,7 +9,8 @@ use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 /// Most impacts that are drawn.
 const MARKERS: usize = 600;
 
-const FILLS: [(Fill, &str); 6] = [
+/// The fills of the controller's states with their names.
+pub const STATE_FILLS: [(Fill, &str); 6] = [
     (Fill::Rest, "off"),
     (Fill::HopAndRest, "starting, stopping, holding"),
     (Fill::Undecided, "capturing, lost"),
@@ -18,7 +19,9 @@ const FILLS: [(Fill, &str); 6] = [
     (Fill::Fault, "fault"),
 ];
 
-fn fill(state: State) -> Fill {
+/// The fill of a state in pictures.
+#[must_use]
+pub fn state_fill(state: State) -> Fill {
     match state {
         State::Off => Fill::Rest,
         State::Starting | State::Stopping | State::Holding => Fill::HopAndRest,
@@ -58,11 +61,11 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     for (n, (from, state)) in states.iter().enumerate() {
         let until = states.get(n + 1).map_or(end, |next| next.0);
         match ribbon.last_mut() {
-            Some(last) if last.2 == fill(*state) => last.1 = until,
-            _ => ribbon.push((*from, until, fill(*state))),
+            Some(last) if last.2 == state_fill(*state) => last.1 = until,
+            _ => ribbon.push((*from, until, state_fill(*state))),
         }
     }
-    let used: Vec<(Fill, &str)> = FILLS
+    let used: Vec<(Fill, &str)> = STATE_FILLS
         .into_iter()
         .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
         .collect();

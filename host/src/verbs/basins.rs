@@ -69,19 +69,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let told = arguments.amplitude.told(k)?;
     let endings = Endings::new(k, arguments.restitution, arguments.impacts)?;
     let side = arguments.grid;
-    // The starts are the middles of the cells.
-    let phase = move |column: usize| TAU * (column as f64 + 0.5) / side as f64;
     let top = arguments.velocity;
-    let velocity = move |row: usize| top * (row as f64 + 0.5) / side as f64;
-    Map::state(0.0, top)?;
-    let rows = desk.map("basins", side, |row| {
-        let start = |column| PartState {
-            phase: phase(column),
-            velocity: velocity(row),
-        };
-        endings.of_all(&(0..side).map(start).collect::<Vec<_>>())
-    })?;
-    let ends: Arc<[Regime]> = rows.into_iter().flatten().collect();
+    let starts = Starts { side, top };
+    let rows = ends(&endings, side, top, desk)?;
+    let ends: Arc<[Regime]> = rows.into();
     let mut counts: Vec<(Regime, usize)> = Vec::new();
     for end in ends.iter() {
         match counts.iter_mut().find(|(known, _)| known == end) {
@@ -132,8 +123,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             move |rows| {
                 listed.iter().enumerate().try_for_each(|(n, end)| {
                     rows.row(&[
-                        phase(n % side).into(),
-                        velocity(n / side).into(),
+                        starts.phase(n % side).into(),
+                        starts.velocity(n / side).into(),
                         ending::told(*end, followed).into(),
                     ])
                 })
@@ -144,6 +135,42 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         picture(arguments, &told, &endings, &ends, &counts)
     })?;
     Ok(Exit::Done)
+}
+
+/// Starts on a square grid: the middles of its cells.
+#[derive(Clone, Copy, Debug)]
+struct Starts {
+    side: usize,
+    top: f64,
+}
+
+impl Starts {
+    fn phase(self, column: usize) -> f64 {
+        TAU * (column as f64 + 0.5) / self.side as f64
+    }
+
+    fn velocity(self, row: usize) -> f64 {
+        self.top * (row as f64 + 0.5) / self.side as f64
+    }
+}
+
+/// Where parts end that start in the middles of `side * side` cells of phase 0..2 pi and velocity 0..`top`, row by row.
+pub(super) fn ends(
+    endings: &Endings,
+    side: usize,
+    top: f64,
+    desk: &Desk,
+) -> Result<Vec<Regime>, Refusal> {
+    Map::state(0.0, top)?;
+    let starts = Starts { side, top };
+    let rows = desk.map("basins", side, |row| {
+        let start = |column| PartState {
+            phase: starts.phase(column),
+            velocity: starts.velocity(row),
+        };
+        endings.of_all(&(0..side).map(start).collect::<Vec<_>>())
+    })?;
+    Ok(rows.into_iter().flatten().collect())
 }
 
 /// k, which clap has seen to be given in one way or the other.

@@ -14,6 +14,7 @@ use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::simulate::Fidelity;
+pub(super) use survey::InGearOf;
 use survey::{Followed, Survey};
 
 /// The share of time in gear over k and over the second tone, for parts whose restitution scatters.

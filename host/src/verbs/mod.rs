@@ -25,6 +25,7 @@ pub mod man;
 pub mod margins;
 pub mod monitor;
 pub mod paper;
+pub mod report;
 pub mod settings;
 pub mod simulate;
 pub mod status;
@@ -81,6 +82,7 @@ verbs! {
     Margins => margins,
     Monitor => monitor,
     Paper => paper,
+    Report => report,
     Settings => settings,
     Simulate => simulate,
     Status => status,

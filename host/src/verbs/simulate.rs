@@ -193,6 +193,11 @@ impl Arguments {
     }
 }
 
+/// What a run came to in plain words, the last line the next step.
+pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
+    summary::Seen::of(outcome).lines()
+}
+
 /// Runs the scene.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if arguments.print_scene {

@@ -15,6 +15,7 @@ use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
+pub use friction::Speed;
 
 /// The conveying speed in every regime, over k or the amplitude.
 #[derive(Clone, Debug, clap::Args)]
@@ -129,6 +130,17 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 /// The picture that these options draw, for a page that holds several.
 pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
+    let (_, picture) = computed(&read(options)?, desk)?;
+    Ok(picture())
+}
+
+/// The speeds from rest of these options, with friction, for a page that shows many.
+pub fn speeds(options: &str, desk: &Desk) -> Result<Vec<Speed>, Refusal> {
+    let arguments = read(options)?;
+    friction::speeds(&Feeder::build(&arguments)?, &arguments, desk)
+}
+
+fn read(options: &str) -> Result<Arguments, Refusal> {
     #[derive(clap::Parser)]
     struct CommandLine {
         #[command(flatten)]
@@ -137,8 +149,7 @@ pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
     let words = std::iter::once("transport").chain(options.split_whitespace());
     let line = <CommandLine as clap::Parser>::try_parse_from(words)
         .map_err(|error| Refusal::new(error.to_string(), "see kband transport --help"))?;
-    let (_, picture) = computed(&line.arguments, desk)?;
-    Ok(picture())
+    Ok(line.arguments)
 }
 
 /// A report, and its picture once it is wanted.

@@ -1,6 +1,7 @@
-//! What the tests run programs on: an emulated CPU, a chip on a board and before a debug probe, a terminal; and the
+//! What the tests run programs on: an emulated CPU, a chip on a board and before a debug probe, a terminal, a browser; and the
 //! images for them. The desk's tests use it as the tests that cross crates do; it knows of the desk nothing.
 
+pub mod browser;
 pub mod chip;
 pub mod draw;
 pub mod emulator;

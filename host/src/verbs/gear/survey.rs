@@ -1,5 +1,6 @@
 //! The share of time in gear over a grid, and the points of it that are best.
 
+use kband::feeder::Restitution;
 use kband::impact::{Scatter, Wave, WaveMap};
 use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{Share, shares_from_rest};
@@ -88,18 +89,36 @@ const TRIED_AGAIN: usize = 16;
 
 impl Followed {
     pub fn new(arguments: &Arguments) -> Result<Self, Refusal> {
-        let lot = arguments.restitution;
-        let order = arguments.order as u32;
+        Self::of(
+            arguments.restitution,
+            arguments.parts,
+            arguments.scatter,
+            arguments.order as u32,
+            arguments.runs,
+            arguments.periods as f64,
+            arguments.seed,
+        )
+    }
+
+    fn of(
+        lot: Restitution,
+        parts: usize,
+        scatter: f64,
+        order: u32,
+        runs: usize,
+        periods: f64,
+        seed: u64,
+    ) -> Result<Self, Refusal> {
         let restitutions: Vec<f64> = if lot.low() == lot.high() {
             vec![lot.low()]
         } else {
-            let last = (arguments.parts - 1) as f64;
-            (0..arguments.parts)
+            let last = (parts - 1) as f64;
+            (0..parts)
                 .map(|n| lot.low() + (lot.high() - lot.low()) * n as f64 / last)
                 .collect()
         };
         for &restitution in &restitutions {
-            Scatter::build(restitution, arguments.scatter, 0)?;
+            Scatter::build(restitution, scatter, 0)?;
         }
         // Of a lot without a common band that of its middle.
         let middle = match Band::common(lot, order) {
@@ -109,11 +128,11 @@ impl Followed {
         };
         Ok(Self {
             restitutions,
-            scatter: arguments.scatter,
+            scatter,
             order,
-            runs: arguments.runs,
-            periods: arguments.periods as f64,
-            seed: arguments.seed,
+            runs,
+            periods,
+            seed,
             middle,
         })
     }
@@ -141,6 +160,29 @@ impl Followed {
     /// Drive periods over which each part of a named point was watched.
     pub fn watched(&self) -> f64 {
         0.75 * self.periods * (self.runs * Stage::Verdict.effort()) as f64
+    }
+}
+
+/// The share of time in gear of a lot at any one point, for a page that shows many.
+pub(in crate::verbs) struct InGearOf(Followed);
+
+impl InGearOf {
+    /// So many parts of the lot, its ends among them, in so many runs each.
+    pub fn new(
+        lot: Restitution,
+        parts: usize,
+        scatter: f64,
+        order: u32,
+        runs: usize,
+        periods: f64,
+    ) -> Result<Self, Refusal> {
+        Followed::of(lot, parts, scatter, order, runs, periods, 1).map(Self)
+    }
+
+    /// Mean over the parts, and that of the part that is in gear least.
+    pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
+        let shares = self.0.follow(wave, k, Stage::Map)?;
+        Ok([shares.mean(), shares.least()])
     }
 }
 

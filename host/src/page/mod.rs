@@ -1,0 +1,179 @@
+//! A page for the browser: one file of HTML that asks nobody for anything.
+//!
+//! Style and script are part of it, the numbers stand in it as JSON, and a content policy forbids every other source. The
+//! script only draws what was computed here.
+
+use serde_json::Value as Json;
+
+use crate::picture::page_colours;
+
+/// How it looks: on a screen, light or dark, and on paper.
+const STYLE: &str = include_str!("page.css");
+/// Charts with a cursor, sliders over precomputed values, and the switch of colours.
+const CHARTS: &str = include_str!("charts.js");
+/// How every page begins; by this one of kband's is told.
+const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"kband";
+
+/// Whether a file that begins like this is a page of kband's.
+#[must_use]
+pub fn own(begin: &str) -> bool {
+    begin.starts_with(HEAD)
+}
+
+/// The numbers in a page of kband's.
+#[must_use]
+pub fn data_of(page: &str) -> Option<Json> {
+    let (_, rest) = page.split_once("id=\"data\">")?;
+    serde_json::from_str(rest.split_once("</script>")?.0).ok()
+}
+
+/// A page in the making.
+#[derive(Clone, Debug)]
+pub struct Page {
+    title: String,
+    body: String,
+    data: Json,
+    script: &'static str,
+}
+
+impl Page {
+    /// A page whose `script` draws the figures of `data`.
+    #[must_use]
+    pub fn new(title: &str, data: Json, script: &'static str) -> Self {
+        Self {
+            title: title.into(),
+            body: String::new(),
+            data,
+            script,
+        }
+    }
+
+    /// The page with a section: a heading and what stands below it, as HTML.
+    #[must_use]
+    pub fn section(mut self, heading: &str, content: &str) -> Self {
+        let heading = escaped(heading);
+        self.body.push_str(&format!(
+            "<section>\n<h2>{heading}</h2>\n{content}</section>\n"
+        ));
+        self
+    }
+
+    /// The whole file.
+    #[must_use]
+    pub fn to_html(&self) -> String {
+        let title = escaped(&self.title);
+        // Inside a script element only a `<` could end it.
+        let data = self.data.to_string().replace('<', "\\u003c");
+        format!(
+            "{HEAD} {version}\">
+<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">
+<meta name=\"color-scheme\" content=\"light dark\">
+<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; \
+script-src 'unsafe-inline'; img-src data:\">
+<title>{title}</title>
+<style>
+{colours}{STYLE}</style>
+</head>
+<body>
+<header>
+<h1>{title}</h1>
+<button type=\"button\" id=\"colours\" aria-pressed=\"false\">dark or light</button>
+</header>
+<main>
+<noscript><p class=\"note\">The pictures of this page are drawn by its script, which this browser does not run; the words and tables \
+are all here.</p></noscript>
+{body}</main>
+<script type=\"application/json\" id=\"data\">{data}</script>
+<script>
+{CHARTS}{script}</script>
+</body>
+</html>
+",
+            version = env!("CARGO_PKG_VERSION"),
+            colours = page_colours(),
+            body = self.body,
+            script = self.script,
+        )
+    }
+}
+
+/// A figure that the page's script draws: with its name, what it shows, and where its sliders go.
+#[must_use]
+pub fn figure(name: &str, caption: &str) -> String {
+    let caption = escaped(caption);
+    format!(
+        "<figure id=\"{name}\">\n<div class=\"controls\"></div>\n<div class=\"plot\" tabindex=\"0\" role=\"img\" aria-label=\"{caption}\"></div>\n\
+         <output class=\"reading\"></output>\n<ul class=\"legend\"></ul>\n<figcaption>{caption}</figcaption>\n\
+         <details class=\"numbers\"><summary>the numbers of this picture</summary></details>\n</figure>\n"
+    )
+}
+
+/// A table of words: the heads of its columns and its rows.
+#[must_use]
+pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
+    let line = |cells: &mut dyn Iterator<Item = String>, element: &str| {
+        let cells: String = cells
+            .map(|cell| format!("<{element}>{}</{element}>", escaped(&cell)))
+            .collect();
+        format!("<tr>{cells}</tr>\n")
+    };
+    let head = line(&mut heads.iter().map(ToString::to_string), "th");
+    let body: String = rows
+        .iter()
+        .map(|row| line(&mut row.iter().cloned(), "td"))
+        .collect();
+    format!(
+        "<div class=\"wide\"><table>\n<thead>{head}</thead>\n<tbody>\n{body}</tbody>\n</table></div>\n"
+    )
+}
+
+/// Paragraphs of words.
+#[must_use]
+pub fn paragraphs(lines: &[String]) -> String {
+    lines
+        .iter()
+        .map(|line| format!("<p>{}</p>\n", escaped(line)))
+        .collect()
+}
+
+/// A text as it stands, folded away.
+#[must_use]
+pub fn folded(summary: &str, text: &str) -> String {
+    format!(
+        "<details><summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
+        escaped(summary),
+        escaped(text)
+    )
+}
+
+/// A text whose signs mean nothing to HTML.
+#[must_use]
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn no_text_ends_the_page_or_asks_for_another_file() {
+        let evil = "</script><img src=\"https://x.invalid/a.png\"> & more";
+        let html = Page::new(evil, json!({ "name": evil }), "")
+            .section(
+                evil,
+                &(paragraphs(&[evil.into()]) + &folded(evil, evil) + &figure("one", evil)),
+            )
+            .to_html();
+        assert!(own(&html) && !own("<!doctype html><html>"));
+        assert!(!html.contains("<img") && !html.contains("src=\""));
+        assert_eq!(html.matches("</script>").count(), 2);
+        assert_eq!(html.matches("<script").count(), 2);
+        let data = data_of(&html).unwrap();
+        assert_eq!(data["name"], evil);
+    }
+}

@@ -1,0 +1,244 @@
+//! A real browser without a window, driven as the W3C's WebDriver has it: HTTP with JSON to Chromium's own driver.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value as Json, json};
+
+/// Longest wait for the driver, or for anything that a page is asked for.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Name under which an element is handed over (WebDriver, section 12).
+const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
+
+/// Keys that are no characters (WebDriver, section 17.4.2).
+pub mod keys {
+    /// End.
+    pub const END: char = '\u{E010}';
+    /// Home.
+    pub const HOME: char = '\u{E011}';
+    /// The arrow to the left.
+    pub const LEFT: char = '\u{E012}';
+    /// The arrow to the right.
+    pub const RIGHT: char = '\u{E014}';
+}
+
+/// The browser; it ends with this.
+pub struct Browser {
+    driver: Child,
+    port: u16,
+    session: String,
+}
+
+impl Browser {
+    /// Starts it, with nothing open.
+    ///
+    /// # Panics
+    /// Where it does not come up.
+    #[must_use]
+    pub fn start() -> Self {
+        let mut driver = Command::new("chromedriver")
+            .args(["--port=0"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("chromedriver starts; it is the package chromium-driver, which tests/setup.sh installs");
+        let said = driver.stdout.take().expect("its output is a pipe");
+        let mut lines = BufReader::new(said).lines();
+        let port = lines.by_ref().map_while(Result::ok).find_map(|line| {
+            line.split("successfully on port ")
+                .nth(1)?
+                .trim_end_matches('.')
+                .parse()
+                .ok()
+        });
+        // What else it says must not fill the pipe.
+        std::thread::spawn(move || lines.count());
+        let mut browser = Self {
+            driver,
+            port: port.expect("chromedriver names its port"),
+            session: String::new(),
+        };
+        let options = [
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--hide-scrollbars",
+        ];
+        let made = browser.post(
+            "/session",
+            &json!({"capabilities": {"alwaysMatch": {
+                "goog:chromeOptions": {"args": options},
+                "goog:loggingPrefs": {"browser": "ALL"},
+            }}}),
+        );
+        let session = made["sessionId"].as_str().expect("a session has a name");
+        browser.session = format!("/session/{session}");
+        browser
+    }
+
+    /// Opens a file and waits until its script has set `data-ready` on the page, or `data-failed`.
+    pub fn open(&self, file: &Path) {
+        let url = format!("file://{}", file.display());
+        self.command("/url", &json!({ "url": url }));
+        self.wait_for("Object.keys(document.documentElement.dataset).length > 0");
+    }
+
+    /// Waits until this holds on the page.
+    pub fn wait_for(&self, condition: &str) {
+        let end = Instant::now() + PATIENCE;
+        while self.script(&format!("return {condition}")) != true {
+            assert!(Instant::now() < end, "never on the page: {condition}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// What a script on the page returns.
+    #[must_use]
+    pub fn script(&self, script: &str) -> Json {
+        self.command("/execute/sync", &json!({"script": script, "args": []}))
+    }
+
+    /// The words that an element shows.
+    #[must_use]
+    pub fn text(&self, selector: &str) -> String {
+        let text = self.get(&format!("/element/{}/text", self.element(selector)));
+        text.as_str().expect("a text").into()
+    }
+
+    /// Presses keys on an element.
+    pub fn press(&self, selector: &str, keys: &str) {
+        let element = self.element(selector);
+        self.command(
+            &format!("/element/{element}/value"),
+            &json!({ "text": keys }),
+        );
+    }
+
+    /// Clicks on an element.
+    pub fn click(&self, selector: &str) {
+        let element = self.element(selector);
+        self.command(&format!("/element/{element}/click"), &json!({}));
+    }
+
+    /// Moves the pointer to so many pixels right of and below an element's middle.
+    pub fn point(&self, selector: &str, x: i32, y: i32) {
+        let origin = json!({ ELEMENT: self.element(selector) });
+        let moved = json!({"type": "pointerMove", "duration": 0, "x": x, "y": y, "origin": origin});
+        self.command(
+            "/actions",
+            &json!({"actions": [{"type": "pointer", "id": "mouse", "actions": [moved]}]}),
+        );
+    }
+
+    /// Gives the window a size.
+    pub fn resize(&self, width: u32, height: u32) {
+        self.command("/window/rect", &json!({"width": width, "height": height}));
+    }
+
+    /// The page on paper, as base64 of a PDF.
+    #[must_use]
+    pub fn print(&self) -> String {
+        let pdf = self.command("/print", &json!({}));
+        pdf.as_str().expect("a PDF").into()
+    }
+
+    /// What the browser complained about.
+    #[must_use]
+    pub fn complaints(&self) -> Vec<String> {
+        let log = self.command("/se/log", &json!({"type": "browser"}));
+        let entries = log.as_array().cloned().unwrap_or_default();
+        entries
+            .iter()
+            .map(|entry| entry["message"].to_string())
+            .collect()
+    }
+
+    fn element(&self, selector: &str) -> String {
+        let found = self.command(
+            "/element",
+            &json!({"using": "css selector", "value": selector}),
+        );
+        found[ELEMENT]
+            .as_str()
+            .unwrap_or_else(|| panic!("no {selector} on the page"))
+            .into()
+    }
+
+    fn command(&self, path: &str, body: &Json) -> Json {
+        self.post(&format!("{}{path}", self.session), body)
+    }
+
+    fn post(&self, path: &str, body: &Json) -> Json {
+        let body = body.to_string();
+        self.ask(&format!(
+            "POST {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
+            body.len()
+        ))
+    }
+
+    fn get(&self, path: &str) -> Json {
+        self.ask(&format!(
+            "GET {}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",
+            self.session
+        ))
+    }
+
+    /// The value of an answer; an error of the driver ends the test with its words.
+    fn ask(&self, request: &str) -> Json {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the driver listens");
+        stream
+            .set_read_timeout(Some(PATIENCE))
+            .expect("a time limit");
+        stream
+            .write_all(request.as_bytes())
+            .expect("the driver reads");
+        let mut reader = BufReader::new(stream);
+        let mut length = 0;
+        loop {
+            let mut line = String::new();
+            reader.read_line(&mut line).expect("the driver answers");
+            let line = line.trim_end().to_lowercase();
+            if line.is_empty() {
+                break;
+            }
+            if let Some(given) = line.strip_prefix("content-length:") {
+                length = given.trim().parse().expect("a length");
+            }
+        }
+        let mut body = vec![0; length];
+        reader
+            .read_exact(&mut body)
+            .expect("the driver's answer is whole");
+        let answer: Json = serde_json::from_slice(&body).expect("the driver's answer is JSON");
+        let value = answer["value"].clone();
+        assert!(
+            value["error"].is_null(),
+            "{}: {}",
+            value["error"],
+            value["message"]
+        );
+        value
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        // Closed by its driver; where that is gone, so is the browser.
+        if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
+            let request = format!(
+                "DELETE {} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",
+                self.session
+            );
+            let _ = stream.set_read_timeout(Some(PATIENCE));
+            let _ = stream.write_all(request.as_bytes());
+            let _ = stream.read(&mut [0; 64]);
+        }
+        let _ = self.driver.kill();
+        let _ = self.driver.wait();
+    }
+}
