@@ -582,6 +582,98 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     assert_eq!(board.ask("status")["target"], "amplitude 0.15 mm");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_commissioning_leaves_a_record_with_settings_before_and_after_readings_and_pictures() {
+    use kband_machines::browser::{Browser, keys};
+
+    let board = Standing::start();
+    let folder = folder();
+    let on = ["--on", &board.port];
+    let step = |words: &[&str]| {
+        let begin = ["commission", "record.html", "--seconds", "1"];
+        came::run(folder.path(), LIMIT, &[&begin[..], words, &on].concat()).done()
+    };
+    step(&["--step", "as found"]);
+    board.ask("disable");
+    board.ask("settings set scatter 0.07");
+    board.ask("settings set soft_start 0.5");
+    board.ask("target mm 0.15");
+    board.ask("enable");
+    let reached = (0..50).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        board.ask("status")["ready"] == true
+    });
+    assert!(reached, "{}", board.ask("status"));
+    let said = step(&["--step", "drive", "--note", "empty <track>"]);
+    assert!(said.contains("amplitude 0.15 mm"), "{said}");
+
+    let file = folder.path().join("record.html");
+    let browser = Browser::start();
+    browser.open(&file);
+    assert_eq!(browser.complaints(), [""; 0]);
+    let tables = browser
+        .script("return [...document.querySelectorAll('table')].map((table) => table.innerText)");
+    let settings = tables[0].as_str().unwrap();
+    let lines: Vec<&str> = settings.lines().collect();
+    assert_eq!(lines.len(), 3, "{settings}");
+    assert!(lines[1].starts_with("scatter\t0.05\t0.07"), "{settings}");
+    assert!(
+        lines[2].starts_with("soft_start\t0.4\t0.5\ts"),
+        "{settings}"
+    );
+    let readings = tables[2].as_str().unwrap();
+    assert!(
+        readings.contains("as found") && readings.contains("holding"),
+        "{readings}"
+    );
+    assert_eq!(
+        browser.script("return document.querySelectorAll('.plot svg').length"),
+        4
+    );
+    assert!(browser.text("main").contains("empty <track>"));
+    // What the picture says is what the board held.
+    browser.press("#amplitude-1 .plot", &keys::RIGHT.to_string());
+    let reading = browser.text("#amplitude-1 .reading");
+    let b: f64 = reading
+        .split("b ")
+        .nth(1)
+        .unwrap()
+        .split(' ')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(
+        reading.contains("holding") && (b - 0.15).abs() < 0.005,
+        "{reading}"
+    );
+
+    // No other file is taken for a record, and it is also JSON.
+    std::fs::write(folder.path().join("other.html"), "<!doctype html>").unwrap();
+    let other = ["commission", "other.html", "--step", "a"];
+    came::run(folder.path(), LIMIT, &[&other[..], &on].concat())
+        .refused(&["is no record", "another name"]);
+    let other = [
+        "commission",
+        "record.json",
+        "--step",
+        "as left",
+        "--seconds",
+        "1",
+    ];
+    came::run(folder.path(), LIMIT, &[&other[..], &on].concat()).done();
+    let record = std::fs::read_to_string(folder.path().join("record.json")).unwrap();
+    let record: Value = serde_json::from_str(&record).unwrap();
+    let last = &record["commissioning"][0];
+    assert_eq!(last["settings"]["scatter"]["value"], 0.07);
+    let rows = last["telemetry"].as_array().unwrap();
+    assert!(
+        rows.len() > 10 && rows.iter().all(|row| row["state"] == "holding"),
+        "{last}"
+    );
+}
+
 /// A pseudo-terminal that takes and gives bytes as they are: its far end, its near end that stays open, and its name.
 #[cfg(unix)]
 fn port() -> (File, File, String) {

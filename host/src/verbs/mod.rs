@@ -9,6 +9,7 @@ pub mod basins;
 pub mod bench;
 pub mod capture;
 pub mod cascade;
+pub mod commission;
 pub mod completions;
 pub mod diagram;
 pub mod disable;
@@ -67,6 +68,7 @@ verbs! {
     Bench => bench,
     Capture => capture,
     Cascade => cascade,
+    Commission => commission,
     Completions => completions,
     Diagram => diagram,
     Disable => disable,

@@ -171,7 +171,7 @@ impl BoardStatus {
         row("time since its start", format!("{} s", self.status.seconds));
         Printout::new(table)
             .note(format!("next: {}", self.next()))
-            .json(&self.json())
+            .json(&self.to_json())
     }
 
     /// Inputs that stop the drive while they are active.
@@ -187,7 +187,8 @@ impl BoardStatus {
         ]
     }
 
-    fn json(&self) -> Json {
+    /// The same as JSON.
+    pub(in crate::verbs) fn to_json(&self) -> Json {
         let alarms: serde_json::Map<String, Json> = self
             .alarms()
             .into_iter()

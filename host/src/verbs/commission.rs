@@ -1,0 +1,144 @@
+//! `kband commission`: the record of a commissioning, step by step.
+
+mod record;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use kband::control::State;
+use kband::wire::{Request, Telemetry};
+use serde_json::{Value as Json, json};
+
+use super::status::BoardStatus;
+use crate::arguments::{self, Printed};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::desk::{Desk, Progress};
+use crate::file::Destination;
+use crate::refusal::{Exit, Refusal};
+use crate::report::shortest;
+use record::Record;
+
+/// Write down a step of a board's commissioning: its settings, its readings, and some seconds of its telemetry.
+///
+/// Each call adds a step to the record; the first says how the board was found, the last how it is left. The record is one page
+/// for the browser, with a picture for each step and the settings before and after, or the same as JSON.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband commission line3.html --step 'as found'
+  kband commission line3.html --step drive --seconds 10 --note 'empty track, target 0.05 mm'
+  kband commission line3.json --step 'as left' --on /dev/ttyACM0
+
+docs/commissioning.md has the steps. Nothing on the board is changed.")]
+pub struct Arguments {
+    /// The record, .html or .json; made where there is none, else it grows by this step.
+    #[arg(value_name = "RECORD.html")]
+    record: PathBuf,
+
+    /// What this step is.
+    #[arg(long, value_name = "WORDS")]
+    step: String,
+
+    /// What else is to be remembered of it.
+    #[arg(long, value_name = "WORDS")]
+    note: Option<String>,
+
+    /// Seconds of telemetry to keep.
+    #[arg(long, value_name = "S", default_value = "3", value_parser = arguments::within(0.5, 600.0, "s"))]
+    seconds: f64,
+
+    #[command(flatten)]
+    address: Address,
+
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// Most rows of telemetry that a step keeps, about so many.
+const ROWS: f64 = 600.0;
+
+/// Asks the board and writes.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let target = Destination::check(&arguments.record)?;
+    let mut record = Record::open(&target)?;
+    let mut link = arguments.address.open(Emulated::Running)?;
+    let settings = BoardSettings::read(&mut link)?;
+    let frequency = f64::from(settings.known().frequency);
+    let every = (arguments.seconds * frequency / ROWS).ceil().max(1.0) as u16;
+    let rows = telemetry(&mut link, every, arguments.seconds, desk)?;
+    let status = BoardStatus::ask(&mut link)?;
+    let values: serde_json::Map<String, Json> = settings
+        .iter()
+        .map(|setting| {
+            let value = json!({"value": shortest(setting.value), "unit": setting.unit});
+            (setting.key.clone(), value)
+        })
+        .collect();
+    record.add(json!({
+        "step": arguments.step,
+        "note": arguments.note,
+        "time_utc": record::now(),
+        "image": link.image(),
+        "status": status.to_json(),
+        "settings": values,
+        "telemetry": kept(&rows, frequency),
+    }));
+    record.write(&target)?;
+    status.printout()?.print(arguments.printed.format)?;
+    eprintln!(
+        "{}: step {}, {}",
+        target.told(),
+        record.steps(),
+        arguments.step
+    );
+    Ok(Exit::Done)
+}
+
+/// What the board sends in so many seconds, each `every`-th cycle.
+fn telemetry(
+    link: &mut Link,
+    every: u16,
+    seconds: f64,
+    desk: &Desk,
+) -> Result<Vec<Telemetry>, Refusal> {
+    let progress = Progress::new("listening", (10.0 * seconds) as u64);
+    let mut rows = Vec::new();
+    let begun = Instant::now();
+    link.tell(&Request::Telemetry(every))?;
+    let heard = (|| {
+        while begun.elapsed().as_secs_f64() < seconds {
+            desk.go_on()?;
+            for said in link.listen(Duration::from_millis(100))? {
+                if let Unasked::Telemetry(row) = said {
+                    rows.push(row);
+                }
+            }
+            progress.advance(1);
+        }
+        Ok(())
+    })();
+    progress.finish();
+    // Off again, whatever came.
+    link.tell(&Request::Telemetry(0))?;
+    heard.map(|()| rows)
+}
+
+/// The rows as the record keeps them, with the time from the first.
+fn kept(rows: &[Telemetry], frequency: f64) -> Vec<Json> {
+    let first = rows.first().map_or(0, |row| row.cycle);
+    let finite = |value: f32| Some(value).filter(|value| value.is_finite()).map(shortest);
+    rows.iter()
+        .map(|row| {
+            let time = f64::from(row.cycle.wrapping_sub(first)) / frequency;
+            json!({
+                "time_s": (time * 1e4).round() / 1e4,
+                "amplitude_mm": finite(row.amplitude * 1e3),
+                "setpoint_mm": finite(row.setpoint * 1e3),
+                "k": finite(row.k),
+                "output": finite(row.output),
+                "impacts_per_cycle": finite(row.rate),
+                "in_gear_heard": finite(row.in_gear),
+                "state": State::numbered(row.state).map(State::name),
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,240 @@
+//! The record of a commissioning: read, grown by a step, and written as a page or as JSON.
+
+use std::fs;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde_json::{Value as Json, json};
+
+use crate::file::Destination;
+use crate::page::{self, Page};
+use crate::refusal::Refusal;
+
+/// The pictures of the page.
+const FIGURES: &str = include_str!("record.js");
+
+/// The steps so far.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Record {
+    steps: Vec<Json>,
+}
+
+impl Record {
+    /// The record in a file, or a new one where there is none. A file that is no record is refused: it would be lost.
+    ///
+    /// It is read here and not by [`crate::file`], which forbids to write what was read: this file grows.
+    pub fn open(target: &Destination) -> Result<Self, Refusal> {
+        let path = target.path();
+        if !["html", "htm", "json"].contains(&target.ending().as_str()) {
+            return Err(Refusal::value(
+                "RECORD",
+                path.display(),
+                "a file name that ends in .html or .json",
+                "change the ending",
+            ));
+        }
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        let text = fs::read_to_string(path)
+            .map_err(|error| Refusal::file(path, &error, "give another name"))?;
+        Self::read(&text).ok_or_else(|| {
+            Refusal::new(
+                format!(
+                    "{} is there already, and is no record of a commissioning",
+                    path.display()
+                ),
+                "give another name",
+            )
+        })
+    }
+
+    /// The record in a page or in JSON.
+    fn read(text: &str) -> Option<Self> {
+        let data = if page::own(text) {
+            page::data_of(text)?
+        } else {
+            serde_json::from_str(text).ok()?
+        };
+        let steps = data.get("commissioning")?.as_array()?.clone();
+        Some(Self { steps })
+    }
+
+    pub fn add(&mut self, step: Json) {
+        self.steps.push(step);
+    }
+
+    pub fn steps(&self) -> usize {
+        self.steps.len()
+    }
+
+    pub fn write(&self, target: &Destination) -> Result<(), Refusal> {
+        let data = json!({"version": env!("CARGO_PKG_VERSION"), "commissioning": self.steps});
+        let text = if target.ending() == "json" {
+            format!("{data:#}\n")
+        } else {
+            self.page(data).to_html()
+        };
+        target.write_bytes(text.as_bytes())
+    }
+
+    fn page(&self, data: Json) -> Page {
+        let words = |value: &Json| match value {
+            Json::Null => "-".to_string(),
+            Json::String(text) => text.clone(),
+            Json::Number(number) => number
+                .as_f64()
+                .map_or("-".into(), |number| crate::report::number(number, 4)),
+            other => other.to_string(),
+        };
+        let readings = [
+            ("state", "state"),
+            ("fault", "fault"),
+            ("target", "target"),
+            ("enable input", "enable_input"),
+            ("mean acceleration / m/s\u{b2}", "mean_acceleration_m_s2"),
+            ("b / mm", "amplitude_mm"),
+            ("setpoint / mm", "setpoint_mm"),
+            ("k", "k"),
+            ("output", "output"),
+            ("in gear heard", "in_gear_heard"),
+        ];
+        let heads: Vec<&str> = std::iter::once("step")
+            .chain(readings.iter().map(|(name, _)| *name))
+            .collect();
+        let rows: Vec<Vec<String>> = self
+            .steps
+            .iter()
+            .map(|step| {
+                std::iter::once(words(&step["step"]))
+                    .chain(readings.iter().map(|(_, key)| words(&step["status"][*key])))
+                    .collect()
+            })
+            .collect();
+        let (changed, all) = self.settings(&words);
+        let setting_heads = ["key", "before", "after", "unit"];
+        let about = format!(
+            "{} steps, the settings before those of the first, after those of the last.",
+            self.steps.len()
+        );
+        let settings = if changed.is_empty() {
+            page::paragraphs(&["No setting differs between the first step and the last.".into()])
+        } else {
+            page::table(&setting_heads, &changed)
+        } + "<details><summary>all settings</summary>\n"
+            + &page::table(&setting_heads, &all)
+            + "</details>\n";
+        let mut page = Page::new("Record of a commissioning", data, FIGURES)
+            .section(
+                "Settings that were changed",
+                &(page::paragraphs(&[about]) + &settings),
+            )
+            .section("Readings", &page::table(&heads, &rows));
+        for (n, step) in self.steps.iter().enumerate() {
+            let mut lines = vec![format!(
+                "{}, image {}",
+                words(&step["time_utc"]),
+                words(&step["image"])
+            )];
+            lines.extend(step["note"].as_str().map(String::from));
+            page = page.section(
+                &format!("Step {}: {}", n + 1, words(&step["step"])),
+                &(page::paragraphs(&lines)
+                    + &page::figure(&format!("amplitude-{n}"), "Amplitude of the track over time, and what the target asks for.")
+                    + &page::figure(&format!("shares-{n}"), "Output of the drive as a share of the full one, and share of time in gear as heard.")),
+            );
+        }
+        page
+    }
+
+    /// Settings before and after: those that differ, and all.
+    fn settings(&self, words: &dyn Fn(&Json) -> String) -> (Vec<Vec<String>>, Vec<Vec<String>>) {
+        let empty = serde_json::Map::new();
+        let of = |step: Option<&Json>| -> serde_json::Map<String, Json> {
+            step.and_then(|step| step["settings"].as_object())
+                .unwrap_or(&empty)
+                .clone()
+        };
+        let (before, after) = (of(self.steps.first()), of(self.steps.last()));
+        let row = |key: &String| {
+            let of = |settings: &serde_json::Map<String, Json>| {
+                settings
+                    .get(key)
+                    .map_or("-".into(), |setting| words(&setting["value"]))
+            };
+            let unit = after
+                .get(key)
+                .map_or(String::new(), |setting| words(&setting["unit"]));
+            vec![key.clone(), of(&before), of(&after), unit]
+        };
+        let all: Vec<Vec<String>> = after.keys().map(row).collect();
+        let changed = all.iter().filter(|row| row[1] != row[2]).cloned().collect();
+        (changed, all)
+    }
+}
+
+/// Now, as ISO 8601 has it, in UTC.
+pub(super) fn now() -> String {
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    written(since.as_secs())
+}
+
+/// So many seconds after 1970.
+fn written(seconds: u64) -> String {
+    let (days, rest) = (seconds / 86_400, seconds % 86_400);
+    // Days to a date by eras of 400 years that begin in March (Hinnant, "chrono-compatible low-level date algorithms").
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
+    let year = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year + year / 4 - year / 100);
+    let moon = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * moon + 2) / 5 + 1;
+    let month = if moon < 10 { moon + 3 } else { moon - 9 };
+    let year = year + 400 * era + u64::from(month <= 2);
+    format!(
+        "{year}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z",
+        rest / 3600,
+        rest / 60 % 60,
+        rest % 60
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        // date -u -d @N
+        for (seconds, date) in [
+            (0, "1970-01-01T00:00:00Z"),
+            (951_782_399, "2000-02-28T23:59:59Z"),
+            (951_782_400, "2000-02-29T00:00:00Z"),
+            (1_709_251_199, "2024-02-29T23:59:59Z"),
+            (4_107_542_400, "2100-03-01T00:00:00Z"),
+        ] {
+            assert_eq!(written(seconds), date);
+        }
+    }
+
+    #[test]
+    fn a_record_grows_and_is_read_back_from_page_and_json() {
+        let step = |gain: f64| {
+            json!({"step": "a <b>", "note": null, "status": {"k": 0.41},
+                "settings": {"gain": {"value": gain, "unit": "mm"}, "quality": {"value": 25.0, "unit": ""}}, "telemetry": []})
+        };
+        let mut record = Record::default();
+        record.add(step(1.0));
+        record.add(step(1.25));
+        let data = json!({"commissioning": record.steps});
+        let html = record.page(data.clone()).to_html();
+        assert!(html.contains("<td>gain</td><td>1</td><td>1.25</td><td>mm</td>"));
+        for text in [html, data.to_string()] {
+            assert_eq!(Record::read(&text).unwrap().steps, record.steps);
+        }
+        for text in ["", "{}", "[1]", "<!doctype html>", "{\"commissioning\": 3}"] {
+            assert!(Record::read(text).is_none(), "{text}");
+        }
+    }
+}
