@@ -97,10 +97,12 @@ fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
             _ => "f64",
         },
         "capture" => "plan in hybrid (fixed point and f32), map and runs in f64",
-        "simulate" | "gear" => "plant in f64, controller in f32 and hybrid as on the board",
+        "simulate" | "report" | "gear" => {
+            "plant in f64, controller in f32 and hybrid as on the board"
+        }
         "bench" => "each kernel its own",
-        "identify" | "monitor" | "settings" | "status" | "target" | "enable" | "disable"
-        | "flash" | "live" => "the board's: f32 and hybrid",
+        "commission" | "identify" | "monitor" | "settings" | "status" | "target" | "enable"
+        | "disable" | "flash" | "live" => "the board's: f32 and hybrid",
         _ => "f64",
     }
 }

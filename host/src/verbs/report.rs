@@ -11,8 +11,10 @@ use crate::arguments;
 use crate::desk::Desk;
 use crate::file::{self, Destination};
 use crate::page::{self, Page};
+use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
+use crate::simulate::schema;
 use crate::simulate::{DEFAULT, Outcome, SceneFile, at_line, scene_table};
 use data::Feeder;
 
@@ -67,6 +69,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let named = |refusal: Refusal| at_line(refusal, &text).at(&name);
     let mut table = scene_table(&text).map_err(named)?;
     arguments.adapt(&mut table);
+    provenance::scene(&table, |section, key| schema::unit(section, key).into());
     let scene = SceneFile::from_table(table.clone()).map_err(named)?;
     let target = match &arguments.out {
         Some(path) => Destination::check(path)?,
@@ -83,7 +86,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let outcome = Outcome::run(&scene, desk)?;
     let feeder = Feeder::of(&outcome)?;
     let written = toml::to_string(&table).unwrap_or_default();
-    let page = page(&feeder, &outcome, &name, &written, desk)?;
+    let page = page(&feeder, &outcome, &written, desk)?;
     target.write_bytes(page.to_html().as_bytes())?;
     eprintln!("{}", target.told());
     Ok(Exit::Done)
@@ -119,14 +122,8 @@ impl Arguments {
     }
 }
 
-fn page(
-    feeder: &Feeder,
-    outcome: &Outcome,
-    name: &str,
-    written: &str,
-    desk: &Desk,
-) -> Result<Page, Refusal> {
-    let data = data::all(feeder, outcome, name, written, desk)?;
+fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Result<Page, Refusal> {
+    let data = data::all(feeder, outcome, desk)?;
     let heads = [
         "order",
         "b / mm",
@@ -138,7 +135,10 @@ fn page(
     let words = page::paragraphs(&super::simulate::plain_words(outcome))
         + &page::table(&heads, &feeder.bands_in_words()?)
         + &page::folded("the scene", written)
-        + &page::folded("how this page was made", &data["provenance"].to_string());
+        + &page::folded(
+            "how this page was made",
+            &format!("{:#}", data["provenance"]),
+        );
     Ok(Page::new(&format!("A feeder at {} Hz", number(feeder.frequency(), 6)), data, FIGURES)
         .section("In plain words", &words)
         .section(

@@ -3,10 +3,11 @@
 use std::fs;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use serde_json::{Value as Json, json};
+use serde_json::{Map, Value as Json, json};
 
 use crate::file::Destination;
 use crate::page::{self, Page};
+use crate::provenance;
 use crate::refusal::Refusal;
 
 /// The pictures of the page.
@@ -68,7 +69,7 @@ impl Record {
     }
 
     pub fn write(&self, target: &Destination) -> Result<(), Refusal> {
-        let data = json!({"version": env!("CARGO_PKG_VERSION"), "commissioning": self.steps});
+        let data = provenance::with(json!({"commissioning": self.steps}), Map::new());
         let text = if target.ending() == "json" {
             format!("{data:#}\n")
         } else {

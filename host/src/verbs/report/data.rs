@@ -6,11 +6,12 @@ use kband::control::Event;
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{Tone, Wave};
 use kband::regime::band::{self, Band};
-use serde_json::{Value as Json, json};
+use serde_json::{Map, Value as Json, json};
 
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED};
 use crate::picture::Fill;
+use crate::provenance;
 use crate::refusal::Refusal;
 use crate::report::number;
 use crate::simulate::{Outcome, STATE_FILLS, state_fill};
@@ -136,16 +137,10 @@ fn pairs(points: Vec<(f64, f64)>, scale: f64) -> Vec<[f64; 2]> {
 }
 
 /// Everything that the page draws.
-pub(super) fn all(
-    feeder: &Feeder,
-    outcome: &Outcome,
-    name: &str,
-    written: &str,
-    desk: &Desk,
-) -> Result<Json, Refusal> {
+pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Json, Refusal> {
     let settings = &outcome.file().scene.settings;
     Ok(json!({
-        "provenance": provenance(name, written),
+        "provenance": provenance::object(Map::new()),
         "feeder": {
             "frequency_hz": feeder.frequency(),
             "incline_degrees": short(feeder.track.incline().to_degrees()),
@@ -163,17 +158,6 @@ pub(super) fn all(
         "transport": speeds(feeder, desk)?,
         "run": run(outcome),
     }))
-}
-
-/// Whatever is needed to make the page again.
-fn provenance(name: &str, written: &str) -> Json {
-    json!({
-        "command": std::env::args().skip(1).fold("kband".to_string(), |line, word| line + " " + &word),
-        "version": env!("CARGO_PKG_VERSION"),
-        "arithmetic": "f64",
-        "scene": name,
-        "scene_toml": written,
-    })
 }
 
 /// The bands of single restitutions in k, which belong to no drive.
