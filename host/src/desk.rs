@@ -1,9 +1,11 @@
 //! Work on all cores, with progress and Ctrl-C.
 
 use std::io::IsTerminal;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
@@ -97,50 +99,80 @@ impl Desk {
     }
 }
 
-/// A progress bar on a terminal's standard error, shown only once the work has taken a second.
+/// Time after which work that goes on is shown: what ends before needs no bar.
+const SHOWN_AFTER: Duration = Duration::from_millis(400);
+
+/// A progress bar on a terminal's standard error, shown within the first second, whether or not a step is done by then.
 #[derive(Debug)]
 pub struct Progress {
-    title: String,
-    begun: Instant,
     bar: ProgressBar,
-    hidden: AtomicBool,
+    /// What shows it, and what tells that the work was over before.
+    waiting: Mutex<Option<(Sender<()>, JoinHandle<()>)>>,
 }
 
 impl Progress {
     /// A bar of `length` steps.
     #[must_use]
     pub fn new(title: &str, length: u64) -> Self {
+        Self::on(title, length, std::io::stderr().is_terminal())
+    }
+
+    fn on(title: &str, length: u64, shown: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
+        let waiting = shown.then(|| {
+            let (over, told) = channel();
+            let (bar, title) = (bar.clone(), title.to_string());
+            let shows = std::thread::spawn(move || {
+                if told.recv_timeout(SHOWN_AFTER) == Err(RecvTimeoutError::Timeout) {
+                    show(&bar, title);
+                }
+            });
+            (over, shows)
+        });
         Self {
-            title: title.into(),
-            begun: Instant::now(),
-            bar: ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden()),
-            hidden: AtomicBool::new(true),
+            bar,
+            waiting: Mutex::new(waiting),
         }
     }
 
     /// Counts steps that are done.
     pub fn advance(&self, steps: u64) {
         self.bar.inc(steps);
-        if self.hidden.load(Ordering::Relaxed)
-            && self.begun.elapsed() > Duration::from_secs(1)
-            && self.hidden.swap(false, Ordering::Relaxed)
-            && std::io::stderr().is_terminal()
-        {
-            if let Ok(style) =
-                ProgressStyle::with_template("{prefix} [{wide_bar}] {percent:>3} % {eta:>4} left")
-            {
-                self.bar.set_style(style.progress_chars("=> "));
-            }
-            self.bar.set_prefix(self.title.clone());
-            self.bar
-                .set_draw_target(ProgressDrawTarget::stderr_with_hz(10));
-        }
     }
 
     /// Removes the bar.
     pub fn finish(&self) {
+        let waiting = self
+            .waiting
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some((over, shows)) = waiting {
+            drop(over);
+            // It cannot panic; and if it did there would be no bar.
+            let _ = shows.join();
+        }
         self.bar.finish_and_clear();
     }
+}
+
+impl Drop for Progress {
+    /// Work that was refused leaves no bar either.
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+/// Shows a bar, and goes on showing how long it has been at it.
+fn show(bar: &ProgressBar, title: String) {
+    let form = "{prefix} [{wide_bar}] {percent:>3} % {elapsed:>3} so far, {eta:>3} left";
+    if let Ok(style) = ProgressStyle::with_template(form) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(title);
+    bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(10));
+    bar.tick();
+    bar.enable_steady_tick(Duration::from_millis(250));
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use crate::bench::contest::{Contestant, LAUNCHES, contestants};
 use crate::bench::instructions::{self, Count};
 use crate::bench::workload::Workload;
 use crate::bench::{Measurement, median, scene, skips, waves};
-use crate::desk::Desk;
+use crate::desk::{Desk, Progress};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns, number};
@@ -61,12 +61,16 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let output = arguments.drawn.output()?;
     let mut lines = Vec::new();
+    let progress = Progress::new("bench", Workload::ALL.len() as u64 + 2);
     for workload in Workload::ALL {
         lines.extend(measure(workload, arguments, desk)?);
+        progress.advance(1);
     }
     let skips = skips::lines(arguments.rounds);
+    progress.advance(1);
     desk.go_on()?;
     let scenes = scene::lines(arguments.rounds);
+    progress.finish();
     let (counts, missing) = instructions::counts();
 
     let mut table = Table::new(&[
