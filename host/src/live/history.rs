@@ -10,6 +10,9 @@ use super::source::Seen;
 /// Length of the memory in s.
 pub(super) const WINDOW: f64 = 30.0;
 
+/// Events that are remembered, as many as a tall terminal shows.
+const SAID: usize = 100;
+
 /// Time over which the conveying speed is taken, in s.
 const SPEED: f64 = 1.0;
 
@@ -75,7 +78,7 @@ impl History {
         {
             self.strikes.pop_front();
         }
-        while self.said.len() > 20 {
+        while self.said.len() > SAID {
             self.said.pop_front();
         }
         self.now = Some(seen);
@@ -108,6 +111,11 @@ impl History {
 
     pub(super) fn said(&self) -> impl DoubleEndedIterator<Item = &(f64, String)> {
         self.said.iter()
+    }
+
+    /// The states that were held within the window.
+    pub(super) fn states(&self) -> impl Iterator<Item = State> + '_ {
+        self.states.iter().map(|(_, state)| *state)
     }
 
     /// The state at a time; `None` before the first.

@@ -59,28 +59,26 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
     let _restored = Restored;
     let mut history = History::default();
     let begun = Instant::now();
-    let (mut last, mut paused) = (begun, false);
+    let (mut last, mut shown) = (begun, screen::Shown::default());
     while desk.go_on().is_ok() && pace.limit.is_none_or(|limit| begun.elapsed() < limit) {
         let now = Instant::now();
         // A desk that was asleep does not catch up.
         let passed = (now - last).min(4 * FRAME).as_secs_f64();
         last = now;
         // A board is listened to while the picture stands, or it would take the link for lost.
-        let seconds = if paused { 0.0 } else { passed * pace.speed };
+        let seconds = if shown.paused {
+            0.0
+        } else {
+            passed * pace.speed
+        };
         for seen in source.advance(seconds)? {
-            if !paused {
+            if !shown.paused {
                 history.take(seen);
             }
         }
         terminal
             .draw(|frame| {
-                screen::draw(
-                    frame,
-                    &history,
-                    &source.assignment(),
-                    &source.name(),
-                    paused,
-                )
+                screen::draw(frame, &history, &source.assignment(), &source.name(), shown)
             })
             .map_err(failed)?;
         let mut wait = FRAME.saturating_sub(now.elapsed());
@@ -94,9 +92,11 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
             }
             let control = key.modifiers.contains(KeyModifiers::CONTROL);
             match key.code {
+                KeyCode::Esc if shown.help => shown.help = false,
                 KeyCode::Char('q') | KeyCode::Esc => return Ok(()),
+                KeyCode::Char('?' | 'h') => shown.help = !shown.help,
                 KeyCode::Char('c') if control => return Ok(()),
-                KeyCode::Char('p' | ' ') => paused = !paused,
+                KeyCode::Char('p' | ' ') => shown.paused = !shown.paused,
                 KeyCode::Char(letter) => {
                     if let Some(wish) = wish(letter, &source.assignment(), &history)
                         && let Err(refusal) = source.obey(wish)

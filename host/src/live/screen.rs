@@ -9,11 +9,20 @@ use ratatui::style::{Color, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::canvas::{Canvas, Circle, Line as Stroke, Points};
-use ratatui::widgets::{Block, Paragraph};
+use ratatui::widgets::{Block, Clear, Paragraph};
 
 use super::history::{History, WINDOW};
-use super::source::Assignment;
+use super::source::{Assignment, Seen};
 use crate::simulate::describe;
+
+/// What the user has asked the screen for.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Shown {
+    /// The picture stands.
+    pub paused: bool,
+    /// Keys and signs are explained.
+    pub help: bool,
+}
 
 /// Draws everything.
 pub(super) fn draw(
@@ -21,7 +30,7 @@ pub(super) fn draw(
     history: &History,
     assignment: &Assignment,
     name: &str,
-    paused: bool,
+    shown: Shown,
 ) {
     let area = frame.area();
     if area.width < 60 || area.height < 20 {
@@ -35,7 +44,8 @@ pub(super) fn draw(
     let [head, body, events, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Min(14),
-        Constraint::Length(5),
+        // Half of what is more than 24 lines.
+        Constraint::Length(5 + area.height.saturating_sub(24) / 2),
         Constraint::Length(1),
     ])
     .areas(area);
@@ -49,16 +59,105 @@ pub(super) fn draw(
     .areas(left);
     let [clock, numbers] =
         Layout::vertical([Constraint::Min(7), Constraint::Length(10)]).areas(right);
-    draw_head(frame, head, history, assignment, name, paused);
+    draw_head(frame, head, history, assignment, name, shown.paused);
     draw_gauge(frame, gauge, history, assignment);
     draw_trace(frame, trace, history, assignment);
     draw_ribbon(frame, ribbon, history);
     draw_clock(frame, clock, history, assignment);
     draw_numbers(frame, numbers, history);
     draw_events(frame, events, history);
-    let help = "q quit  e enable  1-8 lock  g gear  x chaotic  + - k  c capture anew  p pause";
-    frame.render_widget(Paragraph::new(help).dim(), keys);
+    frame.render_widget(Paragraph::new(foot(history, assignment)), keys);
+    if shown.help {
+        draw_help(frame, area);
+    }
 }
+
+/// What to do where the drive stands still, else the keys.
+fn foot(history: &History, assignment: &Assignment) -> Line<'static> {
+    match history.now().and_then(|seen| advice(seen, assignment)) {
+        Some(advice) => Line::from(vec![
+            Span::from("? help  ").dim(),
+            Span::from(advice).yellow(),
+        ]),
+        None => Line::from(
+            "? help  q quit  e enable  1-8 lock  g gear  x chaos  + - k  c capture anew  p pause",
+        )
+        .dim(),
+    }
+}
+
+/// The next step where the drive is off or has no amplitude to go to.
+fn advice(seen: &Seen, assignment: &Assignment) -> Option<String> {
+    if let Some(fault) = seen.fault() {
+        let number = fault.number();
+        return Some(format!(
+            "stopped by fault {number}: kband explain fault {number}"
+        ));
+    }
+    if seen.telemetry.setpoint <= 0.0 {
+        return Some(match assignment.no_setpoint() {
+            Some(why) => format!("no setpoint: {why}"),
+            None => "no setpoint yet: the amplitude for this target is being chosen".into(),
+        });
+    }
+    (seen.state() == State::Off)
+        .then(|| "the drive is off: e enables it; a board needs its input given anew".into())
+}
+
+/// Keys, letters of the states and signs.
+fn draw_help(frame: &mut Frame<'_>, area: Rect) {
+    let mut lines: Vec<Line<'_>> = [
+        "q        quit            p    let the picture stand",
+        "e        enable, or bring the drive to rest",
+        "1 to 8   lock of that order: cycles in a flight",
+        "g  x     in gear of order 1; chaos",
+        "+  -     k by 0.005: less and more amplitude",
+        "c        capture anew    ?    this help",
+        "",
+        "\u{25c6} k now, \u{2588} the lot's band; blue lines: its ends",
+        "circle: phase of the drive; \u{2022} impacts, hand: their mean,",
+        "  blue tick: where a locked part strikes",
+        "R s for: restitution and scatter heard, cycles to loss",
+        "",
+    ]
+    .map(Line::from)
+    .into();
+    for row in STATES.chunks(3) {
+        let of = |state: &State| {
+            let (letter, colour) = look(*state);
+            [
+                Span::from(format!(" {letter} "))
+                    .fg(Color::Black)
+                    .bg(colour),
+                Span::from(format!(" {:<12}", state.name())),
+            ]
+        };
+        lines.push(Line::from(row.iter().flat_map(of).collect::<Vec<_>>()));
+    }
+    let (width, height) = (58, lines.len() as u16 + 2);
+    let place = Rect {
+        x: area.x + area.width.saturating_sub(width) / 2,
+        y: area.y + area.height.saturating_sub(height) / 2,
+        width: width.min(area.width),
+        height: height.min(area.height),
+    };
+    frame.render_widget(Clear, place);
+    let block = Block::bordered().title(" help: ? or Esc closes it ");
+    frame.render_widget(Paragraph::new(lines).block(block), place);
+}
+
+/// The states in the order of their legend.
+const STATES: [State; 9] = [
+    State::Off,
+    State::Starting,
+    State::Holding,
+    State::Capturing,
+    State::Locked,
+    State::Lost,
+    State::Limiting,
+    State::Fault,
+    State::Stopping,
+];
 
 fn look(state: State) -> (char, Color) {
     match state {
@@ -82,7 +181,7 @@ fn draw_head(
     name: &str,
     paused: bool,
 ) {
-    let state = history.now().map_or(State::Off, super::Seen::state);
+    let state = history.now().map_or(State::Off, Seen::state);
     let badge = format!(" {} ", state.name().to_uppercase());
     let line = Line::from(vec![
         Span::from("kband live ").bold(),
@@ -208,7 +307,7 @@ fn draw_trace(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
 }
 
 fn draw_ribbon(frame: &mut Frame<'_>, area: Rect, history: &History) {
-    let block = Block::bordered().title(" o off s start h hold c kick L lock ! lost F fault ");
+    let block = Block::bordered().title(legend(history, area.width));
     let width = usize::from(block.inner(area).width).max(1);
     let end = history.time();
     let cell = |n: usize| {
@@ -226,6 +325,32 @@ fn draw_ribbon(frame: &mut Frame<'_>, area: Rect, history: &History) {
     frame.render_widget(Paragraph::new(line).block(block), area);
 }
 
+/// The letters of all states where there is room for them, else of those in the window.
+fn legend(history: &History, width: u16) -> String {
+    let words = |states: &mut dyn Iterator<Item = State>| {
+        let of = |state: State| format!("{} {}", look(state).0, state.name());
+        format!(" {} ", states.map(of).collect::<Vec<_>>().join("  "))
+    };
+    let all = words(&mut STATES.into_iter());
+    if all.chars().count() + 2 <= usize::from(width) {
+        all
+    } else {
+        words(
+            &mut STATES
+                .into_iter()
+                .filter(|state| history.states().any(|held| held == *state)),
+        )
+    }
+}
+
+/// Half of the width and half of the height of a canvas in which a circle is round and has room for its words: a
+/// character is about twice as high as it is wide.
+fn round(inner: Rect) -> (f64, f64) {
+    let ratio = f64::from(inner.width.max(1)) / (2.0 * f64::from(inner.height.max(1)));
+    let high = f64::max(1.4, 1.7 / ratio);
+    (ratio * high, high)
+}
+
 fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: &Assignment) {
     let strikes: Vec<(f64, f64)> = history
         .strikes()
@@ -236,11 +361,13 @@ fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
     let wanted = history
         .now()
         .and_then(|seen| assignment.lock_phase(f64::from(seen.telemetry.k)));
+    let block = Block::bordered().title(" impact phase ");
+    let (wide, high) = round(block.inner(area));
     let canvas = Canvas::default()
-        .block(Block::bordered().title(" impact phase "))
+        .block(block)
         .marker(Marker::Braille)
-        .x_bounds([-2.1, 2.1])
-        .y_bounds([-1.4, 1.4])
+        .x_bounds([-wide, wide])
+        .y_bounds([-high, high])
         .paint(|context| {
             context.draw(&Circle::new(0.0, 0.0, 1.0, Color::DarkGray));
             if let Some(phase) = wanted.map(|phase| phase.rem_euclid(TAU)) {
@@ -252,9 +379,9 @@ fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
                 let (x, y) = (0.9 * phase.cos(), 0.9 * phase.sin());
                 context.draw(&Stroke::new(0.0, 0.0, x, y, Color::Reset));
             }
-            context.print(1.35, -0.05, "0");
-            context.print(-0.15, 1.4, "π/2");
-            context.print(-1.5, -0.05, "π");
+            context.print(1.3, 0.0, "0");
+            context.print(-0.15, 1.3, "π/2");
+            context.print(-1.4, 0.0, "π");
             context.layer();
             for (x, y) in &strikes {
                 context.print(*x, *y, Line::from("•").yellow());
@@ -359,9 +486,19 @@ mod tests {
     use crate::simulate::{DEFAULT, SceneFile};
 
     fn shown(width: u16, height: u16, history: &History, assignment: &Assignment) -> String {
+        drawn(width, height, history, assignment, Shown::default())
+    }
+
+    fn drawn(
+        width: u16,
+        height: u16,
+        history: &History,
+        assignment: &Assignment,
+        shown: Shown,
+    ) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal
-            .draw(|frame| draw(frame, history, assignment, "a test", false))
+            .draw(|frame| draw(frame, history, assignment, "a test", shown))
             .unwrap();
         let buffer = terminal.backend().buffer();
         let mut text = String::new();
@@ -399,6 +536,133 @@ mod tests {
         ] {
             assert!(screen.contains(words), "'{words}' is missing:\n{screen}");
         }
+    }
+
+    /// A source that has run for some seconds, and what was seen of it.
+    fn ran(seconds: f64) -> (Simulation, History) {
+        let file = SceneFile::parse(DEFAULT).unwrap();
+        let mut source = Simulation::build("the default scene", &file).unwrap();
+        let mut history = History::default();
+        for seen in source.advance(seconds).unwrap() {
+            history.take(seen);
+        }
+        (source, history)
+    }
+
+    #[test]
+    fn the_help_explains_every_key_and_every_state() {
+        let (source, history) = ran(2.0);
+        let help = Shown {
+            help: true,
+            ..Shown::default()
+        };
+        for (width, height) in [(80, 24), (60, 20), (140, 50)] {
+            let screen = drawn(width, height, &history, &source.assignment(), help);
+            for state in STATES {
+                let (letter, _) = look(state);
+                let entry = format!(" {letter}  {}", state.name());
+                assert!(screen.contains(&entry), "'{entry}' is missing:\n{screen}");
+            }
+            for words in [
+                "? or Esc closes it",
+                "e        enable",
+                "chaos",
+                "blue tick",
+            ] {
+                assert!(screen.contains(words), "'{words}' is missing:\n{screen}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_legend_is_whole_where_there_is_room_and_else_of_what_is_seen() {
+        let (source, history) = ran(3.0);
+        let wide = shown(160, 40, &history, &source.assignment());
+        for state in STATES {
+            assert!(
+                wide.contains(&format!("{} {}", look(state).0, state.name())),
+                "{wide}"
+            );
+        }
+        let narrow = shown(80, 24, &history, &source.assignment());
+        assert!(
+            narrow.contains(" o off  s starting  h holding "),
+            "{narrow}"
+        );
+    }
+
+    #[test]
+    fn a_drive_that_is_off_or_has_nowhere_to_go_is_told_what_to_do() {
+        use super::super::Wish;
+        let (mut source, mut history) = ran(3.0);
+        source.obey(Wish::Enable(false)).unwrap();
+        history.take(source.advance(3.0).unwrap().pop().unwrap());
+        let off = shown(80, 24, &history, &source.assignment());
+        assert!(off.contains("the drive is off: e enables it"), "{off}");
+        // A lot without a common band has no lock.
+        let mut wide = SceneFile::parse(DEFAULT).unwrap();
+        wide.scene.settings.restitution_low = 0.1;
+        wide.scene.settings.restitution_high = 0.3;
+        wide.scene.target = Target::Locked { order: 1 };
+        let mut source = Simulation::build("a wide lot", &wide).unwrap();
+        history.take(source.advance(0.5).unwrap().pop().unwrap());
+        let none = shown(80, 24, &history, &source.assignment());
+        assert!(none.contains("? help  no setpoint: no band"), "{none}");
+    }
+
+    #[test]
+    fn the_circle_is_round_and_the_events_take_the_room_that_is_there() {
+        let (source, _) = ran(0.1);
+        for (width, height) in [(80, 24), (100, 24), (80, 50), (160, 50)] {
+            let screen = shown(width, height, &History::default(), &source.assignment());
+            let clock: Vec<String> = screen
+                .lines()
+                .map(|line| {
+                    line.chars()
+                        .skip(usize::from(width) - 27)
+                        .take(26)
+                        .collect()
+                })
+                .collect();
+            // Dots of braille, 2 by 4 in a character, of the rows of the clock alone.
+            let (mut across, mut down) = (Vec::new(), Vec::new());
+            for (row, line) in clock.iter().enumerate() {
+                for (column, sign) in line.chars().enumerate() {
+                    let bits = (sign as u32).wrapping_sub(0x2800);
+                    if bits == 0 || bits > 0xff {
+                        continue;
+                    }
+                    for (bit, x, y) in [
+                        (0, 0, 0),
+                        (1, 0, 1),
+                        (2, 0, 2),
+                        (6, 0, 3),
+                        (3, 1, 0),
+                        (4, 1, 1),
+                        (5, 1, 2),
+                        (7, 1, 3),
+                    ] {
+                        if bits >> bit & 1 == 1 {
+                            across.push(2 * column + x);
+                            down.push(4 * row + y);
+                        }
+                    }
+                }
+            }
+            let extent = |of: &[usize]| of.iter().max().unwrap() - of.iter().min().unwrap();
+            let (wide, high) = (extent(&across), extent(&down));
+            assert!(wide.abs_diff(high) <= 3, "{wide} x {high} dots:\n{screen}");
+        }
+        let mut history = History::default();
+        for n in 0..60 {
+            history.say(format!("word {n}"));
+        }
+        let told = |height| {
+            shown(80, height, &history, &source.assignment())
+                .matches("word ")
+                .count()
+        };
+        assert_eq!((told(24), told(50)), (3, 16));
     }
 
     #[test]

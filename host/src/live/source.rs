@@ -1,6 +1,6 @@
 //! Where the dashboard looks: a simulation in real time, or a board.
 
-use kband::control::{Event, Fault, Settings, State, Target};
+use kband::control::{Controller, Event, Fault, NoSetpoint, Settings, StartCause, State, Target};
 use kband::feeder::Restitution;
 use kband::plant::{Change, ClosedLoop};
 use kband::regime::Lock;
@@ -71,6 +71,14 @@ impl Assignment {
     #[must_use]
     pub fn band(&self) -> Option<Band> {
         Band::common(self.restitution()?, self.order()).ok()
+    }
+
+    /// Why no amplitude serves the target, where that is known at once.
+    #[must_use]
+    pub fn no_setpoint(&self) -> Option<NoSetpoint> {
+        let controller =
+            Controller::build(&self.settings, self.target, StartCause::Ordinary).ok()?;
+        controller.no_setpoint()
     }
 
     /// Phase at which locked parts of middling restitution strike at this k.
