@@ -50,6 +50,32 @@ fn of_field(field: &Field) -> Value {
     })
 }
 
+/// The keys of a scene that can be a number, with their sections: what `--sweep` goes over.
+#[must_use]
+pub fn keys() -> Vec<String> {
+    let schema = schema();
+    let number = |value: &Value| {
+        let kind = value["type"].as_str();
+        matches!(kind, Some("number" | "integer"))
+            || value.get("oneOf").is_some()
+            || value.get("anyOf").is_some()
+    };
+    let mut keys = Vec::new();
+    for (name, value) in schema["properties"].as_object().into_iter().flatten() {
+        if number(value) {
+            keys.push(name.clone());
+        }
+        // What a scene expects changes nothing in it.
+        let inner = value["properties"].as_object().filter(|_| name != "expect");
+        let inner = inner
+            .into_iter()
+            .flatten()
+            .filter(|(_, value)| number(value));
+        keys.extend(inner.map(|(key, _)| format!("{name}.{key}")));
+    }
+    keys
+}
+
 fn object(properties: Map<String, Value>, required: &[&str], description: &str) -> Value {
     let mut object = json!({
         "type": "object",

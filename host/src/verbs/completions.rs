@@ -1,10 +1,15 @@
-//! `kband completions`: shell completions.
+//! `kband completions`: shell completions, of the keys of settings and scenes too.
 
+use std::sync::LazyLock;
+
+use clap::builder::PossibleValuesParser;
 use clap_complete::Shell;
+use kband::control::Settings;
 
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report;
+use crate::simulate::schema;
 
 /// Print the completion script for a shell.
 #[derive(Clone, Debug, clap::Args)]
@@ -19,8 +24,54 @@ pub struct Arguments {
 
 /// Prints the script.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut super::command(), "kband", &mut script);
-    report::print(&String::from_utf8_lossy(&script))?;
+    report::print(&script(arguments.shell))?;
     Ok(Exit::Done)
+}
+
+/// Keys of scenes as `--sweep` takes them.
+static SCENE_KEYS: LazyLock<Vec<String>> =
+    LazyLock::new(|| schema::keys().into_iter().map(|key| key + "=").collect());
+
+fn script(shell: Shell) -> String {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut with_keys(), "kband", &mut script);
+    String::from_utf8_lossy(&script).into_owned()
+}
+
+/// The command line as a shell is to complete it. Which keys there are is said here alone: what a user types is read by its
+/// verb, which says more of a key that it does not know.
+fn with_keys() -> clap::Command {
+    let settings = || PossibleValuesParser::new(Settings::KEYS.iter().map(|key| key.name));
+    let scenes = SCENE_KEYS.iter().map(String::as_str);
+    super::command()
+        .mut_subcommand("settings", |verb| {
+            ["get", "set"].into_iter().fold(verb, |verb, action| {
+                verb.mut_subcommand(action, |action| {
+                    action.mut_arg("key", |key| key.value_parser(settings()))
+                })
+            })
+        })
+        .mut_subcommand("simulate", |verb| {
+            verb.mut_arg("sweep", |sweep| {
+                sweep.value_parser(PossibleValuesParser::new(scenes))
+            })
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shell_is_told_the_keys_of_settings_and_scenes() {
+        for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+            let script = script(shell);
+            for key in ["restitution_low", "soft_start", "third_lag"] {
+                assert!(script.contains(key), "{shell} has no {key}");
+            }
+            for key in ["part.restitution=", "drive.gain=", "plant.mains=", "seed="] {
+                assert!(script.contains(key), "{shell} has no {key}");
+            }
+        }
+    }
 }
