@@ -268,6 +268,11 @@ pub const FIELDS: &[(&str, &str, &str)] = &[
     ("one_tone", "", "With the first tone alone."),
     ("two_tones", "", "With the tones above it."),
     ("flips", "", "k of each doubling."),
+    (
+        "doubled",
+        "",
+        "The orbit born at each flip, in the middle of its window.",
+    ),
     ("ratios", "", "Ratios of neighbouring gaps."),
     ("k_infinity", "", "k at which chaos begins."),
     ("k_infinity_error", "", "Its error."),

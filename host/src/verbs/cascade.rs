@@ -1,8 +1,9 @@
 //! `kband cascade`: the period doublings below a band.
 
 use kband::impact::{Tone, Wave};
-use kband::regime::cascade::{Cascade, CascadeEnd, FEIGENBAUM, HIGHEST_DOUBLINGS};
+use kband::regime::cascade::{Cascade, CascadeEnd, DoubledOrbit, FEIGENBAUM, HIGHEST_DOUBLINGS};
 
+use super::exponent::spelled;
 use crate::arguments::{self, Drawn, NoScatter, Printed};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
@@ -141,6 +142,11 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     picture
 }
 
+/// The orbit born at a flip, where it could be followed.
+fn born(doubled: &[Option<DoubledOrbit>], n: usize) -> Option<DoubledOrbit> {
+    doubled.get(n).copied().flatten()
+}
+
 fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal> {
     let mut table = Table::new(&[
         columns::FLIP,
@@ -148,7 +154,12 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
         columns::GAP.digits(8),
         columns::RATIO.digits(8),
         columns::VISIBLE_BELOW.titled("seen below sigma").digits(3),
-    ]);
+        columns::MULTIPLIERS,
+        columns::EXPONENT.digits(4),
+        columns::SECOND_EXPONENT.titled("second").digits(4),
+    ])
+    .folded();
+    let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled().collect();
     let visible: Vec<Option<f64>> = cascade.visible_below().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
     let mut above = None;
@@ -160,16 +171,40 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
             above.map(|above: f64| above - flip).into(),
             n.checked_sub(2).and_then(|n| ratios.get(n)).copied().into(),
             visible.get(n).copied().flatten().into(),
+            born(&doubled, n)
+                .map(|orbit| spelled(orbit.multipliers))
+                .into(),
+            born(&doubled, n).map(|orbit| orbit.exponents()[0]).into(),
+            born(&doubled, n).map(|orbit| orbit.exponents()[1]).into(),
         ]);
         above = Some(*flip);
     }
     let limit = cascade.k_infinity();
+    let orbits: Vec<_> = doubled
+        .iter()
+        .map(|orbit| {
+            orbit.map(|orbit| {
+                serde_json::json!({
+                    "k": orbit.k,
+                    "impacts": orbit.impacts,
+                    "multipliers": spelled(orbit.multipliers),
+                    "multiplier_modulus": orbit.multipliers.modulus(),
+                    "exponent": orbit.exponents()[0],
+                    "second_exponent": orbit.exponents()[1],
+                })
+            })
+        })
+        .collect();
     let mut report = Printout::new(table).heading(format!(
         "R = {}, order {}: born at k1 = {:.15}",
         arguments.restitution,
         arguments.order,
         cascade.birth()
     ));
+    report = report.note(
+        "Floquet multipliers and both exponents are those of the orbit born at the flip, in the middle of its window; the exponents \
+         add up to 2 ln R",
+    );
     if let Some(limit) = limit {
         report = report.note(format!(
             "chaos begins at k_infinity = {:.12} within {:.1e}; the ratios tend to {FEIGENBAUM:.5}",
@@ -207,6 +242,7 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
         "k_infinity": value(limit.map(|limit| limit.value)),
         "k_infinity_error": value(limit.map(|limit| limit.error)),
         "complete": complete,
+        "doubled": orbits,
         "visible_below": visible,
         "noise": arguments.noise,
         "visible": seen,

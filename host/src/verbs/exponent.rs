@@ -308,6 +308,24 @@ fn report(
         arguments.impacts,
         arguments.settle
     ));
+    if let [
+        Found {
+            multipliers: Some(multipliers),
+            ..
+        },
+    ] = found
+    {
+        report = report.note(format!(
+            "Floquet multipliers of the period-1 orbit of order {}: {} ({})",
+            arguments.order,
+            spelled(*multipliers),
+            if multipliers.modulus() < 1.0 {
+                "it attracts"
+            } else {
+                "it repels"
+            }
+        ));
+    }
     if arguments.band {
         report = report.note(match band {
             Some(band) => format!(
@@ -325,7 +343,7 @@ fn report(
 }
 
 /// Floquet multipliers as words.
-fn spelled(multipliers: Multipliers) -> String {
+pub(super) fn spelled(multipliers: Multipliers) -> String {
     match multipliers {
         Multipliers::Real(larger, smaller) => {
             format!("{}, {}", number(larger, 6), number(smaller, 6))

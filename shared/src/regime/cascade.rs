@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 
 use super::band;
-use super::lock::{Lock, accept_order, accept_restitution};
+use super::lock::{Lock, Multipliers, accept_order, accept_restitution};
 use super::spread;
 use super::wave_band::{Bifurcation, WaveBands};
 use crate::feeder::{OutOfRange, accept};
@@ -34,6 +34,29 @@ pub struct Estimate {
     pub value: f64,
     /// Its error, one-sided: a bound that held in every case that was checked.
     pub error: f64,
+}
+
+/// The orbit that a flip gives birth to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DoubledOrbit {
+    /// k in the middle of its window.
+    pub k: f64,
+    /// Impacts after which it repeats.
+    pub impacts: u32,
+    /// Floquet multipliers of once around it; their product is R to twice the power of its impacts.
+    pub multipliers: Multipliers,
+}
+
+impl DoubledOrbit {
+    /// Both Lyapunov exponents per impact, the larger first: `ln |multiplier|` over the impacts; their sum is 2 ln R.
+    #[must_use]
+    pub fn exponents(&self) -> [f64; 2] {
+        let sizes = match self.multipliers {
+            Multipliers::Real(larger, smaller) => [larger, smaller],
+            Multipliers::Pair { modulus, .. } => [modulus; 2],
+        };
+        sizes.map(|size| libm::log(libm::fabs(size)) / f64::from(self.impacts))
+    }
 }
 
 /// The flips 1 -> 2 -> 4 -> ... of the period-1 orbit of one order as k falls.
@@ -226,17 +249,37 @@ impl Cascade {
     /// deviations. Each further one needs 6.62 times less (Crutchfield, Nauenberg & Rudnick 1981).
     pub fn visible_below(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         (0..self.flips.len()).map(|n| {
-            let gap = match (self.flips.get(n + 1), n.checked_sub(1)) {
-                (Some(next), _) => self.flips[n] - next,
-                (None, Some(before)) => (self.flips[before] - self.flips[n]) / FEIGENBAUM,
-                (None, None) => 4e-3 * self.flips[n],
-            };
-            let walker = self.walker_after(n + 1);
-            let k = self.flips[n] - 0.5 * gap;
-            let near = walker.attracted(k, *self.states.get(n)?)?;
-            let state = walker.solve(k, near)?;
+            let (walker, k, state) = self.middle(n)?;
             walker.parted(k, state)
         })
+    }
+
+    /// The orbit that each flip gives birth to, in the middle of its window, `None` where it could not be followed.
+    pub fn doubled(&self) -> impl Iterator<Item = Option<DoubledOrbit>> + '_ {
+        (0..self.flips.len()).map(|n| {
+            let (walker, k, state) = self.middle(n)?;
+            let map = self.track.at(k)?;
+            let [[a, b], [c, d]] = walker.around(&map, state)?.jacobian;
+            Some(DoubledOrbit {
+                k,
+                impacts: walker.impacts,
+                multipliers: Multipliers::of(a + d, a * d - b * c),
+            })
+        })
+    }
+
+    /// The orbit born at a flip in the middle between it and the next, the last one's window by Feigenbaum's law.
+    fn middle(&self, n: usize) -> Option<(Walker, f64, PartState)> {
+        let gap = match (self.flips.get(n + 1), n.checked_sub(1)) {
+            (Some(next), _) => self.flips[n] - next,
+            (None, Some(before)) => (self.flips[before] - self.flips[n]) / FEIGENBAUM,
+            (None, None) => 4e-3 * self.flips[n],
+        };
+        let walker = self.walker_after(n + 1);
+        let k = self.flips[n] - 0.5 * gap;
+        let near = walker.attracted(k, *self.states.get(n)?)?;
+        let state = walker.solve(k, near)?;
+        Some((walker, k, state))
     }
 
     /// k of the flips, the 1 -> 2 flip first, falling.
@@ -549,6 +592,39 @@ mod tests {
             ],
         ),
     ];
+
+    #[test]
+    fn a_doubled_orbit_attracts_in_its_window_and_its_exponents_are_those_of_a_long_orbit() {
+        use crate::regime::exponent::{ExponentSettings, measure};
+        for (restitution, order) in [(0.2, 1), (0.5, 1), (0.5, 2)] {
+            let cascade = Cascade::locate(restitution, order, 4).unwrap();
+            for (n, orbit) in cascade.doubled().enumerate() {
+                let orbit = orbit.unwrap();
+                assert_eq!(orbit.impacts, 2 << n);
+                assert!(orbit.multipliers.modulus() < 1.0, "{orbit:?}");
+                let [larger, smaller] = orbit.exponents();
+                assert!(larger >= smaller && larger < 0.0);
+                assert!(
+                    (larger + smaller - 2.0 * libm::log(restitution)).abs() < 1e-6,
+                    "{orbit:?}"
+                );
+                // Another way: the mean growth of a tangent along the orbit.
+                let map = Map::build(orbit.k, restitution).unwrap();
+                let settings = ExponentSettings {
+                    settle: 20_000,
+                    impacts: 64_000,
+                };
+                let measured = measure(&map, cascade.states[n], settings)
+                    .unwrap()
+                    .per_impact;
+                // Multipliers that are a pair turn the tangent, whose growth is a mean over the turns.
+                assert!(
+                    (measured.value - larger).abs() < 2e-3 + 5.0 * measured.error,
+                    "{orbit:?} {measured:?}"
+                );
+            }
+        }
+    }
 
     #[test]
     fn flips_are_the_references() {
