@@ -41,6 +41,7 @@ const MARKERS = [
   (x, y) => `M${x - 3} ${y}a3 3 0 1 0 6 0a3 3 0 1 0 -6 0`,
   (x, y) => `M${x - 3} ${y - 3}h6v6h-6z`,
   (x, y) => `M${x} ${y - 4}l4 7h-8z`,
+  (x, y) => `M${x} ${y - 4}l4 4l-4 4l-4 -4z`,
 ];
 
 /** A chart in a figure of the page; `describe` says what it shows each time it is drawn. */
@@ -162,7 +163,7 @@ class Chart {
         element("path", { ...look, d }, inside);
         entry(layer.name, (svg) => element("rect", { ...look, x: 1, y: 1, width: 30, height: 12 }, svg));
       } else if (layer.kind === "points") {
-        const marker = MARKERS[(layer.series || 0) % 3];
+        const marker = MARKERS[(layer.series || 0) % 4];
         const look = { fill: colour };
         element("path", { ...look, d: layer.points.filter(([, b]) => b !== null).map(([a, b]) => marker(x.to(a), y.to(b))).join("") }, inside);
         entry(layer.name, (svg) => element("path", { ...look, d: marker(16, 7) }, svg));

@@ -53,6 +53,49 @@ impl Distribution {
     }
 }
 
+/// Parts that a picture shows alike.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kin {
+    /// What they are called.
+    pub name: String,
+    /// Their numbers, from 0.
+    pub parts: Vec<u8>,
+}
+
+/// Most kinds of parts that a picture tells apart.
+const KINDS: usize = 4;
+
+/// Parts told apart for a picture: each by itself where they are few, else by their restitution, from the deadest to the
+/// liveliest.
+#[must_use]
+pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
+    let mut numbers: Vec<u8> = (0..restitutions.len() as u8).collect();
+    let of = |part: u8| restitutions[usize::from(part)];
+    if restitutions.len() < 2 {
+        return vec![Kin {
+            name: "impacts of the part".into(),
+            parts: numbers,
+        }];
+    }
+    numbers.sort_by(|&a, &b| of(a).total_cmp(&of(b)));
+    let size = numbers.len().div_ceil(KINDS);
+    numbers
+        .chunks(size)
+        .map(|parts| {
+            let (low, high) = (of(parts[0]), of(parts[parts.len() - 1]));
+            let name = match parts {
+                [part] => format!("part {}, R {low}", part + 1),
+                _ if low == high => format!("{} parts, R {low}", parts.len()),
+                _ => format!("{} parts, R {low}..{high}", parts.len()),
+            };
+            Kin {
+                name,
+                parts: parts.into(),
+            }
+        })
+        .collect()
+}
+
 /// Stream of the parts' draw beside the scene's own noise.
 const STREAM: u64 = 0x7061_7274;
 
@@ -167,6 +210,26 @@ fn distribution(section: &mut Section, scene: &mut Scene) -> Result<Distribution
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_are_told_apart_one_by_one_or_by_their_restitution() {
+        let names =
+            |parts: &[f32]| -> Vec<String> { kin(parts).into_iter().map(|kin| kin.name).collect() };
+        assert_eq!(names(&[0.2]), ["impacts of the part"]);
+        assert_eq!(names(&[0.22, 0.18]), ["part 2, R 0.18", "part 1, R 0.22"]);
+        assert_eq!(
+            names(&[0.18, 0.185, 0.19, 0.195, 0.205, 0.21, 0.215, 0.22]),
+            [
+                "2 parts, R 0.18..0.185",
+                "2 parts, R 0.19..0.195",
+                "2 parts, R 0.205..0.21",
+                "2 parts, R 0.215..0.22"
+            ]
+        );
+        assert_eq!(names(&[0.3; 24])[3], "6 parts, R 0.3");
+        let all: usize = kin(&[0.1; 23]).iter().map(|kin| kin.parts.len()).sum();
+        assert_eq!(all, 23);
+    }
 
     #[test]
     fn a_normal_draw_has_its_mean_and_deviation_and_stays_within_0_and_1() {

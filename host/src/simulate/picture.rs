@@ -1,8 +1,11 @@
 //! The timeline picture of a scene.
 
 use kband::control::{Event, State};
+use kband::plant::PARTS;
 
 use super::outcome::Outcome;
+use super::parts::kin;
+use super::record::Struck;
 use super::timeline::describe;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 
@@ -128,13 +131,13 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     throw = throw.line("k measured", 0, k);
     // The short hops of a chatter say nothing that its first ones do not; of the rest, an even choice.
     let impacts = sketch.impacts().iter();
-    let fastest = impacts.clone().map(|impact| impact.2).fold(0.0, f64::max);
-    let told: Vec<(f64, f64)> = impacts
-        .filter(|impact| impact.2 > 0.05 * fastest)
-        .map(|impact| (impact.0, impact.1))
+    let fastest = impacts
+        .clone()
+        .map(|impact| impact.speed)
+        .fold(0.0, f64::max);
+    let told: Vec<&Struck> = impacts
+        .filter(|impact| impact.speed > 0.05 * fastest)
         .collect();
-    let stride = told.len().div_ceil(MARKERS).max(1);
-    let struck: Vec<(f64, f64)> = told.into_iter().step_by(stride).collect();
     let mut phases = Panel::new(
         time(),
         Axis::new(
@@ -145,8 +148,21 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         )
         .in_pi(),
     )
-    .height(190.0)
-    .markers("impacts of the parts", 0, struck);
+    .height(190.0);
+    let stride = told.len().div_ceil(MARKERS).max(1);
+    for (series, kin) in kin(&outcome.file().scene.parts).into_iter().enumerate() {
+        // An even choice of each part's own: parts that strike in turn are drawn alike.
+        let mut seen = [0_usize; PARTS];
+        let chosen = told.iter().filter(|impact| {
+            let seen = &mut seen[usize::from(impact.part)];
+            *seen += 1;
+            kin.parts.contains(&impact.part) && (*seen - 1).is_multiple_of(stride)
+        });
+        let struck: Vec<(f64, f64)> = chosen.map(|impact| (impact.time, impact.phase)).collect();
+        if !struck.is_empty() {
+            phases = phases.markers(&kin.name, series, struck);
+        }
+    }
     if let Some(expected) = outcome.expected_phase().filter(|_| alone) {
         phases = phases.level(expected, "lock");
     }

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
 use kband::control::{Event, Report, State};
-use kband::plant::{Moment, Sample, Strike};
+use kband::plant::{Moment, PARTS, Sample, Strike};
 use kband::regime::gear::{GearWatch, Share};
 
 use super::engine::{Glance, Lot};
@@ -350,6 +350,19 @@ impl Curve {
     }
 }
 
+/// An impact of a run that is drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Struck {
+    /// End of its cycle in s.
+    pub time: f64,
+    /// Phase of the track in rad.
+    pub phase: f64,
+    /// Speed normal to the track in m/s.
+    pub speed: f64,
+    /// Number of the part, from 0.
+    pub part: u8,
+}
+
 /// A run in few enough points for a picture.
 #[derive(Clone, Debug)]
 pub struct Sketch {
@@ -363,10 +376,11 @@ pub struct Sketch {
     ahead: [f32; 2],
     states: Vec<(f64, State)>,
     time: f64,
-    /// Time, phase and speed of impacts, every `stride`-th of them.
-    impacts: Vec<(f64, f64, f64)>,
+    /// An even choice of the impacts, every `stride`-th of them.
+    impacts: Vec<Struck>,
     stride: usize,
-    skipped: usize,
+    /// Impacts left out since the last that was kept, part by part: parts that strike in turn are drawn alike.
+    skipped: [usize; PARTS],
 }
 
 impl Sketch {
@@ -387,7 +401,7 @@ impl Sketch {
             time: 0.0,
             impacts: Vec::new(),
             stride: 1,
-            skipped: 0,
+            skipped: [0; PARTS],
         }
     }
 
@@ -419,17 +433,26 @@ impl Sketch {
         }
         self.time = time;
         for strike in strikes {
-            self.skipped += 1;
-            if self.skipped < self.stride {
+            let Some(skipped) = self.skipped.get_mut(usize::from(strike.part)) else {
+                continue;
+            };
+            *skipped += 1;
+            if *skipped < self.stride {
                 continue;
             }
-            self.skipped = 0;
-            self.impacts.push((time, strike.phase, strike.speed));
+            *skipped = 0;
+            self.impacts.push(Struck {
+                time,
+                phase: strike.phase,
+                speed: strike.speed,
+                part: strike.part,
+            });
             if self.impacts.len() == IMPACTS {
-                let mut keep = false;
-                self.impacts.retain(|_| {
-                    keep = !keep;
-                    keep
+                let mut keep = [false; PARTS];
+                self.impacts.retain(|impact| {
+                    let keep = &mut keep[usize::from(impact.part)];
+                    *keep = !*keep;
+                    *keep
                 });
                 self.stride *= 2;
             }
@@ -472,9 +495,9 @@ impl Sketch {
         &self.states
     }
 
-    /// Time (s), phase (rad) and speed (m/s) of an even choice of the impacts.
+    /// An even choice of the impacts.
     #[must_use]
-    pub fn impacts(&self) -> &[(f64, f64, f64)] {
+    pub fn impacts(&self) -> &[Struck] {
         &self.impacts
     }
 }

@@ -14,7 +14,7 @@ use crate::picture::Fill;
 use crate::provenance;
 use crate::refusal::Refusal;
 use crate::report::number;
-use crate::simulate::{Outcome, STATE_FILLS, state_fill};
+use crate::simulate::{Outcome, STATE_FILLS, kin, state_fill};
 use crate::verbs::gear::InGearOf;
 use crate::verbs::{basins, transport};
 
@@ -371,10 +371,19 @@ fn run(outcome: &Outcome) -> Json {
         .collect();
     let impacts = sketch.impacts();
     let stride = impacts.len().div_ceil(IMPACTS).max(1);
-    let impacts: Vec<[f64; 3]> = impacts
+    let kinds = kin(&outcome.file().scene.parts);
+    let parts: Vec<Json> = kinds
         .iter()
-        .step_by(stride)
-        .map(|impact| [short(impact.0), short(impact.1), short(impact.2)])
+        .map(|kin| {
+            let of = impacts
+                .iter()
+                .filter(|impact| kin.parts.contains(&impact.part));
+            let of = of.step_by(stride);
+            let impacts: Vec<[f64; 3]> = of
+                .map(|impact| [short(impact.time), short(impact.phase), short(impact.speed)])
+                .collect();
+            json!({"name": kin.name, "impacts": impacts})
+        })
         .collect();
     json!({
         "duration_s": short(end),
@@ -387,7 +396,7 @@ fn run(outcome: &Outcome) -> Json {
         "states": ribbon,
         "state_fills": Fill::ALL.map(|fill| STATE_FILLS.iter().find(|(known, _)| *known == fill).map(|(_, name)| *name)),
         "events": events,
-        "impacts": impacts,
+        "parts": parts,
     })
 }
 

@@ -155,11 +155,11 @@ if (data.run) {
   const time = chart.slider("time", "time", times, 500, (value) => told(value) + " s");
   charts.push(new Chart("phases", () => ({
     x, y: { label: "phase at impact", unit: "rad", low: 0, high: 2 * Math.PI }, height: 260,
-    layers: [{ kind: "points", series: 0, name: "impacts of the parts", points: run.impacts }, ...(run.lock_phase_rad === null ? [] : [{ kind: "level", y: run.lock_phase_rad, name: "the lock" }]), here()],
-    read: (t, y) => { const near = run.impacts.reduce((best, one) => Math.hypot((one[0] - t) / run.duration_s, (one[1] - y) / 6) < Math.hypot((best[0] - t) / run.duration_s, (best[1] - y) / 6) ? one : best, [Infinity, 0, 0]);
-      return near[0] === Infinity ? `${told(t)} s: no impact` : `impact at ${told(near[0])} s: phase ${told(near[1], 3)} rad, ${told(1e3 * near[2], 3)} mm/s`; },
+    layers: [...run.parts.map((part, series) => ({ kind: "points", series, name: part.name, points: part.impacts })), ...(run.lock_phase_rad === null ? [] : [{ kind: "level", y: run.lock_phase_rad, name: "the lock" }]), here()],
+    read: (t, y) => { const near = run.parts.flatMap((part) => part.impacts.map((one) => [...one, part.name])).reduce((best, one) => Math.hypot((one[0] - t) / run.duration_s, (one[1] - y) / 6) < Math.hypot((best[0] - t) / run.duration_s, (best[1] - y) / 6) ? one : best, [Infinity, 0, 0]);
+      return near[0] === Infinity ? `${told(t)} s: no impact` : `impact at ${told(near[0])} s: phase ${told(near[1], 3)} rad, ${told(1e3 * near[2], 3)} mm/s (${near[3]})`; },
     plane: true,
-    numbers: () => ({ heads: ["time / s", "phase / rad", "speed / m/s"], rows: run.impacts }),
+    numbers: () => ({ heads: ["part", "time / s", "phase / rad", "speed / m/s"], rows: run.parts.flatMap((part) => part.impacts.map((one) => [part.name, ...one])) }),
   })));
   charts.push(new Chart("share", () => ({
     x, y: { label: "share in gear", low: 0, high: 1.05 }, height: 200,
