@@ -32,7 +32,7 @@ pub struct Printed {
 #[derive(Clone, Debug, clap::Args)]
 pub struct Drawn {
     /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers. It takes the
-    /// place of an older one of that name.
+    /// place of an older one of that name; - is standard output, a picture or as --out=-.png says.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 
@@ -46,7 +46,7 @@ impl Drawn {
         let Some(path) = &self.out else {
             return Ok(Output { kind: None });
         };
-        let target = Destination::check(path)?;
+        let target = Destination::output(path, "svg")?;
         let kind = match target.ending().as_str() {
             "csv" => Kind::Numbers(Format::Csv),
             "json" => Kind::Numbers(Format::Json),

@@ -6,8 +6,9 @@
 mod used;
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Read, Write};
+use std::io::{BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::refusal::Refusal;
@@ -16,19 +17,68 @@ use used::Written;
 /// Temporary files of this run, removed when it is stopped hard.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
+/// Whether a result goes to standard output: words then go to standard error.
+static STANDARD_OUTPUT_TAKEN: AtomicBool = AtomicBool::new(false);
+
+/// Whether a result goes to standard output.
+#[must_use]
+pub fn takes_standard_output() -> bool {
+    STANDARD_OUTPUT_TAKEN.load(Ordering::Relaxed)
+}
+
+/// The ending in `-` or `-.png`, which are standard output; `None` for the name of a file.
+fn standard(path: &Path) -> Option<&str> {
+    match path.to_str()? {
+        "-" => Some(""),
+        name => name
+            .strip_prefix("-.")
+            .filter(|ending| !ending.contains('/')),
+    }
+}
+
 /// Where a result will go: checked before anything is computed, written at the end.
 #[derive(Clone, Debug)]
 pub struct Destination {
     path: PathBuf,
+    standard: bool,
     /// Whether there was a file of this name already.
     replaces: bool,
-    _written: Written,
+    _written: Option<Written>,
 }
 
 impl Destination {
+    /// The target `path`, or standard output where that is `-` or `-.png`: what the ending says, `ending` without one.
+    pub fn output(path: &Path, ending: &str) -> Result<Self, Refusal> {
+        let Some(said) = standard(path) else {
+            return Self::check(path);
+        };
+        if STANDARD_OUTPUT_TAKEN.swap(true, Ordering::Relaxed) {
+            return Err(Refusal::new(
+                "standard output (-) is named for two outputs of this run",
+                "give one of them the name of a file",
+            ));
+        }
+        let ending = if said.is_empty() { ending } else { said };
+        Ok(Self {
+            path: format!("-.{ending}").into(),
+            standard: true,
+            replaces: false,
+            _written: None,
+        })
+    }
+
     /// The target `path`, refused where its folder is missing, it is itself a folder, or it is a file that
     /// this run reads or writes elsewhere, by whatever name.
     pub fn check(path: &Path) -> Result<Self, Refusal> {
+        if standard(path).is_some() {
+            return Err(Refusal::new(
+                format!(
+                    "{} is standard output, which this option does not take",
+                    path.display()
+                ),
+                "give the name of a file",
+            ));
+        }
         if path.is_dir() {
             return Err(Refusal::new(
                 format!("{} is a folder", path.display()),
@@ -72,7 +122,8 @@ impl Destination {
         Ok(Self {
             path: path.into(),
             replaces: path.is_file(),
-            _written: written,
+            standard: false,
+            _written: Some(written),
         })
     }
 
@@ -100,6 +151,9 @@ impl Destination {
     /// That it was written, for the user.
     #[must_use]
     pub fn told(&self) -> String {
+        if self.standard {
+            return "wrote standard output".into();
+        }
         let what = if self.replaces { "replaced" } else { "wrote" };
         format!("{what} {}", self.path.display())
     }
@@ -136,6 +190,15 @@ impl Destination {
         work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
     ) -> Result<T, Refusal> {
         let refuse = |error: std::io::Error| self.unwritten(&error);
+        if self.standard {
+            let mut out = BufWriter::new(std::io::stdout());
+            let result = work(&mut out)?;
+            // A reader that has gone away (`| head`) is no failure.
+            return match out.flush() {
+                Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(refuse(error)),
+                _ => Ok(result),
+            };
+        }
         if fs::metadata(&self.path).is_ok_and(|data| !data.is_file()) {
             let opened = File::options().write(true).open(&self.path);
             let mut file = BufWriter::new(opened.map_err(refuse)?);
@@ -355,6 +418,17 @@ mod tests {
         }
         assert_eq!(left_over(&folder.join("a.csv")), [left]);
         fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_dash_is_standard_output_where_it_may_be() {
+        let of = |path| standard(Path::new(path));
+        assert_eq!((of("-"), of("-.png")), (Some(""), Some("png")));
+        for file in ["a.svg", "./-", "-a.svg", "-./a", "a-"] {
+            assert_eq!(of(file), None, "{file}");
+        }
+        let refused = Destination::check(Path::new("-")).unwrap_err().to_string();
+        assert!(refused.contains("name of a file"), "{refused}");
     }
 
     #[test]

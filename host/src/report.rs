@@ -15,7 +15,7 @@ use std::io::{ErrorKind, Write};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 
-use crate::file::Destination;
+use crate::file::{self, Destination};
 use crate::provenance;
 use crate::refusal::Refusal;
 
@@ -135,7 +135,7 @@ impl Printout {
 
     /// Prints it on standard output.
     pub fn print(&self, format: Format) -> Result<(), Refusal> {
-        let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+        let mut out = std::io::BufWriter::new(words());
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
     }
 
@@ -154,9 +154,18 @@ pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
         .collect()
 }
 
+/// Where words go: standard output, or where a result takes that, standard error.
+fn words() -> Box<dyn Write> {
+    if file::takes_standard_output() {
+        Box::new(std::io::stderr().lock())
+    } else {
+        Box::new(std::io::stdout().lock())
+    }
+}
+
 /// Prints a line or more on standard output; a reader that has gone away (`| head`) is no failure.
 pub fn print(text: &str) -> Result<(), Refusal> {
-    let mut out = std::io::stdout().lock();
+    let mut out = words();
     quiet_if_closed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
 }
 

@@ -200,6 +200,8 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
         "impacts --k 0.43 --restitution 0.2 --phase 1 --velocity 1 --count 3",
         "transport --k 0.43 --impacts 100 --settle 10 --starts 2",
         "margins",
+        "gear --k 0.4..0.5:2 --second-tone 0.1,2.4 --runs 1 --periods 40",
+        "bench --rounds 1 --launches 512",
     ];
     for verb in verbs {
         for name in ["old.csv", "old.svg"] {
@@ -219,6 +221,24 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
         assert!(message.contains("wrote new.json"), "{verb}: {message}");
         std::fs::remove_file(folder.0.join("new.json")).unwrap();
     }
+    // Pages: of the paper, of a feeder.
+    for verb in ["paper", "report"] {
+        std::fs::write(folder.0.join("old.html"), "mine").unwrap();
+        let output = kband(&folder.0, &words(&format!("{verb} --out old.html")));
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{verb}: {message}");
+        assert!(message.contains("replaced old.html"), "{verb}: {message}");
+        assert_ne!(std::fs::read(folder.0.join("old.html")).unwrap(), b"mine");
+        std::fs::remove_file(folder.0.join("old.html")).unwrap();
+    }
+    std::fs::write(folder.0.join("kband-report.html"), "mine").unwrap();
+    let output = kband(&folder.0, &words("report"));
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(
+        std::fs::read(folder.0.join("kband-report.html")).unwrap(),
+        b"mine"
+    );
+    std::fs::remove_file(folder.0.join("kband-report.html")).unwrap();
     let run = "simulate --duration 1";
     for name in ["kband-simulate.svg", "kband-simulate.csv"] {
         std::fs::write(folder.0.join(name), "mine").unwrap();
@@ -237,6 +257,39 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
         assert_eq!(kband(&folder.0, &words(line)).status.code(), Some(0));
     }
     assert_eq!(folder.names(), ["kband-simulate.csv", "kband-simulate.svg"]);
+}
+
+#[test]
+fn a_dash_is_standard_output_and_words_go_to_standard_error() {
+    let folder = Folder::new("dash");
+    let both = |line: &str| {
+        let output = kband(&folder.0, &words(line));
+        let [out, err] = [output.stdout, output.stderr]
+            .map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+        assert_eq!(output.status.code(), Some(0), "{line}: {err}");
+        (out, err)
+    };
+    let (picture, table) = both("bands --restitution 0.2 --out -");
+    assert!(picture.starts_with("<svg ") && picture.trim_end().ends_with("</svg>"));
+    assert!(
+        table.contains("setpoint") && table.contains("wrote standard output"),
+        "{table}"
+    );
+    let (rows, _) = both("bands --restitution 0.2 --out=-.csv");
+    assert!(rows.contains("k2,k1") && !rows.contains("wrote"), "{rows}");
+    let (image, _) = both("cascade --doublings 2 --out=-.png");
+    assert!(image.contains("PNG"));
+    let (trace, said) = both("simulate --duration 1 --out a.svg --trace -");
+    assert!(
+        trace.lines().filter(|line| !line.starts_with('#')).count() > 45,
+        "{trace}"
+    );
+    assert!(said.contains("state  "), "{said}");
+    let refused = kband(&folder.0, &words("simulate --duration 1 --out - --trace -"));
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    assert!(message.contains("two outputs of this run"), "{message}");
+    assert_eq!(folder.names(), ["a.svg"]);
 }
 
 #[test]

@@ -102,7 +102,8 @@ verbs! {
 
 Files: one that is named takes the place of an older one of its name; one that nobody named, as the picture
 of kband simulate, only of one that kband wrote; an input is never written over. A scene, rows and settings
-are read from standard input where the file is -."
+are read from standard input where the file is -, and an output that is named - is standard output; words go to
+standard error then."
 )]
 struct CommandLine {
     /// Number of threads; the result does not depend on it [default: one for each core].

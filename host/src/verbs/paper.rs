@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let target = arguments
         .out
         .as_deref()
-        .map(Destination::check)
+        .map(|path| Destination::output(path, "html"))
         .transpose()?;
     if let Some(target) = &target
         && !matches!(target.ending().as_str(), "html" | "htm")

@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     provenance::scene(&table, |section, key| schema::unit(section, key).into());
     let scene = SceneFile::from_table(table.clone()).map_err(named)?;
     let target = match &arguments.out {
-        Some(path) => Destination::check(path)?,
+        Some(path) => Destination::output(path, "html")?,
         None => Destination::unasked(Path::new(PAGE), page::own, "--out FILE.html")?,
     };
     if !["html", "htm"].contains(&target.ending().as_str()) {

@@ -80,7 +80,7 @@ enum Action {
     /// Write all settings to a file that can be read, changed and imported.
     #[command(after_help = "Example:\n  kband settings export mine.toml")]
     Export {
-        /// The file.
+        /// The file; `-` for standard output.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
     },
@@ -128,7 +128,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         _ => None,
     };
     let target = match &arguments.action {
-        Action::Export { file } => Some(Destination::check(file)?),
+        Action::Export { file } => Some(Destination::output(file, "toml")?),
         _ => None,
     };
     let keeps = matches!(

@@ -235,7 +235,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     arguments.adapt(&mut file);
     file.check()?;
     let picture = match &arguments.out {
-        Some(path) => Destination::check(path)?,
+        Some(path) => Destination::output(path, "svg")?,
         None => Destination::unasked(Path::new(PICTURE), own_picture, "--out FILE.svg")?,
     };
     let ending = picture.ending();
@@ -252,7 +252,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
     let trace = match &arguments.trace {
-        Some(path) => Some(Destination::check(path)?),
+        Some(path) => Some(Destination::output(path, "csv")?),
         None if many || file.duration <= TRACED => Some(Destination::unasked(
             Path::new(TRACE),
             own_rows,
@@ -263,7 +263,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let scope = arguments
         .scope
         .as_deref()
-        .map(Destination::check)
+        .map(|path| Destination::output(path, "csv"))
         .transpose()?;
     for (option, target) in [("--trace", &trace), ("--scope", &scope)] {
         if let Some(target) = target {
