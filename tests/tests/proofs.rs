@@ -88,6 +88,10 @@ fn narrow_lot(scene: &mut Scene) {
     scene.settings.restitution_low = 0.199;
     scene.settings.restitution_high = 0.201;
 }
+fn livelier_lot(scene: &mut Scene) {
+    scene.settings.restitution_low = 0.24;
+    scene.settings.restitution_high = 0.27;
+}
 fn fixed_frequency(scene: &mut Scene) {
     scene.settings.tracking = 0.0;
 }
@@ -107,7 +111,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 68] = [
+const PROOFS: [(&str, Shows, Break); 69] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -131,6 +135,7 @@ const PROOFS: [(&str, Shows, Break); 68] = [
     ("chaotic", Obeying, Told(another_target)),
     ("deaf", Shows::Limit(Limits::DEAF), Told(another_target)),
     ("detuned", Obeying, Told(tuned)),
+    ("doubled", Listening, Told(livelier_lot)),
     ("drawn_parts", Listening, Seen(deaf)),
     (
         "empty_band",

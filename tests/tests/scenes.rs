@@ -122,6 +122,7 @@ scenes! {
     chaotic
     deaf
     detuned
+    doubled
     drawn_parts
     empty_band
     enable_in_stopping

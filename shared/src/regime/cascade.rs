@@ -259,11 +259,14 @@ impl Cascade {
         (0..self.flips.len()).map(|n| {
             let (walker, k, state) = self.middle(n)?;
             let map = self.track.at(k)?;
-            let [[a, b], [c, d]] = walker.around(&map, state)?.jacobian;
+            let [[a, _], [_, d]] = walker.around(&map, state)?.jacobian;
+            // Each impact has the determinant R^2 psi/psi' (of which a difference of large products would leave nothing).
+            let impacts = walker.impacts;
+            let determinant = libm::pow(self.track.restitution(), 2.0 * f64::from(impacts));
             Some(DoubledOrbit {
                 k,
-                impacts: walker.impacts,
-                multipliers: Multipliers::of(a + d, a * d - b * c),
+                impacts,
+                multipliers: Multipliers::of(a + d, determinant),
             })
         })
     }
