@@ -20,7 +20,7 @@ use rustix::termios::{Termios, Winsize, tcgetattr, tcsetwinsize};
 /// No wait of a test is longer.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// `kband live` in a pseudo-terminal; killed with its children when dropped.
+/// `kband live`, or another verb, in a pseudo-terminal; killed with its children when dropped.
 struct Dashboard {
     child: Child,
     keys: File,
@@ -32,6 +32,10 @@ struct Dashboard {
 
 impl Dashboard {
     fn start(arguments: &[&str]) -> Self {
+        Self::of("live", arguments)
+    }
+
+    fn of(verb: &str, arguments: &[&str]) -> Self {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
@@ -50,7 +54,7 @@ impl Dashboard {
             .unwrap();
         let before = tcgetattr(&terminal).unwrap();
         let child = Command::new(env!("CARGO_BIN_EXE_kband"))
-            .arg("live")
+            .arg(verb)
             .args(arguments)
             .env("TERM", "xterm-256color")
             .env("RUST_BACKTRACE", "0")
@@ -169,6 +173,35 @@ fn parts_go_into_gear_the_keys_work_and_the_terminal_is_restored() {
     // Which k it is depends on the setpoint that the controller chose for chaos.
     dashboard.wait_for("target k = 0.");
     dashboard.is_stopped_paused_and_left();
+}
+
+#[test]
+fn help_lies_over_the_picture_until_it_is_closed() {
+    let mut dashboard = Dashboard::start(&["--speed", "10"]);
+    dashboard.wait_for(" HOLDING ");
+    dashboard.press("?");
+    for words in ["? or Esc closes it", "F  fault", "m  limiting"] {
+        dashboard.wait_for(words);
+    }
+    dashboard.press("?");
+    // What it covered is there again, and Esc is once more the end.
+    let begun = Instant::now();
+    while dashboard.screen.screen().contents().contains("closes it") {
+        assert!(begun.elapsed() < LIMIT);
+        dashboard.look();
+    }
+    dashboard.press("\x1b");
+    assert!(dashboard.end().success() && dashboard.is_restored());
+}
+
+#[test]
+fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
+    // One step of some minutes.
+    let mut command = Dashboard::of("exponent", &["--k", "0.34", "--impacts", "1000000000"]);
+    command.wait_for("exponent [");
+    command.wait_for("0 %");
+    command.wait_for("2s so far");
+    assert!(command.child.try_wait().unwrap().is_none());
 }
 
 #[test]

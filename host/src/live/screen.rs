@@ -80,7 +80,7 @@ fn foot(history: &History, assignment: &Assignment) -> Line<'static> {
             Span::from(advice).yellow(),
         ]),
         None => Line::from(
-            "? help  q quit  e enable  1-8 lock  g gear  x chaos  + - k  c capture anew  p pause",
+            "?help  q quit  e enable  1-8 lock  g gear  x chaos  +-k  c capture anew  p pause",
         )
         .dim(),
     }

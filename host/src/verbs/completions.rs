@@ -35,7 +35,16 @@ static SCENE_KEYS: LazyLock<Vec<String>> =
 fn script(shell: Shell) -> String {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut with_keys(), "kband", &mut script);
-    String::from_utf8_lossy(&script).into_owned()
+    let mut script = String::from_utf8_lossy(&script).into_owned();
+    if shell == Shell::Fish {
+        // What clap writes for this shell knows the values of options alone.
+        let keys: Vec<&str> = Settings::KEYS.iter().map(|key| key.name).collect();
+        script += &format!(
+            "complete -c kband -n \"__fish_seen_subcommand_from settings; and __fish_seen_subcommand_from get set\" -f -a \"{}\"\n",
+            keys.join(" ")
+        );
+    }
+    script
 }
 
 /// The command line as a shell is to complete it. Which keys there are is said here alone: what a user types is read by its
