@@ -41,19 +41,13 @@ fn band(folder: &Path, lot: &str, frequency: &str) -> [f64; 4] {
     ];
     let rows = kband(folder, &[&["bands"][..], &options].concat());
     let rows: Json = serde_json::from_str(&rows).unwrap();
-    // Found by how its columns begin: what a name ends in is its unit.
     let rows = rows.get("rows").unwrap_or(&rows);
     let of = |name: &str| {
         rows[0][name]
             .as_f64()
             .unwrap_or_else(|| panic!("{name} in {rows}"))
     };
-    [
-        of("b_at_k1_mm"),
-        of("b_at_k2_mm"),
-        of("b_mm"),
-        of("margin_percent"),
-    ]
+    [of("b_at_k1"), of("b_at_k2"), of("b"), of("margin")]
 }
 
 #[test]

@@ -130,12 +130,12 @@ fn kept(rows: &[Telemetry], frequency: f64) -> Vec<Json> {
         .map(|row| {
             let time = f64::from(row.cycle.wrapping_sub(first)) / frequency;
             json!({
-                "time_s": (time * 1e4).round() / 1e4,
-                "amplitude_mm": finite(row.amplitude * 1e3),
-                "setpoint_mm": finite(row.setpoint * 1e3),
+                "time": (time * 1e4).round() / 1e4,
+                "b": finite(row.amplitude * 1e3),
+                "setpoint_b": finite(row.setpoint * 1e3),
                 "k": finite(row.k),
                 "output": finite(row.output),
-                "impacts_per_cycle": finite(row.rate),
+                "impacts_heard": finite(row.rate),
                 "in_gear_heard": finite(row.in_gear),
                 "state": State::numbered(row.state).map(State::name),
             })

@@ -1,21 +1,21 @@
 "use strict";
 data.commissioning.forEach((step, n) => {
-  const rows = step.telemetry, end = rows.length ? rows.at(-1).time_s : 1;
-  const of = (key) => rows.map((row) => [row.time_s, row[key]]);
+  const rows = step.telemetry, end = rows.length ? rows.at(-1).time : 1;
+  const of = (key) => rows.map((row) => [row.time, row[key]]);
   const top = (...keys) => 1.08 * Math.max(1e-6, ...keys.flatMap((key) => rows.map((row) => row[key] ?? 0)));
   const x = { label: "time", unit: "s", low: 0, high: end || 1 };
   const read = (time) => {
     if (!rows.length) return "the board sent no telemetry";
-    const row = rows[nearest(rows.map((row) => row.time_s), time)];
-    return `${told(row.time_s)} s: ${row.state}, b ${told(row.amplitude_mm)} mm, setpoint ${told(row.setpoint_mm)} mm, k ${told(row.k)}, output ${told(row.output, 3)}, in gear ${told(row.in_gear_heard, 3)}`;
+    const row = rows[nearest(rows.map((row) => row.time), time)];
+    return `${told(row.time)} s: ${row.state}, b ${told(row.b)} mm, setpoint ${told(row.setpoint_b)} mm, k ${told(row.k)}, output ${told(row.output, 3)}, in gear ${told(row.in_gear_heard, 3)}`;
   };
   const numbers = () => ({
     heads: ["time / s", "b / mm", "setpoint / mm", "k", "output", "impacts a cycle", "in gear heard", "state"],
-    rows: rows.map((row) => [row.time_s, row.amplitude_mm, row.setpoint_mm, row.k, row.output, row.impacts_per_cycle, row.in_gear_heard, row.state]),
+    rows: rows.map((row) => [row.time, row.b, row.setpoint_b, row.k, row.output, row.impacts_heard, row.in_gear_heard, row.state]),
   });
   new Chart("amplitude-" + n, () => ({
-    x, y: { label: "amplitude b", unit: "mm", low: 0, high: top("amplitude_mm", "setpoint_mm") }, height: 240, read, numbers,
-    layers: [{ kind: "line", series: 0, name: "measured", points: of("amplitude_mm") }, { kind: "line", series: 1, name: "asked for", points: of("setpoint_mm") }],
+    x, y: { label: "amplitude b", unit: "mm", low: 0, high: top("b", "setpoint_b") }, height: 240, read, numbers,
+    layers: [{ kind: "line", series: 0, name: "measured", points: of("b") }, { kind: "line", series: 1, name: "asked for", points: of("setpoint_b") }],
   }));
   new Chart("shares-" + n, () => ({
     x, y: { label: "share", low: 0, high: 1.05 }, height: 200, read, numbers,
