@@ -1,0 +1,22 @@
+//! The pictures of the manual are what their commands draw.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+#[test]
+fn every_picture_is_what_its_command_draws() {
+    let root: PathBuf = [env!("CARGO_MANIFEST_DIR"), ".."].iter().collect();
+    let output = Command::new("bash")
+        .arg(root.join("docs/pictures/draw.sh"))
+        .arg("--check")
+        .env("KBAND", env!("CARGO_BIN_EXE_kband"))
+        .stdin(Stdio::null())
+        .output()
+        .expect("bash is on the path");
+    let told = String::from_utf8_lossy(&output.stdout);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success(),
+        "docs/pictures/draw.sh draws anew:\n{told}{said}"
+    );
+}
