@@ -165,7 +165,9 @@ mod tests {
     use core::future::Future;
     use core::pin::pin;
     use core::task::{Context, Waker};
-    use kband::control::{AdcCode, Command, Inputs, Report, StartCause, State, Target, phase_step};
+    use kband::control::{
+        AdcCode, Command, Fault, Inputs, Report, StartCause, State, Target, phase_step,
+    };
     use kband::plant::{Bench, Change, ClosedLoop, Disturbance, Scene};
     use std::boxed::Box;
     use std::rc::Rc;
@@ -231,17 +233,21 @@ mod tests {
         scene
     }
 
+    fn desk(scene: &Scene) -> Shared {
+        Shared(Rc::new(core::cell::RefCell::new(Desk {
+            bench: Bench::build(scene).unwrap(),
+            output: 0.0,
+            off: false,
+            reports: Vec::new(),
+        })))
+    }
+
     /// Runs the application over a scene for some cycles; `late` samples pass before each cycle's
     /// control is let run.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
-        let desk = Shared(Rc::new(core::cell::RefCell::new(Desk {
-            bench: Bench::build(scene).unwrap(),
-            output: 0.0,
-            off: false,
-            reports: Vec::new(),
-        })));
+        let desk = desk(scene);
         let found = Found {
             settings: scene.settings,
             target: scene.target,
@@ -322,12 +328,7 @@ mod tests {
     ) -> Option<u32> {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
         let scene = Scene::default();
-        let desk = Shared(Rc::new(core::cell::RefCell::new(Desk {
-            bench: Bench::build(&scene).unwrap(),
-            output: 0.0,
-            off: false,
-            reports: Vec::new(),
-        })));
+        let desk = desk(&scene);
         let signal = Signal::build(&scene.settings).unwrap();
         let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
         let mut started = false;
@@ -345,6 +346,72 @@ mod tests {
             started |= !desk.0.borrow().off;
             started && desk.0.borrow().off
         })
+    }
+
+    #[test]
+    fn a_drive_that_was_cut_off_stays_off_until_the_control_says_so_too() {
+        static ROLL: Roll = Roll::of(&[Watched::Samples]);
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let scene = Scene::default();
+        let desk = desk(&scene);
+        let signal = Signal::build(&scene.settings).unwrap();
+        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        let mut cycle = |command: Option<Command>| {
+            if let Some(command) = command {
+                exchange.command(command);
+            }
+            (0..400).for_each(|_| sampler.interrupt());
+            (!desk.0.borrow().off, exchange.late())
+        };
+        let on = Command {
+            amplitude: 0.2,
+            step: phase_step(50.0),
+            ..Command::default()
+        };
+        let off = Command {
+            immediate: true,
+            step: phase_step(50.0),
+            ..Command::default()
+        };
+        assert_eq!(cycle(Some(on)), (true, false));
+        for _ in 0..5 {
+            cycle(None);
+        }
+        assert_eq!(cycle(None), (false, true));
+        for _ in 0..3 {
+            assert_eq!(cycle(Some(on)), (false, true));
+        }
+        assert_eq!(cycle(Some(off)), (false, false));
+        assert_eq!(cycle(Some(on)), (true, false));
+    }
+
+    #[test]
+    fn a_control_that_comes_too_late_ends_in_its_fault() {
+        // Five cycles and a half from each to its control; the lasting fault is told in the next one.
+        let (reports, off, _) = run(&scene(), 12, 2200);
+        let late = |report: &Report| report.fault == Some(Fault::ControlLate);
+        assert!(reports.iter().any(late), "{reports:?}");
+        assert_eq!(off.last(), Some(&true));
+    }
+
+    #[test]
+    fn a_new_signal_path_is_taken_at_the_next_sample() {
+        static ROLL: Roll = Roll::of(&[Watched::Samples]);
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let mut settings = Scene::default().settings;
+        let desk = desk(&Scene::default());
+        let signal = Signal::build(&settings).unwrap();
+        let mut sampler = Sampler::new(signal, desk.clone(), desk, exchange, &ROLL);
+        let mut step = || {
+            let before = sampler.phase();
+            sampler.interrupt();
+            (sampler.phase() - before).bits()
+        };
+        assert_eq!(step(), phase_step(50.0));
+        settings.set("frequency", 60.0).unwrap();
+        exchange.replace_signal(Signal::build(&settings).unwrap());
+        assert_ne!(step(), phase_step(50.0));
+        assert_eq!(step(), phase_step(60.0));
     }
 
     #[test]

@@ -448,6 +448,20 @@ mod tests {
     }
 
     #[test]
+    fn a_bank_is_filled_before_the_other_one_is_begun() {
+        for records in 1..=8 {
+            let nor = filled::<2048>(records);
+            let used = |bytes: &[u8]| bytes.chunks(SLOT).filter(|slot| slot[0] != 0xff).count();
+            assert_eq!(used(&nor.bytes[..2048]), records as usize);
+            assert_eq!(used(&nor.bytes[2048..4096]), 0);
+        }
+        // The ninth lies in the other one, and with it the first is erased.
+        let nor = filled::<2048>(9);
+        assert_eq!(nor.bytes[..2048], [0xff; 2048]);
+        assert_ne!(nor.bytes[2048..][..SLOT], [0xff; SLOT]);
+    }
+
+    #[test]
     fn what_was_cut_hides_no_older_record() {
         let mut nor = Nor::<2048>::new();
         let mut content = [0; 40 - OVERHEAD];

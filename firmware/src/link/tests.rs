@@ -67,10 +67,17 @@ const IMAGE: Image = Image {
     set_up: SetUp::default,
 };
 
+const SIMULATE: Request<'static> = Request::Simulate {
+    target: kband::wire::Target::Locked(1),
+    start: kband::wire::StartCause::Ordinary,
+};
+
 struct Board {
     service: Service<Memory>,
     station: Station,
     enable: bool,
+    /// Of the accelerometer in m/s^2.
+    mean: f32,
 }
 
 impl Board {
@@ -88,6 +95,7 @@ impl Board {
             service: Service::new(IMAGE, Memory::of(found)),
             station,
             enable: false,
+            mean: 0.0,
         }
     }
 
@@ -100,6 +108,7 @@ impl Board {
         // The readings of a sensor that works.
         let mut cycle = Cycle::default();
         (cycle.low, cycle.high) = (2040, 2056);
+        cycle.mean = self.mean;
         self.station.cycle(&cycle, inputs);
         self.service.tick(&self.station).map(<[u8]>::to_vec)
     }
@@ -224,6 +233,8 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
         Request::Save,
         Request::Defaults,
         Request::SelfTest,
+        Request::Fault(0),
+        SIMULATE,
     ] {
         board.refused(&request, Refusal::Running);
     }
@@ -269,6 +280,35 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
     board.ask(&Request::LastWords, |response| {
         assert_eq!(response, Response::LastWords(Some("panic at lib.rs:7")));
     });
+}
+
+#[test]
+fn a_drive_that_is_stopping_is_not_at_rest() {
+    for request in [
+        Request::Save,
+        Request::SelfTest,
+        Request::Fault(0),
+        SIMULATE,
+    ] {
+        let mut board = Board::new();
+        board.enable = true;
+        (0..10).for_each(|_| drop(board.cycle()));
+        board.enable = false;
+        board.refused(&request, Refusal::Running);
+        assert_eq!(board.station.report().state, State::Stopping);
+    }
+}
+
+#[test]
+fn a_sensor_that_reads_more_than_gravity_at_rest_fails_the_self_test() {
+    let mut board = Board::new();
+    for (mean, sound) in [(9.8, true), (-9.8, true), (12.0, false), (-12.0, false)] {
+        board.mean = mean;
+        board.ask(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => assert_eq!(test.sensor, sound, "{mean}"),
+            other => panic!("{other:?}"),
+        });
+    }
 }
 
 #[test]
@@ -446,10 +486,21 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         Request::Samples { codes, end }
     }
     board.refused(&samples(&[], None), Refusal::OutOfStep);
-    board.done(&Request::Simulate {
-        target: scene.target.into(),
-        start: kband::wire::StartCause::Ordinary,
-    });
+    // Not even where the enable is withdrawn by the desk alone.
+    board.done(&Request::Enable(false));
+    board.enable = true;
+    board.refused(&SIMULATE, Refusal::Running);
+    board.enable = false;
+    board.cycle();
+    board.done(&Request::Enable(true));
+    assert_eq!(
+        SIMULATE,
+        Request::Simulate {
+            target: scene.target.into(),
+            start: kband::wire::StartCause::Ordinary,
+        }
+    );
+    board.done(&SIMULATE);
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let mut bench = Bench::build(&scene).unwrap();
     let mut signal = Signal::build(&scene.settings).unwrap();
@@ -495,6 +546,68 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         Refusal::OutOfStep,
     );
     board.refused(&samples(&[0xff; 3], None), Refusal::OutOfStep);
+}
+
+/// A cycle at 50 Hz has 400 readings, and the first one another: a phase step rounded down.
+#[test]
+fn readings_are_refused_where_a_cycle_ends_within_them_or_before_its_inputs() {
+    let mut board = Board::new();
+    board.done(&SIMULATE);
+    let samples = |count: usize, end: bool| Request::Samples {
+        codes: &[0; 150][..count],
+        end: end.then(|| Inputs::default().into()),
+    };
+    board.done(&samples(150, false));
+    board.done(&samples(150, false));
+    board.refused(&samples(150, false), Refusal::OutOfStep);
+    board.refused(&samples(150, true), Refusal::OutOfStep);
+    board.refused(&samples(101, false), Refusal::OutOfStep);
+    board.refused(&samples(100, true), Refusal::OutOfStep);
+    board.ask(&samples(101, true), |response| {
+        assert!(matches!(response, Response::Cycle { .. }), "{response:?}");
+    });
+}
+
+#[test]
+fn a_desk_that_simulates_and_falls_silent_gives_the_board_back() {
+    let mut board = Board::new();
+    board.done(&SIMULATE);
+    let mut second = Cycle::default();
+    second.samples = 20_000;
+    let inputs = Inputs {
+        enable: true,
+        ..Inputs::default()
+    };
+    let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
+    assert_eq!(silent.count(), 10);
+    // Off, and not by an enable input that was there before.
+    let report = board.station.cycle(&second, inputs).unwrap();
+    assert_eq!(
+        (report.state, report.command.amplitude),
+        (State::Fault, 0.0)
+    );
+}
+
+#[test]
+fn no_fault_is_kept_while_the_drive_runs() {
+    let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+    let found = FOUND(Condition::Whole);
+    let controller = Station::controller(&found, StartCause::Reset).unwrap();
+    let mut board = Board::new();
+    let words = LastWords::EMPTY;
+    board.station = Station::new(&found, StartCause::Reset, &controller, exchange, words);
+    // Given, withdrawn for half a second, and given: acknowledged before the link came to keep it.
+    for cycle in 0..40 {
+        board.enable = !(2..35).contains(&cycle);
+        board.cycle();
+    }
+    assert_eq!(board.station.report().state, State::Starting);
+    block_on(board.service.keep_fault(&board.station));
+    assert!(board.service.store.faults.is_empty());
+    board.enable = false;
+    (0..100).for_each(|_| drop(board.cycle()));
+    block_on(board.service.keep_fault(&board.station));
+    assert_eq!(board.service.store.faults.len(), 1);
 }
 
 /// What the desk sees of a board whose settings are missing: they may be set one by one, and only what was saved

@@ -344,6 +344,18 @@ fn settings_out_of_range_or_of_another_firmware_are_told() {
     ] {
         assert_eq!(spoilt(word, value), Found::none(Condition::Lost));
     }
+    // Each in its range, and together none.
+    let place = |name| {
+        1 + Settings::KEYS
+            .iter()
+            .position(|key| key.name == name)
+            .unwrap()
+    };
+    assert!(Settings::default().restitution_high < 0.9);
+    assert_eq!(
+        spoilt(place("restitution_low"), 0.9_f32.to_bits()),
+        Found::none(Condition::Lost)
+    );
     assert_eq!(
         spoilt(1, 60_f32.to_bits()).condition,
         Condition::Whole,

@@ -340,6 +340,11 @@ fn every_message_arrives_as_it_was_sent() {
 }
 
 #[test]
+fn zeros_between_frames_are_nothing() {
+    assert_eq!(receive(&[0; 5]), []);
+}
+
+#[test]
 fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let mut buffer = [0; FRAME_MOST];
     let frame = write_request(&mut buffer, 7, &Request::Get("frequency"))
