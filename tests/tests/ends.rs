@@ -130,6 +130,43 @@ fn what_opened_the_bridge_is_told_and_kept() {
 }
 
 #[test]
+fn a_stack_that_is_nearly_used_up_stops_the_drive() {
+    let mut rig = running();
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    // In the farthest eighth of it, of which each cycle looks at some words: all of them in 80 cycles.
+    let written = images::symbol(&image, "_stack_end") + 512;
+    rig.at(3.0, Act::Store(written, 0)).run(4.7);
+    assert!(rig.opens_after(3.0).is_some());
+    assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
+    rig.run(4.9);
+    assert_eq!(fault(&mut rig), Some(10));
+}
+
+#[test]
+fn a_reset_by_the_pin_while_it_drives_is_a_fault() {
+    let mut rig = running();
+    rig.chip.reset(Cause::Pin);
+    rig.run(3.5);
+    assert_eq!(rig.resets()[1].1, Cause::Pin);
+    assert!(rig.seen_after(3.0, &Seen::Fault(true)).is_some());
+    assert_eq!(rig.seen_after(3.001, &Seen::Bridge(true)), None);
+}
+
+#[test]
+fn a_link_that_waits_for_ever_is_a_reset_though_all_else_goes_on() {
+    let mut rig = running();
+    rig.done(&Request::Telemetry(1));
+    let from = rig.time() + 0.01;
+    // Control register 1 of its port, by a stray write: what is to be sent is never asked for.
+    rig.at(from, Act::Store(0x4000_440c, 0)).run(from + 1.6);
+    let resets = &rig.resets()[1..];
+    assert!(
+        resets.iter().any(|(_, cause)| *cause == Cause::Watchdog),
+        "{resets:?}"
+    );
+}
+
+#[test]
 fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
     for crystal in [0, 4_000_000, 12_000_000, 16_000_000, 25_000_000] {
         let mut rig = blank();

@@ -25,6 +25,11 @@ fn run(name: &str) {
             fidelity.name(),
             unmet.join("\n")
         );
+        let most = 1.0001e-3 * file.scene.settings.amplitude_limit;
+        for moment in outcome.moments() {
+            let reference = moment.report.reference;
+            assert!(reference <= most, "{reference} at {} s", moment.time);
+        }
         outcome
     };
     let [envelope, waveform] = Fidelity::ALL.map(come_to);

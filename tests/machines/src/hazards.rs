@@ -437,8 +437,16 @@ pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
         ("samples come twice as often", TWICE),
         ("samples come half as often again", HALF_AS_OFTEN_AGAIN),
     ];
-    astray
-        .into_iter()
-        .map(|(name, act)| Hazard::of(name, 50.0, Target::Amplitude(0.2)).acts([(GOES_WRONG, act)]))
+    // Interrupt 61 is another chip's: enabled, and pending.
+    let stray = [
+        Act::Store(0xe000_e104, 1 << 29),
+        Act::Store(0xe000_e204, 1 << 29),
+    ];
+    let of = |name, acts: Vec<Act>| {
+        let acts = acts.into_iter().map(|act| (GOES_WRONG, act));
+        Hazard::of(name, 50.0, Target::Amplitude(0.2)).acts(acts)
+    };
+    std::iter::once(of("an interrupt that nobody handles", stray.into()))
+        .chain(astray.map(|(name, act)| of(name, vec![act])))
         .collect()
 }

@@ -222,7 +222,15 @@ fn a_program_that_goes_astray_lets_go_of_the_bridge() {
         rig.tolerant = true;
         let Outcome { opens, mut rig, .. } = hazard.play(rig);
         println!("{name}: bridge open after {opens:?} s");
-        assert!(opens.is_some_and(|time| time <= 5e-3), "{name}: {opens:?}");
+        // The handlers of the core's faults open it before they do anything else.
+        let handled = [
+            "an interrupt that nobody handles",
+            "a panic",
+            "a jump into erased flash",
+            "the stack overflows",
+        ];
+        let most = if handled.contains(&name) { 5e-6 } else { 5e-3 };
+        assert!(opens.is_some_and(|time| time <= most), "{name}: {opens:?}");
         // It comes back, shows a fault, and waits.
         assert!(rig.resets().len() > 1, "{name}: {:?}", rig.resets());
         let from = hazard.from;

@@ -387,6 +387,59 @@ mod tests {
     }
 
     #[test]
+    fn no_output_is_above_what_is_allowed_now() {
+        for resonance in [50.0, 47.0] {
+            let settings = Settings {
+                resonance,
+                ..Settings::default()
+            };
+            let mut control = AmplitudeLoop::build(&settings).unwrap();
+            for most in [0.3, 0.1, 0.2] {
+                let output = control.cycle(0.0, 2e-3, most);
+                assert!(output <= most, "{resonance}: {output} of {most}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_output_a_little_out_of_reach_is_told() {
+        let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
+        let mut drive = SimulatedDrive {
+            envelope: 0.0,
+            latched: 0.0,
+            gain: 1.0,
+        };
+        let mut output = 0.0;
+        let most = Settings::default().output_maximum;
+        for reference in [0.95e-3 * most, 1.05e-3 * most] {
+            for _ in 0..200 {
+                output = control.cycle(drive.cycle(output), reference, 1.0);
+            }
+            assert_eq!(control.saturated(), reference > 1e-3 * most);
+        }
+    }
+
+    /// Too little for the gain to be learned: the feedforward alone.
+    #[test]
+    fn off_the_resonance_the_reference_goes_on_from_what_the_output_made_of_it() {
+        let settings = Settings {
+            resonance: 48.0,
+            ..Settings::default()
+        };
+        let mut control = AmplitudeLoop::build(&settings).unwrap();
+        assert!(!control.envelope.first_order && control.inverse.forget > 0.1);
+        let reference = 0.01 * control.gain;
+        for _ in 0..50 {
+            control.cycle(0.0, reference, 0.004);
+        }
+        assert_eq!(control.cycle(0.0, reference, 0.004), 0.004);
+        let first = control.cycle(0.0, reference, 1.0);
+        let forget = control.inverse.forget;
+        let expected = forget * 0.004 + (1.0 - forget) * 0.01;
+        assert!((first - expected).abs() < 1e-5, "{first} {expected}");
+    }
+
+    #[test]
     fn a_reference_out_of_reach_does_not_wind_up() {
         let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
         let mut drive = SimulatedDrive {

@@ -160,3 +160,48 @@ impl Capture {
         Some(CaptureEvent::Begun)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::task::Poll;
+
+    use super::*;
+    use crate::feeder::Restitution;
+    use crate::impact::Hybrid;
+    use crate::regime::band::Band;
+    use crate::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
+
+    fn plan(low: f64, high: f64) -> Plan {
+        let restitution = Restitution::interval(low, high).unwrap();
+        let mut planner = Planner::<Hybrid>::new(PlanSettings {
+            lot: Lot {
+                k: Band::common(restitution, 1).unwrap().setpoint(),
+                restitution,
+                order: 1,
+                amplitude_error: 0.02,
+            },
+            drive: DriveLag::build(DriveLagSettings::DEFAULT).unwrap(),
+            time_constant: 5.0,
+            effort: PlanSettings::EFFORT,
+        })
+        .unwrap();
+        loop {
+            if let Poll::Ready(plan) = planner.advance(1000) {
+                return plan;
+            }
+        }
+    }
+
+    #[test]
+    fn a_plan_that_misses_more_than_one_part_in_twenty_is_uncertain() {
+        for (low, high, sure) in [(0.18, 0.22, true), (0.48, 0.52, false)] {
+            let plan = plan(low, high);
+            let share = plan.best().unwrap().share();
+            assert!((0.35..0.95).contains(&share) != sure, "{low}: {share}");
+            let mut capture = Capture::new(8, 50.0);
+            capture.begin();
+            let event = capture.cycle(Some(&plan), false, true);
+            assert_eq!(event, Some(CaptureEvent::Planned { sure }), "{low}");
+        }
+    }
+}

@@ -247,7 +247,6 @@ impl StateMachine {
     pub fn fail(&mut self, fault: Fault, events: &mut Events) {
         if self.fault.is_none() {
             self.fault = Some(fault);
-            self.latched = true;
             self.withdrawn = 0;
             self.enter(State::Fault);
             events.push(Event::Faulted);
@@ -494,5 +493,72 @@ impl StateMachine {
             events.push(Event::LockLost);
         }
         decision
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PACE: f32 = 50.0;
+    const AT_REST: Standstill = Standstill {
+        reached: true,
+        patience: 0.0,
+    };
+
+    /// The state after so many cycles with these inputs.
+    fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
+        for _ in 0..cycles {
+            machine.count();
+            machine.obey(inputs, true, &AT_REST, &mut Events::default());
+        }
+        machine.state()
+    }
+
+    #[test]
+    fn a_fault_is_not_acknowledged_while_its_cause_is_there() {
+        let causes: [(Fault, fn(&mut Inputs)); 5] = [
+            (Fault::OverTemperature, |inputs| {
+                inputs.over_temperature = true;
+            }),
+            (Fault::StackLow, |inputs| inputs.stack_low = true),
+            (Fault::OverCurrent, |inputs| inputs.over_current = true),
+            (Fault::SupplyLow, |inputs| inputs.supply_low = true),
+            (Fault::ClockFailed, |inputs| inputs.clock_failed = true),
+        ];
+        for (fault, cause) in causes {
+            let mut machine = StateMachine::begin(StartCause::Ordinary, PACE, 8.0);
+            machine.fail(fault, &mut Events::default());
+            let mut there = Inputs::default();
+            cause(&mut there);
+            assert_eq!(after(&mut machine, 1000, &there), State::Fault, "{fault:?}");
+            assert_eq!(machine.fault(), Some(fault));
+            let gone = Inputs::default();
+            assert_eq!(after(&mut machine, 1, &gone), State::Off, "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_withdrawn_before_a_fault_acknowledges_nothing() {
+        let mut machine = StateMachine::begin(StartCause::Ordinary, PACE, 8.0);
+        let withdrawn = Inputs::default();
+        after(&mut machine, 100, &withdrawn);
+        machine.fail(Fault::StackLow, &mut Events::default());
+        assert_eq!(after(&mut machine, 24, &withdrawn), State::Fault);
+        assert_eq!(after(&mut machine, 1, &withdrawn), State::Off);
+    }
+
+    #[test]
+    fn an_enable_that_was_there_before_the_start_starts_nothing() {
+        let given = Inputs {
+            enable: true,
+            ..Inputs::default()
+        };
+        let mut machine = StateMachine::begin(StartCause::PowerOn, PACE, 8.0);
+        assert_eq!(after(&mut machine, 100, &given), State::Off);
+        assert_eq!(after(&mut machine, 1, &Inputs::default()), State::Off);
+        assert_eq!(after(&mut machine, 1, &given), State::Starting);
+        let mut machine = StateMachine::begin(StartCause::Ordinary, PACE, 8.0);
+        assert_eq!(after(&mut machine, 1, &given), State::Starting);
     }
 }

@@ -544,6 +544,30 @@ mod tests {
         }
     }
 
+    /// Launches that touch a hump so gently that their arrival rounds below 0; taken for a number it is the largest there is.
+    #[test]
+    fn an_arrival_that_rounds_below_zero_is_a_graze() {
+        for [k, restitution, phase, velocity] in [
+            [
+                0.942_362_410_194_748_2,
+                0.962_403_321_742_895_2,
+                0.536_331_793_535_494_8,
+                0.102_168_692_214_752_8,
+            ],
+            [
+                0.195_098_795_574_910_56,
+                1.0,
+                4.399_616_753_945_056,
+                1.494_849_640_294_900_5,
+            ],
+        ] {
+            let board = Hybrid::build(k, restitution).unwrap();
+            let landing = board.land(Hybrid::state(phase, velocity).unwrap());
+            assert!(landing.grazes && landing.steps > 0, "{landing:?}");
+            assert_eq!(landing.next.velocity, Velocity::ZERO);
+        }
+    }
+
     #[test]
     fn in_single_precision_it_is_what_f64_rounds_to() {
         for n in 0..200_000_u32 {
