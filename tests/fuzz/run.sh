@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Searches every way into kband by coverage, with libFuzzer and the address sanitizer.
 #
-#   tests/fuzz/run.sh [SECONDS [TARGET...]]   60 seconds for each target; all of them
+#   tests/fuzz/run.sh [SECONDS [TARGET...]]   60 seconds for each target; all of them but log, which needs a board's image with a log
 #
 # Prints for each target how many inputs were tried, how many branches they reached and the corpus that they left in
 # target/fuzz/corpus/TARGET; exit status 1 where an input failed: it lies in target/fuzz/failed and runs again with
@@ -30,7 +30,9 @@ fi
 # Across crates nothing is to be gained here, and it takes long.
 export CARGO_PROFILE_RELEASE_LTO=off
 # Once for the programs that run here while it builds, once for the search: --target keeps them apart.
-RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features libfuzzer --bin fuzz --target "$host" \
+features=libfuzzer
+case " $* " in *" log "*) features=libfuzzer,log ;; esac
+RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features "$features" --bin fuzz --target "$host" \
     --target-dir "$folder" || exit 1
 
 targets=("$@")

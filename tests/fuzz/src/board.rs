@@ -1,7 +1,7 @@
 //! The board's side of the link with all that is behind it: frames, drive cycles, power that comes and goes.
 
 use embassy_futures::block_on;
-use kband::control::{Cycle, Inputs, StartCause, State};
+use kband::control::{Cycle, Event, Inputs, StartCause, State};
 use kband::wire::{Outgoing, Response, SetUp, read_answer};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
@@ -52,7 +52,13 @@ impl Board {
             if matches!(report.state, State::Off | State::Fault) {
                 assert!(command.amplitude == 0.0 && command.immediate);
             }
-            assert!(!inputs.stack_low || report.state == State::Fault);
+            // Where another fault is acknowledged, this one is told in the next cycle.
+            let acknowledged = report
+                .events
+                .iter()
+                .any(|event| event == Event::Acknowledged);
+            assert!(!inputs.stack_low || report.state == State::Fault || acknowledged);
+            assert!(!(acknowledged && inputs.enable));
         }
         self.station.plan_step();
         let _ = self.service.tick(&self.station);
