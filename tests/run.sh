@@ -4,8 +4,11 @@
 #   tests/run.sh          everything that a change must pass
 #   tests/run.sh --soak [MILLIONS [SEED]]  instead: the long ones (launches of the impact map: 100 million in every arithmetic on one
 #                         tone and 10 on several, or MILLIONS on both; a day of simulated operation, and a week of it by its
-#                         envelope; a million frames at the emulated board). A million launches takes some 4 s of one core on one tone and 2 minutes on several: 1000 of them an
-#                         hour and a day and a half.
+#                         envelope; a million frames at the emulated board; every mutant; five minutes of search by
+#                         coverage for each way in). A million launches takes some 4 s of one core on one tone and 2 minutes on
+#                         several: 1000 of them an hour and a day and a half.
+#   tests/run.sh --mutants [WHICH...]  instead: the mutants alone, of these files or numbers (tests/mutants/run.py)
+#   tests/run.sh --fuzz [SECONDS [TARGET...]]  instead: the search by coverage alone, 60 s for each target (tests/fuzz/run.sh)
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
@@ -111,7 +114,22 @@ if [ "${1:-}" = --soak ]; then
     step "day" 7200 cargo run --release --locked --package kband-tests --bin day
     step "flood" 7200 env KBAND_FRAMES=1000000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test flood -- --nocapture
+    step "mutants" 14400 tests/mutants/run.py
+    step "search by coverage" 7200 tests/fuzz/run.sh 300
     step "week" 7200 cargo run --release --locked --package kband-tests --bin day -- --days 7 --fidelity envelope
+    finish
+fi
+
+if [ "${1:-}" = --mutants ]; then
+    shift
+    step "mutants" 14400 tests/mutants/run.py "$@"
+    finish
+fi
+
+if [ "${1:-}" = --fuzz ]; then
+    shift
+    case ${1:-60} in *[!0-9]*) echo "tests/run.sh: --fuzz takes a number of seconds, then targets"; exit 2 ;; esac
+    step "search by coverage" $((3600 + 15 * ${1:-60})) tests/fuzz/run.sh "$@"
     finish
 fi
 

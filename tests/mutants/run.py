@@ -3,36 +3,44 @@
 
     tests/mutants/run.py                  all of them
     tests/mutants/run.py firmware/ 17     those of files whose path begins so, and number 17
-    tests/mutants/run.py --with unit,firmware firmware/    with these of their programs alone: a first look that takes minutes
+    tests/mutants/run.py --with unit,firmware firmware/    by tests of these programs alone: a first look
     tests/mutants/run.py --check          only whether each place is where the list says, without a build
 
 Copies the tree to target/mutants/tree, puts each mutant behind a switch that the environment (KBAND_MUTANT, for the programs
-of this machine) or a word of the flash (for an image on the emulated chip) sets, builds the test programs once, sees that they
-pass without a mutant, and runs for each the tests that the list names. Exit status 1 where fewer than 95 % are caught.
+of this machine) or a word of the flash (for an image on the emulated chip) sets, and builds the test programs once. Each test
+that the list names runs once without a mutant: it has to pass, and it leaves how long it took and which mutants it reached.
+Then each mutant runs the tests that reach it, the fastest first, until one fails. Exit status 1 where fewer than 95 % are
+caught. The table tests/mutants/results.md has the last verdict on each, once there is one on all of them. KBAND_JOBS says how
+many run at once (as many as the machine has cores).
 """
 
+import concurrent.futures
 import json
 import os
 import pathlib
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 TREE = TARGET / "mutants" / "tree"
+TABLE = ROOT / "tests/mutants/results.md"
 LEAST = 0.95
-# Seconds; one that hangs is caught.
-PATIENCE = 900
+JOBS = int(os.environ.get("KBAND_JOBS", os.cpu_count() or 1))
+# Seconds of tests that one process runs before it is asked whether one failed.
+BATCH = 4.0
 PROGRAMS = {
     "unit": ("kband", "kband"),
     "firmware": ("kband-firmware", "kband_firmware"),
     "hazards": ("kband-machines", "hazards"),
-    **{name: ("kband-tests", name) for name in
-       ("scenes", "safety", "automatic", "hostile", "kernels", "ends", "flashed")},
+    **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed")},
 }
+# They run an image: which mutants it reaches is not recorded, the list names the test.
+EMULATED = ("hazards", "ends", "flashed")
 SWITCH = """//! Which mutant this run has.
 
 #[cfg(target_os = "none")]
@@ -51,17 +59,23 @@ pub fn is(number: u32) -> bool {
 #[cfg(not(target_os = "none"))]
 extern crate std;
 
-/// Whether it is this one.
+/// Whether it is this one; a file that the environment names takes the numbers that were asked for.
 #[cfg(not(target_os = "none"))]
 pub fn is(number: u32) -> bool {
-    use core::sync::atomic::{AtomicU32, Ordering};
-    static WHICH: AtomicU32 = AtomicU32::new(u32::MAX);
-    let mut which = WHICH.load(Ordering::Relaxed);
-    if which == u32::MAX {
-        which = std::env::var("KBAND_MUTANT").ok().and_then(|text| text.parse().ok()).unwrap_or(0);
-        WHICH.store(which, Ordering::Relaxed);
+    use core::sync::atomic::{AtomicBool, Ordering};
+    use std::io::Write;
+    use std::sync::LazyLock;
+    static WHICH: LazyLock<u32> =
+        LazyLock::new(|| std::env::var("KBAND_MUTANT").ok().and_then(|text| text.parse().ok()).unwrap_or(0));
+    static SEEN: [AtomicBool; 1024] = [const { AtomicBool::new(false) }; 1024];
+    let seen = &SEEN[number as usize];
+    if !seen.load(Ordering::Relaxed) && !seen.swap(true, Ordering::Relaxed) {
+        if let Some(path) = std::env::var_os("KBAND_REACHED") {
+            let file = std::fs::File::options().append(true).create(true).open(path);
+            file.and_then(|mut file| file.write_all(std::format!("{number}\\n").as_bytes())).expect("a file");
+        }
     }
-    which == number
+    number == *WHICH
 }
 """
 # The emulated chip's loader gives an image its mutant.
@@ -74,11 +88,14 @@ LOADER = """
     chip.board.bridge.reset();"""
 
 
+def listed():
+    return tomllib.loads((ROOT / "tests/mutants/mutants.toml").read_text())
+
+
 def mutants():
-    """Every mutant of the list: number, path, place, expression, what it becomes, its tests."""
-    listed = tomllib.loads((ROOT / "tests/mutants/mutants.toml").read_text())
+    """Every mutant of the list: number, path, place, expression, what it becomes, who may notice it."""
     number = 0
-    for file in listed["file"]:
+    for file in listed()["file"]:
         for place, expression, becomes, *own in file["mutants"]:
             number += 1
             yield number, file["path"], place, expression, becomes, own or file["tests"]
@@ -96,37 +113,44 @@ def mutated(text, found, path):
         spots.append((start, start + len(expression), number, expression, becomes))
     for start, end, number, expression, becomes in sorted(spots, reverse=True):
         switch = f"(if {module}::mutation::is({number}) {{ {becomes} }} else {{ {expression} }})"
-        if place_of_method(text, start):
+        if text[:start].rstrip().endswith("."):
             sys.exit(f"mutant {number}: a method alone is no expression")
         text = text[:start] + switch + text[end:]
     return text
 
 
-def place_of_method(text, start):
-    return text[:start].rstrip().endswith(".")
-
-
 def plant(found):
-    """The tree with all mutants in it."""
-    shutil.rmtree(TREE, ignore_errors=True)
-    skip = shutil.ignore_patterns("target", ".git")
-    shutil.copytree(ROOT, TREE, ignore=skip)
+    """The tree with all mutants in it; files that stay as they were keep their time, and what was built of them."""
+    wanted = {}
+    names = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, check=True,
+                           stdout=subprocess.PIPE).stdout
+    for name in filter(None, names.decode().split("\0")):
+        if (ROOT / name).is_file():
+            wanted[name] = (ROOT / name).read_bytes()
     for path in {path for _, path, *_ in found}:
-        file = TREE / path
-        file.write_text(mutated(file.read_text(), [m for m in found if m[1] == path], path))
-    (TREE / "shared/src/mutation.rs").write_text(SWITCH)
-    library = TREE / "shared/src/lib.rs"
-    text = library.read_text().replace("forbid(unsafe_code)", "deny(unsafe_code)")
-    library.write_text(text + "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n")
-    rig = TREE / "tests/machines/src/rig.rs"
-    text = rig.read_text()
-    assert text.count("\n    chip.board.bridge.reset();") == 1
-    rig.write_text(text.replace("\n    chip.board.bridge.reset();", LOADER))
+        wanted[path] = mutated(wanted[path].decode(), [m for m in found if m[1] == path], path).encode()
+    wanted["shared/src/mutation.rs"] = SWITCH.encode()
+    library = wanted["shared/src/lib.rs"].decode().replace("forbid(unsafe_code)", "deny(unsafe_code)")
+    library += "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n"
+    wanted["shared/src/lib.rs"] = library.encode()
+    rig = wanted["tests/machines/src/rig.rs"].decode()
+    assert rig.count("\n    chip.board.bridge.reset();") == 1
+    wanted["tests/machines/src/rig.rs"] = rig.replace("\n    chip.board.bridge.reset();", LOADER).encode()
+    for name, content in wanted.items():
+        file = TREE / name
+        if not file.is_file() or file.read_bytes() != content:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+            shutil.copymode(ROOT / name, file) if (ROOT / name).exists() else None
+    for file in [file for file in TREE.rglob("*") if file.is_file()]:
+        name = str(file.relative_to(TREE))
+        if name not in wanted and not name.startswith("target/"):
+            file.unlink()
 
 
 def build(names):
-    """The test programs of these names, built."""
-    environment = dict(os.environ, CARGO_TARGET_DIR=str(TARGET / "mutants"), CARGO_NET_OFFLINE="true")
+    """The test programs of these names, built: the file, its folder, its tests."""
+    environment = dict(os.environ, CARGO_TARGET_DIR=str(TARGET / "mutants"), CARGO_NET_OFFLINE="true", RUST_BACKTRACE="0")
     found = {}
     for name in sorted(names):
         package, program = PROGRAMS[name]
@@ -138,64 +162,174 @@ def build(names):
         for line in ran.stdout.decode().splitlines():
             said = json.loads(line)
             if said.get("executable") and said.get("profile", {}).get("test"):
-                found[name] = (said["executable"], pathlib.Path(said["manifest_path"]).parent)
+                file, folder = said["executable"], pathlib.Path(said["manifest_path"]).parent
+        listing = subprocess.run([file, "--list", "--format=terse"], cwd=folder, check=True, stdout=subprocess.PIPE).stdout
+        tests = [line.removesuffix(": test") for line in listing.decode().splitlines() if line.endswith(": test")]
+        found[name] = (file, folder, tests)
     return found, environment
 
 
-def run(programs, environment, tests, number):
-    """Who of these tests notices the mutant; how long it took."""
-    began = time.time()
-    for test in tests:
-        name, *filters = test.split()
-        program, folder = programs[name]
-        settings = dict(environment, KBAND_MUTANT=str(number), CARGO_MANIFEST_DIR=str(folder), RUST_BACKTRACE="0")
-        try:
-            ran = subprocess.run([program, "-q", *filters], cwd=folder, env=settings, timeout=PATIENCE,
-                                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        except subprocess.TimeoutExpired:
-            return f"{test}: no end", time.time() - began
-        said = ran.stdout.decode(errors="replace")
-        if "running 0 tests" in said:
-            sys.exit(f"{test}: no such test")
-        if ran.returncode:
-            failed = [line.strip() for line in said.splitlines() if line.startswith("    ") and "::" in line or line.startswith("    a")]
-            return f"{name}: {(failed or ['it failed'])[-1]}", time.time() - began
-    return None, time.time() - began
+def run(programs, environment, name, tests, patience, **more):
+    """Runs these tests of a program: the one that failed, None where all pass."""
+    file, folder, _ = programs[name]
+    settings = dict(environment, CARGO_MANIFEST_DIR=str(folder), **more)
+    try:
+        ran = subprocess.run([file, "--exact", "--test-threads=1", *tests], cwd=folder, env=settings, timeout=patience,
+                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    except subprocess.TimeoutExpired:
+        return f"{name} {tests[0]}: no end in {patience:.0f} s"
+    if not ran.returncode:
+        return None
+    said = ran.stdout.decode(errors="replace").splitlines()
+    failed = [line[5:].split(" stdout")[0] for line in said if line.startswith("---- ")]
+    return f"{name} {(failed or [tests[0]])[0]}"
+
+
+def candidates(programs, judges):
+    """The tests that a list of `program filter` names."""
+    for judge in judges:
+        name, *filters = judge.split()
+        found = [test for test in programs[name][2] if not filters or any(each in test for each in filters)]
+        if not found:
+            sys.exit(f"{judge}: no such test")
+        yield from ((name, test) for test in found)
+
+
+def without_mutant(programs, environment, wanted, pool):
+    """Of each test how long it takes and which mutants it reaches; kept beside the programs, as long as they are the same."""
+    store = TARGET / "mutants/reached.json"
+    stamps = {name: pathlib.Path(file).stat().st_mtime_ns for name, (file, *_) in programs.items()}
+    kept = json.loads(store.read_text()) if store.is_file() else {}
+
+    def look(judge):
+        name, test = judge
+        key = f"{stamps[name]} {name} {test}"
+        if key in kept:
+            return key, kept[key]
+        with tempfile.TemporaryDirectory() as folder:
+            reached = pathlib.Path(folder) / "reached"
+            began = time.time()
+            noticed = run(programs, environment, name, [test], 3600, KBAND_MUTANT="0", KBAND_REACHED=str(reached))
+            took = time.time() - began
+            if noticed:
+                return key, noticed
+            numbers = sorted({int(line) for line in reached.read_text().split()}) if reached.exists() else []
+        return key, [took, numbers]
+
+    found = {}
+    for judge, (key, what) in zip(wanted, pool.map(look, wanted)):
+        if isinstance(what, str):
+            sys.exit(f"without a mutant: {what}")
+        found[judge] = what
+        kept[key] = what
+    store.write_text(json.dumps({key: what for key, what in kept.items() if int(key.split()[0]) in stamps.values()}))
+    return found
+
+
+def batches(judges, seconds):
+    """The fastest first, of one program each, some seconds together."""
+    batch, held = [], 0.0
+    for name, test in sorted(judges, key=lambda judge: seconds[judge]):
+        took = seconds[name, test]
+        if batch and (batch[0][0] != name or held + took > BATCH):
+            yield batch, held
+            batch, held = [], 0.0
+        batch.append((name, test))
+        held += took
+    if batch:
+        yield batch, held
 
 
 def main():
     asked = sys.argv[1:]
-    with_programs = set(PROGRAMS)
+    allowed = set(PROGRAMS)
     if asked[:1] == ["--with"]:
-        with_programs = set(asked[1].split(","))
+        allowed = set(asked[1].split(","))
         asked = asked[2:]
     every = list(mutants())
-    texts = {path: (ROOT / path).read_text() for _, path, *_ in every}
-    for path, text in texts.items():
-        mutated(text, [m for m in every if m[1] == path], path)
+    for path in {path for _, path, *_ in every}:
+        mutated((ROOT / path).read_text(), [m for m in every if m[1] == path], path)
     if asked == ["--check"]:
-        print(f"mutants: {len(every)} in {len(texts)} files, each at its place")
+        print(f"mutants: {len(every)} in {len({m[1] for m in every})} files, each at its place")
         return
     chosen = [m for m in every if not asked or str(m[0]) in asked or any(m[1].startswith(a) for a in asked if not a.isdigit())]
-    chosen = [(*m[:5], [test for test in m[5] if test.split()[0] in with_programs]) for m in chosen]
+    chosen = [(*m[:5], [test for test in m[5] if test.split()[0] in allowed]) for m in chosen]
     chosen = [m for m in chosen if m[5]]
+    if not chosen:
+        sys.exit("no such mutant")
+    began = time.time()
     plant(every)
     programs, environment = build({test.split()[0] for *_, tests in chosen for test in tests})
-    for test in sorted({test for *_, tests in chosen for test in tests}):
-        noticed, took = run(programs, environment, [test], 0)
-        if noticed:
-            sys.exit(f"without a mutant: {noticed}")
-        print(f"without a mutant: {test} passes in {took:.0f} s", flush=True)
-    caught = 0
-    for number, path, place, expression, becomes, tests in chosen:
-        noticed, took = run(programs, environment, tests, number)
+    built = time.time() - began
+    pool = concurrent.futures.ThreadPoolExecutor(JOBS)
+    wanted = sorted({judge for *_, judges in chosen for judge in candidates(programs, judges)})
+    # The image is built by the first one that asks for it.
+    for name in EMULATED:
+        first = [judge for judge in wanted if judge[0] == name][:1]
+        without_mutant(programs, environment, first, pool)
+    known = without_mutant(programs, environment, wanted, pool)
+    seconds = {judge: took for judge, (took, _) in known.items()}
+    print(f"without a mutant: {len(known)} tests pass, {sum(seconds.values()):.0f} s; built in {built:.0f} s", flush=True)
+
+    def look(mutant):
+        number, *_, judges = mutant
+        start = time.time()
+        judges = [judge for judge in candidates(programs, judges) if judge[0] in EMULATED or number in known[judge][1]]
+        for batch, held in batches(set(judges), seconds):
+            tests = [test for _, test in batch]
+            noticed = run(programs, environment, batch[0][0], tests, 60 + 20 * held, KBAND_MUTANT=str(number))
+            if noticed:
+                return noticed, time.time() - start, len(judges)
+        return None, time.time() - start, len(judges)
+
+    verdicts, caught = {}, 0
+    for (number, path, place, expression, becomes, _), (noticed, took, reach) in zip(chosen, pool.map(look, chosen)):
         caught += noticed is not None
-        verdict = f"caught by {noticed}" if noticed else "SURVIVED"
-        shown = " ".join(place.replace("@", f"[{expression} -> {becomes}]").split())
+        shown = change(place, expression, becomes)
+        verdict = noticed or f"SURVIVED {reach} tests that reach it"
+        verdicts[key(path, place, expression, becomes)] = noticed
         print(f"{number:3} {path}: {shown}: {verdict}, {took:.0f} s", flush=True)
     share = caught / len(chosen)
-    print(f"mutants: {caught} of {len(chosen)} caught, {100 * share:.1f} %")
+    summary = f"mutants: {caught} of {len(chosen)} caught, {100 * share:.1f} %, {time.time() - began:.0f} s"
+    print(summary)
+    write(every, verdicts)
     sys.exit(share < LEAST)
+
+
+def change(place, expression, becomes):
+    """A mutant in the line of its place."""
+    before, after = place.split("@")
+    return " ".join((before.split("\n")[-1] + f"[{expression} -> {becomes}]" + after.split("\n")[0]).split())
+
+
+def key(*mutant):
+    """A mutant whatever its number."""
+    return " ".join(" ".join(mutant).split())
+
+
+def write(every, verdicts):
+    """Keeps the verdicts; the table, where each mutant has one."""
+    store = TARGET / "mutants/verdicts.json"
+    kept = json.loads(store.read_text()) if store.is_file() else {}
+    kept.update(verdicts)
+    store.write_text(json.dumps(kept))
+    if not all(key(*mutant) in kept for _, *mutant, _ in every):
+        return
+    rows = [(number, path, change(*rest), kept[key(path, *rest)]) for number, path, *rest, _ in every]
+    caught = sum(noticed is not None for *_, noticed in rows)
+    equal = [(file["path"], file["why"], mutant) for file in listed()["equivalent"] for mutant in file["mutants"]]
+
+    def quoted(text):
+        return "`" + text.replace("|", "\\|").replace("`", "'") + "`"
+
+    lines = ["# Mutants and who notices them", "",
+             f"Written by `tests/mutants/run.py`: {caught} of {len(rows)} caught, {100 * caught / len(rows):.1f} %; "
+             f"{len(equal)} more are equivalent.", "",
+             "| | file | [what is there -> what it becomes] | first test that fails |", "|---|---|---|---|"]
+    lines += [f"| {number} | {path} | {quoted(shown)} | {noticed or 'none'} |" for number, path, shown, noticed in rows]
+    lines += ["", "Equivalent:", "", "| file | | why no test can notice |", "|---|---|---|"]
+    lines += [f"| {path} | {quoted(change(*mutant[:3]))} | {why} |" for path, why, mutant in equal]
+    TABLE.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
