@@ -182,16 +182,15 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
     let limit = cascade.k_infinity();
     let orbits: Vec<_> = doubled
         .iter()
+        .flatten()
         .map(|orbit| {
-            orbit.map(|orbit| {
-                serde_json::json!({
-                    "k": orbit.k,
-                    "impacts": orbit.impacts,
-                    "multipliers": spelled(orbit.multipliers),
-                    "multiplier_modulus": orbit.multipliers.modulus(),
-                    "exponent": orbit.exponents()[0],
-                    "second_exponent": orbit.exponents()[1],
-                })
+            serde_json::json!({
+                "k": orbit.k,
+                "impacts": orbit.impacts,
+                "multipliers": spelled(orbit.multipliers),
+                "multiplier_modulus": orbit.multipliers.modulus(),
+                "exponent": orbit.exponents()[0],
+                "second_exponent": orbit.exponents()[1],
             })
         })
         .collect();
