@@ -194,6 +194,7 @@ fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
         Target::Amplitude(amplitude) => (3, amplitude.to_bits()),
         Target::Speed(speed) => (4, speed.to_bits()),
         Target::Identify => (5, 0),
+        Target::Flow(flow) => (8, flow.to_bits()),
         Target::Gear { order } => (6, u32::from(order)),
         Target::Tones { k, shape } => {
             tones = shape;
@@ -242,6 +243,7 @@ fn read(content: &[u8]) -> Option<Found> {
         3 => Target::Amplitude(f32::from_bits(number)),
         4 => Target::Speed(f32::from_bits(number)),
         5 => Target::Identify,
+        8 => Target::Flow(f32::from_bits(number)),
         6 => Target::Gear {
             order: u8::try_from(number).ok()?,
         },

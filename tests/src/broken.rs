@@ -100,6 +100,7 @@ impl Broken {
             report,
             strikes: self.bench.plant().strikes().len() as u32,
             displacement: self.bench.plant().displacement(),
+            load: self.bench.plant().load(),
         }
     }
 

@@ -101,6 +101,12 @@ fn no_kicks(scene: &mut Scene) {
 fn another_target(scene: &mut Scene) {
     scene.target = Target::K(0.5);
 }
+/// Parts of four thirds of their mass, whose flow in gear is no more the one that is asked for.
+fn heavier(scene: &mut Scene) {
+    for mass in &mut scene.masses {
+        *mass *= 4.0 / 3.0;
+    }
+}
 /// A drive that is taken for one at its resonance.
 fn tuned(scene: &mut Scene) {
     scene.settings.resonance = scene.settings.frequency;
@@ -171,6 +177,7 @@ const PROOFS: [(&str, Shows, Break); 69] = [
     ("friction", Obeying, Told(another_target)),
     ("from_rest", Listening, Seen(deaf)),
     ("gain_drift", Listening, Done(uncontrolled)),
+    ("hopper_dump", Obeying, Told(heavier)),
     ("identification", Listening, Seen(unfolded)),
     (
         "identification_without_parts",

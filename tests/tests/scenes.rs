@@ -140,6 +140,7 @@ scenes! {
     friction
     from_rest
     gain_drift
+    hopper_dump
     identification
     identification_without_parts
     in_gear

@@ -69,6 +69,7 @@ impl BoardLoop {
             report,
             strikes: self.bench.plant().strikes().len() as u32,
             displacement: self.bench.plant().displacement(),
+            load: self.bench.plant().load(),
         })
     }
 

@@ -430,6 +430,12 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
                 )),
             ]),
         }
+        if let Some(load) = telemetry.load {
+            lines.push(Line::from(format!(
+                "weighed {:.0} g, {:.1} g/s",
+                load.mass, load.flow
+            )));
+        }
         let kband::wire::Shape { second, third } = telemetry.shape;
         let tones = [(", e", second), (", e3", third)];
         let upper: String = (tones.into_iter())

@@ -92,7 +92,7 @@ pub const SENSOR: [Model; 5] = [
 ];
 
 /// What `[plant]` says of the drive and the accelerometer as they are.
-pub const PLANT: [Model; 11] = [
+pub const PLANT: [Model; 12] = [
     (
         field(
             "resonance",
@@ -187,7 +187,24 @@ pub const PLANT: [Model; 11] = [
         ),
         |scene| &mut scene.drive.ripple,
     ),
+    (
+        field(
+            "mass",
+            [0.001, 1e5],
+            "kg",
+            "Mass that swings with the track, as it is (M).",
+        ),
+        |scene| &mut scene.drive.mass,
+    ),
 ];
+
+/// Mass of a part, in `[part]`.
+pub const MASS: Field = field(
+    "mass",
+    [0.0, 1e6],
+    "g",
+    "Mass of a part (m); 0: it pushes nothing.",
+);
 
 /// How far restitution scatters, in `[part]` and in a disturbance.
 pub const SCATTER: Field = field(
@@ -201,7 +218,7 @@ pub const SCATTER: Field = field(
 pub type Number = (Field, fn(f32) -> Change);
 
 /// The numbers that a disturbance may set.
-pub const CHANGES: [Number; 7] = [
+pub const CHANGES: [Number; 8] = [
     (
         field(
             "gain",
@@ -256,6 +273,15 @@ pub const CHANGES: [Number; 7] = [
             "Amplitude of what the accelerometer picks up of the mains.",
         ),
         Change::Hum,
+    ),
+    (
+        field(
+            "dump",
+            [0.0, 1e4],
+            "s",
+            "The parts that wait in the hopper fall onto the track, evenly within so many seconds.",
+        ),
+        Change::Dump,
     ),
 ];
 
@@ -319,6 +345,7 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "amplitude_ratio",
             "phase_lead",
             "gravity",
+            "track_length",
         ],
         3,
     ),
@@ -339,6 +366,7 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "third_tone",
             "third_gain",
             "third_lag",
+            "track_mass",
         ],
         3,
     ),

@@ -239,6 +239,29 @@ impl Outcome {
         f64::max(count, 1.0) / sum
     }
 
+    /// Mass of the parts that are on the track at the end, in g.
+    #[must_use]
+    pub fn mass(&self) -> f64 {
+        let file = self.file();
+        let scene = &file.scene;
+        let dumped = scene.disturbances.iter().any(|disturbance| {
+            matches!(disturbance.change, Change::Dump(within)
+                if disturbance.at + f64::from(within) <= file.duration)
+        });
+        let waiting = if dumped {
+            0
+        } else {
+            usize::from(scene.waiting)
+        };
+        let on = scene.parts.len().saturating_sub(waiting);
+        scene
+            .masses
+            .iter()
+            .take(on)
+            .map(|mass| f64::from(*mass))
+            .sum()
+    }
+
     /// Mean conveying speed at the end in m/s, positive upwards (time mean).
     #[must_use]
     pub fn speed(&self) -> f64 {

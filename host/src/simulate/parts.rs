@@ -3,7 +3,7 @@
 use kband::plant::{Noise, PARTS, Scene};
 use toml::Value;
 
-use super::fields::SCATTER;
+use super::fields::{MASS, SCATTER};
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
@@ -180,6 +180,47 @@ pub(super) fn read_scatter(
             scene.parts.iter().map(|_| one).collect()
         }
     };
+    Ok(())
+}
+
+/// Reads `part.mass` into the scene: one number for all parts, or one for each.
+pub(super) fn read_masses(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
+    let [low, high] = MASS.range;
+    let accepted = format!(
+        "{low}..{high} g, or a list of one for each of the {} parts",
+        scene.parts.len()
+    );
+    let mass = |item| {
+        number(item)
+            .map(|mass| mass as f32)
+            .filter(|mass| (low..=high).contains(mass))
+            .ok_or_else(|| part.refuse(MASS.key, item, &accepted))
+    };
+    scene.masses = match value {
+        Value::Array(list) if list.len() == scene.parts.len() => {
+            list.iter().map(mass).collect::<Result<_, _>>()?
+        }
+        Value::Array(_) => return Err(part.refuse(MASS.key, value, &accepted)),
+        one => {
+            let one = mass(one)?;
+            scene.parts.iter().map(|_| one).collect()
+        }
+    };
+    Ok(())
+}
+
+/// Reads `part.hopper` into the scene: how many of the parts wait in the hopper.
+pub(super) fn read_hopper(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
+    let all = scene.parts.len();
+    scene.waiting = value
+        .as_integer()
+        .and_then(|count| u8::try_from(count).ok())
+        .filter(|count| usize::from(*count) <= all)
+        .ok_or_else(|| {
+            let accepted =
+                format!("0..{all}, how many of the {all} parts wait for a disturbance \"dump\"");
+            part.refuse("hopper", value, &accepted)
+        })?;
     Ok(())
 }
 

@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{CONTROLLER, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS};
+use super::fields::{CONTROLLER, MASS, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS};
 use super::parts::{self, Distribution};
 use super::section::{Section, line_of};
 use super::timeline::{describe, read_disturbances, read_target};
@@ -101,6 +101,12 @@ impl SceneFile {
             parts::read_scatter(&part, &value, &mut scene)?;
             settings.scatter = told_scatter(&scene.scatter);
         }
+        if let Some(value) = part.take(MASS.key) {
+            parts::read_masses(&part, &value, &mut scene)?;
+        }
+        if let Some(value) = part.take("hopper") {
+            parts::read_hopper(&part, &value, &mut scene)?;
+        }
         part.finish()?;
         if let Some(mut sensor) = root.optional("sensor")? {
             for key in SENSOR_SETTINGS {
@@ -123,6 +129,9 @@ impl SceneFile {
             gain: settings.gain,
             ..DriveModel::default()
         };
+        if settings.track_mass > 0.0 {
+            scene.drive.mass = settings.track_mass;
+        }
         if settings.second_tone > 0.0 {
             scene.drive.second_gain = settings.second_gain;
             scene.drive.second_lag = settings.second_lag;

@@ -5,7 +5,7 @@ use kband::plant::{DISTURBANCES, PARTS};
 use serde_json::{Map, Value, json};
 
 use super::engine::Fidelity;
-use super::fields::{CHANGES, FLAGS, Field, PLANT, SCATTER, SENSOR};
+use super::fields::{CHANGES, FLAGS, Field, MASS, PLANT, SCATTER, SENSOR};
 use super::fields::{CONTROLLER, SECTIONS, SENSOR_SETTINGS};
 
 /// Where editors find it, as far as they ask.
@@ -126,6 +126,8 @@ fn target() -> Value {
         "amplitude": {"type": "number", "minimum": 0, "maximum": 100,
             "description": "Normal amplitude of the track, in mm."},
         "speed": {"type": "number", "description": "Conveying speed, in mm/s."},
+        "flow": {"type": "number", "exclusiveMinimum": 0, "maximum": 1e6,
+            "description": "Parts in gear, in g/s; needs track_mass and track_length."},
         "tones": {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3,
             "description": "k, amplitude of the second tone over the first (e, 0..0.5), its phase in degrees; and both of a third."},
         "identify": {"const": true, "description": "Restitution by listening to the parts' chatter."},
@@ -195,6 +197,20 @@ fn part() -> Value {
             "anyOf": [scatter, {"type": "array", "items": scatter, "minItems": 1, "maxItems": PARTS,
                 "description": "One for each part."}],
         }),
+    );
+    let mass = of_field(&MASS);
+    properties.insert(
+        MASS.key.into(),
+        json!({
+            "description": MASS.meaning,
+            "anyOf": [mass, {"type": "array", "items": mass, "minItems": 1, "maxItems": PARTS,
+                "description": "One for each part."}],
+        }),
+    );
+    properties.insert(
+        "hopper".into(),
+        json!({"type": "integer", "minimum": 0, "maximum": PARTS,
+            "description": "How many of the parts, from the last, wait in the hopper for a disturbance \"dump\"."}),
     );
     object(properties, &["restitution"], "The parts.")
 }
@@ -332,6 +348,7 @@ pub fn unit(section: &str, key: &str) -> &'static str {
         ("duration", _) | (_, "at") => Some("s"),
         ("target", "amplitude") => Some("mm"),
         ("target", "speed") => Some("mm/s"),
+        ("target", "flow") => Some("g/s"),
         _ => unit,
     };
     unit.unwrap_or("")

@@ -18,6 +18,7 @@ pub fn describe(target: Target) -> String {
         Target::K(k) => format!("k = {k}"),
         Target::Amplitude(b) => format!("amplitude {b} mm"),
         Target::Speed(v) => format!("speed {v} mm/s"),
+        Target::Flow(flow) => format!("flow {flow} g/s"),
         Target::Identify => "identification".into(),
         Target::Tones { k, shape } => {
             let words = |name: &str, tone: UpperTone| {
@@ -35,17 +36,18 @@ pub fn describe(target: Target) -> String {
     }
 }
 
-const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, identify = true, \
+const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, flow = g/s, identify = true, \
                        tones = [k, e, degrees]";
 
 /// What a target may be given by.
-const KEYS: [&str; 8] = [
+const KEYS: [&str; 9] = [
     "gear",
     "locked",
     "chaotic",
     "k",
     "amplitude",
     "speed",
+    "flow",
     "identify",
     "tones",
 ];
@@ -79,6 +81,8 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
                     "k" => return Err(refused("0.02..10")),
                     "amplitude" if (0.0..=100.0).contains(&number) => Target::Amplitude(number),
                     "amplitude" => return Err(refused("0..100 mm")),
+                    "flow" if number > 0.0 && number <= 1e6 => Target::Flow(number),
+                    "flow" => return Err(refused("above 0 to 1000000 g/s")),
                     _ if number.is_finite() => Target::Speed(number),
                     _ => return Err(refused("a finite speed in mm/s")),
                 }

@@ -6,7 +6,7 @@ use kband::plant::{Moment, Sample};
 use crate::report::{Column, Value, columns};
 
 /// Columns of the trace.
-pub const TRACE: [Column; 28] = [
+pub const TRACE: [Column; 31] = [
     columns::TIME,
     columns::B,
     columns::K,
@@ -34,6 +34,9 @@ pub const TRACE: [Column; 28] = [
     columns::IN_GEAR_EXPECTED,
     columns::IMPACTS,
     columns::WAY,
+    columns::LOAD,
+    columns::MASS_WEIGHED,
+    columns::FLOW_WEIGHED,
     columns::EVENTS.words(),
 ];
 
@@ -75,6 +78,14 @@ pub fn row(moment: &Moment) -> [Value; TRACE.len()] {
         single(report.expected_in_gear),
         moment.strikes.into(),
         (moment.displacement * 1e3).into(),
+        Value::Short(moment.load),
+        heard(report.load.map(|load| load.mass)),
+        heard(
+            report
+                .load
+                .map(|load| load.flow)
+                .filter(|flow| *flow != 0.0),
+        ),
         events.join("; ").into(),
     ]
 }

@@ -61,6 +61,9 @@ enum Kind {
     /// A conveying speed in mm/s.
     #[value(name = "mm/s")]
     MmPerS,
+    /// Grams per second of parts in gear: what leaves the track.
+    #[value(name = "g/s")]
+    GPerS,
     /// Parts in chaos.
     Chaos,
     /// The parts' restitution, by listening.
@@ -111,6 +114,7 @@ impl Kind {
             Self::K => Ok(Target::K(number("", "0.41")?)),
             Self::Mm => Ok(Target::Amplitude(number(" in mm", "0.23")?)),
             Self::MmPerS => Ok(Target::Speed(number(" in mm/s", "88")?)),
+            Self::GPerS => Ok(Target::Flow(number(" in g/s", "50")?)),
             Self::Chaos => alone(Target::Chaotic),
             Self::Identify => alone(Target::Identify),
         }

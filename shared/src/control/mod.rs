@@ -45,7 +45,7 @@ pub use drive::LoopMargins;
 pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
 #[cfg(all(test, feature = "plant"))]
 pub(crate) use hear::Energy;
-pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, Overtone, Sampled, Signal};
+pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, Load, Overtone, Sampled, Signal};
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, SECTORS,

@@ -1,7 +1,7 @@
 //! What comes out of a controller each cycle.
 
 use crate::control::drive::Shape;
-use crate::control::hear::{Command, GearMargin};
+use crate::control::hear::{Command, GearMargin, Load};
 use crate::control::identify::Identification;
 use crate::control::state::{Events, Fault, Limits, State};
 use crate::regime::classify::Verdict;
@@ -50,6 +50,9 @@ pub struct Report {
     pub margin: Option<GearMargin>,
     /// Share of time in gear to expect of the lot at the setpoint, 0..1; 0 for a target other than gear.
     pub expected_in_gear: f32,
+    /// The parts on the track as weighed by the power that they take; `None` where they are not in gear, or the mass of the track
+    /// is not told.
+    pub load: Option<Load>,
     /// Kicks begun for the present target.
     pub attempts: u8,
     /// How far the identification of the parts' restitution has come.

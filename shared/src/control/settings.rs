@@ -148,6 +148,11 @@ settings! {
     third_gain = 0.25, 0.0..100.0 "mm";
     /// Lag of the track behind the output at three times the drive frequency.
     third_lag = 90.0, -180.0..180.0 "degrees";
+    /// Mass that swings with the track (symbol M), for weighing the parts on it and for holding the amplitude under them; 0: not told,
+    /// the parts are taken for light.
+    track_mass = 0.0, 0.0..100000.0 "kg";
+    /// Length of the track on which parts are, for grams per second; 0: not told.
+    track_length = 0.0, 0.0..100000.0 "mm";
 }
 
 impl Settings {

@@ -47,6 +47,8 @@ pub enum Target {
     },
     /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
     Speed(f32),
+    /// Grams per second, above 0: parts in gear, of the order at which what is weighed on the track leaves it so.
+    Flow(f32),
     /// To find the restitution of the parts by listening to them hop and rest
     /// ([`Identification`](crate::control::Identification)): a step of commissioning.
     Identify,

@@ -89,6 +89,7 @@ impl Bench {
             Some(Change::Sensitivity(sensitivity)) => self.plant.set_sensitivity(sensitivity),
             Some(Change::Ripple(ripple)) => self.plant.set_ripple(ripple),
             Some(Change::Hum(hum)) => self.plant.set_hum(hum),
+            Some(Change::Dump(seconds)) => self.plant.dump(seconds),
             _ => {}
         }
     }

@@ -17,6 +17,8 @@ pub struct Moment {
     pub strikes: u32,
     /// Mean displacement of the parts along the track so far in m, positive upwards.
     pub displacement: f64,
+    /// Mass of the parts on the track over that of the track (symbol m/M).
+    pub load: f64,
 }
 
 /// One sample of the closed loop, for a scope.
@@ -95,6 +97,7 @@ impl ClosedLoop {
             report,
             strikes: self.bench.plant().strikes().len() as u32,
             displacement: self.bench.plant().displacement(),
+            load: self.bench.plant().load(),
         }
     }
 

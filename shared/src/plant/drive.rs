@@ -82,6 +82,18 @@ impl Resonator {
         [self.state[0], self.state[1] * self.natural]
     }
 
+    /// Adds a displacement in m and a velocity in m/s: what a push leaves.
+    pub fn push(&mut self, displacement: f64, velocity: f64) {
+        self.state[0] += displacement as f32;
+        self.state[1] += (velocity / f64::from(self.natural)) as f32;
+    }
+
+    /// How far a constant acceleration in m/s^2 displaces it at rest, in m.
+    #[must_use]
+    pub fn sag(&self, acceleration: f64) -> f64 {
+        acceleration / (f64::from(self.natural) * f64::from(self.natural))
+    }
+
     /// Acceleration in m/s^2 under an output.
     #[inline]
     #[must_use]

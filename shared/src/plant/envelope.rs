@@ -7,8 +7,10 @@ use heapless::Vec;
 use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
-use super::feeder::{STRIKES, mean_displacement, parts_at_rest, set_restitution, set_scatter};
+use super::feeder::{STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter};
+use super::hopper::Hopper;
 use super::law::Law;
+use super::load::{Load, Rest};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track, WaveCache, turned};
@@ -50,6 +52,9 @@ pub struct EnvelopePlant {
     readings: Readings,
     onset: OnsetModel,
     parts: Vec<Part, PARTS>,
+    /// What the parts push, where they have masses.
+    load: Option<Load>,
+    hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
@@ -102,7 +107,9 @@ impl EnvelopePlant {
             readings: Readings::new(&scene.sensor, &sense),
             sense,
             onset: OnsetModel::new(&scene.sensor),
-            parts: parts_at_rest(scene)?,
+            parts: all_at_rest(scene)?,
+            load: scene.has_mass().then(|| Load::new(scene)),
+            hopper: Hopper::new(scene),
             normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),
             time: -i64::from(phase_step(settings.frequency)),
@@ -149,7 +156,11 @@ impl EnvelopePlant {
         self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         let driven = self.output(f64::from(output), step, middle);
-        self.drive.begin(driven, step);
+        let pushed = (self.load.as_mut()).map_or(Complex::new(0.0, 0.0), |load| {
+            load.begin(f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN))
+        });
+        let pushed = pushed * self.drive.per_acceleration();
+        self.drive.begin(driven + pushed, step);
         if let Some(upper) = &mut self.upper {
             let gain = f64::from(self.gain);
             let overtones = told
@@ -159,6 +170,10 @@ impl EnvelopePlant {
         }
         let samples = self.drive.samples();
         self.move_parts();
+        if let Some(load) = &mut self.load {
+            let pushed = load.settle() * self.drive.per_acceleration();
+            self.drive.begin(driven + pushed, step);
+        }
         let added = self.upper.as_ref().map_or(0.0, UpperEnvelope::loudest);
         let loudest = self.drive.loudest();
         let clipped =
@@ -174,6 +189,11 @@ impl EnvelopePlant {
         let swing = self.drive.steady_swing() * self.sense.factor;
         cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
         let mut found = self.drive.end();
+        if let Some(load) = &self.load {
+            // What the impacts themselves push is read as ringing, and blanked.
+            found.in_phase -= load.struck().im;
+            found.quadrature -= load.struck().re;
+        }
         if let Some(upper) = &mut self.upper {
             let ([cosine, sine], above) = upper.end(samples);
             found.in_phase += cosine;
@@ -238,6 +258,24 @@ impl EnvelopePlant {
         upper.complete(swing, ticks as f64 * self.drive.per_step(), phase)
     }
 
+    /// Phase of the output at a time of the parts, in rad.
+    fn output_phase(&self, time: u64) -> f64 {
+        let ticks = (time as i64 - self.time) as u32;
+        Phase::from_bits(self.drive.phase().wrapping_add(ticks)).radians()
+    }
+
+    /// A rest from one time to another, on the track as it swings between them.
+    fn rest_of(&self, from: u64, until: u64) -> Rest {
+        let swing = self.swing(from + until.saturating_sub(from) / 2);
+        let middle = self.output_phase(from + until.saturating_sub(from) / 2);
+        let half = 0.5 * until.saturating_sub(from) as f64 / Phase::TURN * TAU;
+        Rest {
+            phases: [middle - half, middle + half],
+            amplitude: f64::from(swing.amplitude),
+            lead: swing.phase.radians() - middle,
+        }
+    }
+
     /// Time up to which this cycle moves the parts.
     fn end(&self) -> u64 {
         (self.time + i64::from(self.drive.samples()) * i64::from(self.drive.step())).max(0) as u64
@@ -253,15 +291,29 @@ impl EnvelopePlant {
             law: self.watched.then_some(self.law),
             wave: None,
         };
+        let mut load = self.load.take();
         for index in 0..self.parts.len() {
             let mut part = self.parts[index];
-            let mut from = self.time.max(0) as u64;
+            let arrives = self.hopper.arrives(index);
+            if arrives > end {
+                continue;
+            }
+            let begun = self.time.max(0) as u64;
+            let mut from = begun.max(arrives);
+            let mut lying = part.lies().then_some(from);
+            let share = load.as_ref().map_or(0.0, |load| load.share(index));
             for _ in 0..EVENTS_PER_CYCLE {
                 let Some(next) = part.next() else {
                     match self.thrown(&track, &mut waves, from, end) {
                         Some((swing, time)) => {
                             let wave = waves.shape(swing.shape);
                             part.throw(swing, &Track { wave, ..track }, time);
+                            if let Some(load) = &mut load
+                                && !part.rests()
+                                && let Some(since) = lying.take()
+                            {
+                                load.lie(index, self.rest_of(since, time), self.normal_gravity);
+                            }
                         }
                         None => break,
                     }
@@ -276,13 +328,30 @@ impl EnvelopePlant {
                 from = next;
                 let swing = self.swing(next);
                 let wave = waves.shape(swing.shape);
-                if let Some(strike) = part.event(swing, &Track { wave, ..track }) {
+                // A part that the track jumps away from flies as under so much more gravity.
+                let normal_gravity = track.normal_gravity * (1.0 + share);
+                let jumping = Track {
+                    wave,
+                    normal_gravity,
+                    ..track
+                };
+                if let Some(strike) = part.event(swing, &jumping) {
+                    if let Some(load) = &mut load {
+                        let phase = self.output_phase(next);
+                        load.strike(index, part.pushed(), phase);
+                    }
+                    if part.lies() {
+                        lying = Some(next);
+                    }
                     // Strikes for which there is no room are not remembered.
                     let _ = self.strikes.push(Strike {
                         part: index as u8,
                         ..strike
                     });
                 }
+            }
+            if let (Some(load), Some(since)) = (&mut load, lying) {
+                load.lie(index, self.rest_of(since, end), self.normal_gravity);
             }
             if let Some(Law::Friction(_)) = track.law {
                 let swing = self.swing(end);
@@ -291,6 +360,7 @@ impl EnvelopePlant {
             }
             self.parts[index] = part;
         }
+        self.load = load;
         self.waves = waves;
         if self.parts.len() > 1 {
             self.strikes.sort_unstable_by_key(|strike| strike.time);
@@ -508,6 +578,21 @@ impl EnvelopePlant {
         self.watched = watched;
     }
 
+    /// Normal amplitude of the track now, in m.
+    #[must_use]
+    pub fn amplitude(&self) -> f64 {
+        f64::from(self.swing(self.time.max(0) as u64).amplitude)
+    }
+
+    /// Mass that is on the track, over that of the track.
+    #[must_use]
+    pub fn load(&self) -> f64 {
+        let now = self.time.max(0) as u64;
+        let on = |index: &usize| self.hopper.arrives(*index) <= now;
+        let shares = (0..self.parts.len()).filter(on);
+        (self.load.as_ref()).map_or(0.0, |load| shares.map(|part| load.share(part)).sum())
+    }
+
     /// Impacts of the last cycle, at most 96, in the order of time.
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
@@ -544,6 +629,11 @@ impl EnvelopePlant {
             Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
             Change::Ripple(ripple) => self.ripple = ripple,
             Change::Hum(hum) => self.sensor.hum = hum,
+            Change::Dump(seconds) => {
+                let step = f64::from(self.drive.step());
+                let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
+                self.hopper.dump(self.time.max(0) as u64, turns);
+            }
             _ => {}
         }
         self.sense();

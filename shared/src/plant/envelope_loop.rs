@@ -68,6 +68,7 @@ impl EnvelopeLoop {
             report: self.controller.report(),
             strikes: self.plant.strikes().len() as u32,
             displacement: self.plant.displacement(),
+            load: self.plant.load(),
         }
     }
 
@@ -159,6 +160,12 @@ impl EnvelopeLoop {
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
         self.plant.strikes()
+    }
+
+    /// Normal amplitude of the track (symbol b) as it is, at the end of the last cycle, in m.
+    #[must_use]
+    pub fn amplitude(&self) -> f64 {
+        self.plant.amplitude()
     }
 
     /// Time since the start in s.

@@ -5,7 +5,9 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 
 use super::drive::{Resonator, Ringing, Swing, TonesApart, UpperMode};
+use super::hopper::Hopper;
 use super::law::Law;
+use super::massive::{Ground, MassivePart, Stroke};
 use super::noise::Noise;
 use super::part::{Part, Strike, Track, WaveCache};
 use super::scene::{PARTS, Scene, SensorModel};
@@ -34,9 +36,20 @@ pub struct Plant {
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
+    /// The parts, where none of them has a mass.
     parts: Vec<Part, PARTS>,
+    /// The parts, where any of them has one.
+    massive: Vec<MassivePart, PARTS>,
+    /// Acceleration in m/s^2 by which those that lie on the track press it down, and how far the spring gives under those that are
+    /// on it, in m.
+    pressed: f32,
+    sagged: f64,
+    hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
+    /// Gravity down along the track in m/s^2, and the motion along it over that normal to it.
+    down: f64,
+    along: [f64; 2],
     noise: Noise,
     output: f32,
     /// Time in steps of 2^-32 turns of the drive.
@@ -77,7 +90,8 @@ impl Plant {
         let modes = UpperMode::of(&scene.drive, f64::from(settings.frequency));
         let own = |mode: &UpperMode| Resonator::of(mode.frequency, mode.quality, mode.force);
         let upper = settings.upper_tones();
-        Ok(Self {
+        let lead = track.phase_lead();
+        let mut plant = Self {
             apart: (upper > 0).then(|| TonesApart::new(upper)),
             waves: WaveCache::default(),
             modes: modes
@@ -93,7 +107,13 @@ impl Plant {
             ),
             sensor: scene.sensor,
             parts: parts_at_rest(scene)?,
+            massive: massive_at_rest(scene)?,
+            pressed: 0.0,
+            sagged: 0.0,
+            hopper: Hopper::new(scene),
             normal_gravity: track.normal_gravity(),
+            down: track.normal_gravity() * track.incline_tangent(),
+            along: [libm::cos(lead), libm::sin(lead)].map(|part| part * track.amplitude_ratio()),
             noise: Noise::new(scene.seed),
             output: 0.0,
             time: 0,
@@ -109,7 +129,22 @@ impl Plant {
             ripple: scene.drive.ripple,
             law: scene.law(&track),
             strikes: Vec::new(),
-        })
+        };
+        for index in 0..plant.massive.len() {
+            if plant.hopper.arrives(index) == 0 {
+                let sag = plant.bear(index);
+                plant.drive.push(-sag, 0.0);
+            }
+        }
+        Ok(plant)
+    }
+
+    /// The spring bears one part more; by how much more it gives, in m.
+    fn bear(&mut self, index: usize) -> f64 {
+        let share = self.massive.get(index).map_or(0.0, MassivePart::share);
+        let sag = self.drive.sag(share * self.normal_gravity);
+        self.sagged += sag;
+        sag
     }
 
     /// The converter's reading now.
@@ -122,6 +157,9 @@ impl Plant {
         let mut acceleration = self.drive.acceleration(self.gain * self.output, self.force)
             + self.ringing.acceleration()
             + noise;
+        if self.pressed != 0.0 {
+            acceleration -= self.pressed;
+        }
         for (mode, force) in &self.modes {
             acceleration += mode.acceleration(self.gain * self.output, *force);
         }
@@ -150,6 +188,7 @@ impl Plant {
         self.output = output;
         self.step = step;
         let now = self.time + u64::from(step);
+        let before = self.motion();
         self.drive.step(self.gain * output);
         for (mode, _) in &mut self.modes {
             mode.step(self.gain * output);
@@ -179,7 +218,13 @@ impl Plant {
         {
             self.slide([x, v], angular, now);
         }
+        if !self.massive.is_empty() {
+            self.push_back(before, angular, now);
+        }
         for index in 0..self.parts.len() {
+            if self.hopper.arrives(index) > now {
+                continue;
+            }
             let due = match self.parts[index].next() {
                 Some(next) => next <= now,
                 None => thrown,
@@ -202,6 +247,90 @@ impl Plant {
         for part in &mut self.parts {
             part.slide(swing, &track, now);
         }
+    }
+
+    /// A sample of the parts with mass, after the drive has gone from `before` to where it would be without them.
+    fn push_back(&mut self, before: [f32; 2], angular: f64, now: u64) {
+        let ground = Ground {
+            sample: 1.0 / f64::from(SAMPLE_RATE),
+            gravity: [self.normal_gravity, self.down],
+            angular,
+            along: self.along,
+            level: -self.sagged,
+            law: self.law,
+        };
+        let free = self.motion().map(f64::from);
+        let mut stroke = Stroke {
+            from: before.map(f64::from),
+            to: free,
+        };
+        let earlier = now.saturating_sub(u64::from(self.step));
+        let onto = |hopper: &Hopper, index: usize| hopper.arrives(index) <= now;
+        let parts = self.massive.iter().enumerate();
+        let lying: f64 = parts
+            .filter(|(index, part)| part.lies() && onto(&self.hopper, *index))
+            .map(|(_, part)| part.share())
+            .sum();
+        let fallen = stroke.acceleration(ground.sample);
+        // What lies is moved along: M a = F - m (g + a).
+        let pressed = (self.normal_gravity + fallen) / (1.0 + lying);
+        let thrown = pressed <= 0.0;
+        self.pressed = 0.0;
+        if !thrown {
+            let push = -lying * pressed;
+            stroke.to[0] += 0.5 * push * ground.sample * ground.sample;
+            stroke.to[1] += push * ground.sample;
+            self.pressed = -push as f32;
+        }
+        let accelerated = stroke.acceleration(ground.sample);
+        let [cosine, sine] = self.along;
+        // Of a harmonic motion the rate of the acceleration is that of the velocity, against it.
+        let along = cosine * accelerated - sine * angular * stroke.to[1];
+        for index in 0..self.massive.len() {
+            let arrives = self.hopper.arrives(index);
+            if arrives > now {
+                continue;
+            }
+            if arrives > earlier {
+                // It falls from as high as the track comes.
+                let [x, v] = stroke.to;
+                let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
+                let crest = f64::from(swing.amplitude) - self.sagged;
+                self.massive[index].drop_from(crest.max(x), now);
+                self.bear(index);
+                continue;
+            }
+            let part = &mut self.massive[index];
+            if part.lies() {
+                if thrown {
+                    part.leave(&ground, stroke.to, now);
+                } else {
+                    part.lie(&ground, pressed, along);
+                }
+                continue;
+            }
+            let Some(blow) = part.fall(&ground, &mut stroke, [earlier, now]) else {
+                continue;
+            };
+            let share = (1.0 - blow.at) as f32;
+            let late = (f64::from(share) * f64::from(self.step)) as u64;
+            let [x, v] = blow.track;
+            let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
+            let time = now - late;
+            // What is too much is not remembered.
+            let _ = self.strikes.push(Strike {
+                time,
+                speed: blow.speed,
+                phase: swing.phase.radians(),
+                flight: (time.saturating_sub(blow.began) as f64 / Phase::TURN) as f32,
+                part: index as u8,
+                rested: blow.rested,
+            });
+            self.ringing
+                .strike(self.sensor.ringing * blow.speed as f32, share);
+        }
+        self.drive
+            .push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
     }
 
     fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
@@ -236,6 +365,21 @@ impl Plant {
                     .strike(self.sensor.ringing * strike.speed as f32, share);
             }
         }
+    }
+
+    /// A change of the hopper: what waits falls within so many seconds.
+    pub(crate) fn dump(&mut self, seconds: f32) {
+        let turns =
+            f64::from(seconds) * f64::from(SAMPLE_RATE) * f64::from(self.step) / Phase::TURN;
+        self.hopper.dump(self.time, turns);
+    }
+
+    /// Mass in kg that is on the track, over that of the track.
+    #[must_use]
+    pub fn load(&self) -> f64 {
+        let parts = self.massive.iter().enumerate();
+        let borne = parts.filter(|(index, _)| self.hopper.arrives(*index) <= self.time);
+        borne.map(|(_, part)| part.share()).sum()
     }
 
     /// Displacement of the track in m and its velocity in m/s.
@@ -279,7 +423,11 @@ impl Plant {
     /// Mean displacement of the parts along the track so far in m, positive upwards; 0 without parts.
     #[must_use]
     pub fn displacement(&self) -> f64 {
-        mean_displacement(&self.parts)
+        if self.massive.is_empty() {
+            return mean_displacement(&self.parts);
+        }
+        let sum: f64 = self.massive.iter().map(MassivePart::displacement).sum();
+        sum / self.massive.len() as f64
     }
 
     /// The drive's gain over the one it began with.
@@ -290,11 +438,18 @@ impl Plant {
     /// Mean restitution of all parts from their next impact on.
     pub(crate) fn set_restitution(&mut self, restitution: f32) {
         set_restitution(&mut self.parts, restitution);
+        for part in &mut self.massive {
+            // What is out of range is refused; the old one stays.
+            let _ = part.set_restitution(f64::from(restitution));
+        }
     }
 
     /// Standard deviation of the restitution of all parts from their next impact on.
     pub(crate) fn set_scatter(&mut self, deviation: f32) {
         set_scatter(&mut self.parts, deviation);
+        for part in &mut self.massive {
+            let _ = part.set_scatter(f64::from(deviation));
+        }
     }
 
     /// RMS of the accelerometer's noise in m/s^2.
@@ -331,15 +486,44 @@ impl Plant {
 /// Streams of the parts' scatter beside the scene's noise.
 const STREAM: u64 = 0x7363_6174;
 
+/// What of a scene's parts the map carries: all, unless any has a mass.
+fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
+    if scene.has_mass() {
+        return Ok(Vec::new());
+    }
+    all_at_rest(scene)
+}
+
 /// The parts of a scene, each with a stream of restitutions of its own.
-pub(super) fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
+pub(super) fn all_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
+    restitutions(scene)
+        .map(|drawn| Ok(Part::at_rest(drawn?)))
+        .collect()
+}
+
+/// The same parts with their masses, where any has one.
+fn massive_at_rest(scene: &Scene) -> Result<Vec<MassivePart, PARTS>, OutOfRange> {
+    if !scene.has_mass() {
+        return Ok(Vec::new());
+    }
+    let drawn = restitutions(scene).enumerate();
+    drawn
+        .map(|(n, drawn)| Ok(MassivePart::at_rest(drawn?, scene.mass_share(n))))
+        .collect()
+}
+
+/// The restitution of each part of a scene.
+fn restitutions(scene: &Scene) -> impl Iterator<Item = Result<Scatter, OutOfRange>> + '_ {
     let mut seeds = Noise::new(scene.seed ^ STREAM);
-    let parts = scene.parts.iter().enumerate().map(|(n, &restitution)| {
-        let deviation = scene.scatter.get(n).copied().unwrap_or(0.0);
-        let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
-        Scatter::build(restitution.into(), deviation.into(), seed).map(Part::at_rest)
-    });
-    parts.collect()
+    scene
+        .parts
+        .iter()
+        .enumerate()
+        .map(move |(n, &restitution)| {
+            let deviation = scene.scatter.get(n).copied().unwrap_or(0.0);
+            let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
+            Scatter::build(restitution.into(), deviation.into(), seed)
+        })
 }
 
 /// Sets the mean restitution of all parts; one out of range is refused, the old one stays.

@@ -20,7 +20,10 @@ mod envelope_loop;
 mod feeder;
 #[cfg(test)]
 mod held;
+mod hopper;
 mod law;
+mod load;
+mod massive;
 mod noise;
 mod onset;
 mod part;

@@ -58,6 +58,8 @@ pub struct Part {
     began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
+    /// Speed by which its last impact changed it in m/s: the momentum given to the track over its mass.
+    pushed: f64,
     /// Displacement along the track so far in m.
     displacement: f64,
     /// Time from which on it lies on the track and rubs, in steps of 2^-32 turns of the drive; what came before is in its
@@ -134,6 +136,7 @@ impl Part {
             rested: true,
             began: 0,
             along: 0.0,
+            pushed: 0.0,
             displacement: 0.0,
             lying: Some(0),
         }
@@ -167,6 +170,18 @@ impl Part {
     #[must_use]
     pub fn displacement(&self) -> f64 {
         self.displacement
+    }
+
+    /// Speed by which its last impact changed it in m/s: the momentum that this gave to the track, over its own mass.
+    #[must_use]
+    pub fn pushed(&self) -> f64 {
+        self.pushed
+    }
+
+    /// Whether it lies on the track, or chatters unheard.
+    #[must_use]
+    pub fn lies(&self) -> bool {
+        !matches!(self.motion, Motion::Flying { .. })
     }
 
     /// Whether it lies on the track.
@@ -246,6 +261,7 @@ impl Part {
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
         if let Some(wave) = track.wave {
             let left = self.restitution.draw() * arrival;
+            self.pushed = arrival + left;
             self.rub(track, arrival, left);
             let velocity = left / (amplitude * track.angular);
             let state = PartState { phase, velocity };
@@ -258,6 +274,7 @@ impl Part {
         };
         // Launch speed in the unit that the track has now.
         let left = self.restitution.draw() * arrival;
+        self.pushed = arrival + left;
         self.rub(track, arrival, left);
         let velocity = left / (amplitude * track.angular);
         let state = PartState { phase, velocity };

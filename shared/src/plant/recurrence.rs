@@ -324,6 +324,12 @@ impl Recurrence {
         }
     }
 
+    /// Output that pushes the track as an acceleration of 1 m/s^2 does.
+    #[must_use]
+    pub fn per_acceleration(&self) -> f64 {
+        1.0 / self.mode.direct
+    }
+
     /// Largest acceleration that this cycle may show, in m/s^2: a bound.
     #[must_use]
     pub fn loudest(&self) -> f64 {

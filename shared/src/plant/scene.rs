@@ -41,6 +41,8 @@ pub struct DriveModel {
     pub mains: f32,
     /// Ripple of the drive's bus, amplitude over its mean, at twice the mains' frequency.
     pub ripple: f32,
+    /// Mass in kg that swings with the track (symbol M): what an impact normal to the track has to move.
+    pub mass: f32,
 }
 
 impl Default for DriveModel {
@@ -56,6 +58,7 @@ impl Default for DriveModel {
             second_quality: 25.0,
             mains: 50.0,
             ripple: 0.0,
+            mass: 10.0,
         }
     }
 }
@@ -131,6 +134,8 @@ pub enum Change {
     ControlLate(bool),
     /// The supply of the board sags (`true`): its controller starts anew, as after a brown-out.
     BrownOut(bool),
+    /// The hopper lets the parts that wait in it ([`Scene::waiting`]) fall onto the track, evenly within so many seconds.
+    Dump(f32),
 }
 
 /// A change at a time.
@@ -177,6 +182,10 @@ pub struct Scene {
     /// Friction of the parts on the track, of sliding and of sticking (symbols mu, mu_s), 0..=10; `None`: the paper's
     /// restitution along the track, which the settings hold.
     pub friction: Option<[f32; 2]>,
+    /// Mass of each part in g (symbol m), 0..=1e6; parts beyond its end have none, and push nothing.
+    pub masses: Parts,
+    /// How many of the parts, from the last, wait in the hopper until a [`Change::Dump`].
+    pub waiting: u8,
     /// Seed of the noise and of the scatter.
     pub seed: u64,
     /// What happens, in the order of time.
@@ -195,6 +204,8 @@ impl Default for Scene {
             parts: core::iter::once(0.2).collect(),
             scatter: Parts::new(),
             friction: None,
+            masses: Parts::new(),
+            waiting: 0,
             seed: 1,
             disturbances: Vec::new(),
         }
@@ -202,6 +213,17 @@ impl Default for Scene {
 }
 
 impl Scene {
+    /// Mass of a part over that of the track (symbol m/M).
+    pub(super) fn mass_share(&self, part: usize) -> f64 {
+        let mass = self.masses.get(part).copied().unwrap_or(0.0);
+        f64::from(mass) * 1e-3 / f64::from(self.drive.mass)
+    }
+
+    /// Whether any part has a mass.
+    pub(super) fn has_mass(&self) -> bool {
+        self.masses.iter().any(|mass| *mass > 0.0)
+    }
+
     /// What carries parts along `track`.
     pub(super) fn law(&self, track: &Track) -> Law {
         match self.friction {
@@ -267,6 +289,7 @@ impl Scene {
         )?;
         within("drive mains", drive.mains, 10.0, 400.0, "10..400 Hz")?;
         within("drive ripple", drive.ripple, 0.0, 0.5, "0..0.5")?;
+        within("drive mass", drive.mass, 0.001, 1e5, "0.001..100000 kg")?;
         let sensor = &self.sensor;
         within("sensor hum", sensor.hum, 0.0, 100.0, "0..100 m/s^2")?;
         within("sensor noise", sensor.noise, 0.0, 100.0, "0..100 m/s^2")?;
@@ -298,6 +321,24 @@ impl Scene {
         for &scatter in &self.scatter {
             within("part scatter", scatter, 0.0, 0.3, "0..0.3")?;
         }
+        for &mass in &self.masses {
+            within("part mass", mass, 0.0, 1e6, "0..1000000 g")?;
+        }
+        let together: f32 = self.masses.iter().take(self.parts.len()).sum();
+        within(
+            "part mass, of all parts",
+            together,
+            0.0,
+            1e3 * drive.mass,
+            "0..the mass that swings with the track",
+        )?;
+        within(
+            "parts in the hopper",
+            f32::from(self.waiting),
+            0.0,
+            self.parts.len() as f32,
+            "0..the number of parts",
+        )?;
         if let Some([sliding, sticking]) = self.friction {
             within("part friction", sliding, 0.0, 10.0, "0..10")?;
             let accepted = "the friction of sliding..10";
@@ -324,6 +365,9 @@ impl Scene {
                 }
                 Change::Ripple(ripple) => {
                     within("disturbance ripple", ripple, 0.0, 0.5, "0..0.5")?;
+                }
+                Change::Dump(within_seconds) => {
+                    within("disturbance dump", within_seconds, 0.0, 1e4, "0..10000 s")?;
                 }
                 Change::Hum(hum) => within("disturbance hum", hum, 0.0, 100.0, "0..100 m/s^2")?,
                 _ => {}

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::report::{Identification, Margin, Report, Shape};
+use super::report::{Identification, Load, Margin, Report, Shape};
 use crate::control;
 
 /// What the desk asks of the board.
@@ -268,6 +268,8 @@ pub enum Target {
     Gear(u8),
     /// A value of k, with tones of the track above the first.
     Tones(f32, Shape),
+    /// Grams per second of parts in gear.
+    Flow(f32),
 }
 
 impl From<control::Target> for Target {
@@ -278,6 +280,7 @@ impl From<control::Target> for Target {
             control::Target::K(k) => Self::K(k),
             control::Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             control::Target::Speed(speed) => Self::Speed(speed),
+            control::Target::Flow(flow) => Self::Flow(flow),
             control::Target::Identify => Self::Identify,
             control::Target::Gear { order } => Self::Gear(order),
             control::Target::Tones { k, shape } => Self::Tones(k, shape.into()),
@@ -293,6 +296,7 @@ impl From<Target> for control::Target {
             Target::K(k) => Self::K(k),
             Target::Amplitude(amplitude) => Self::Amplitude(amplitude),
             Target::Speed(speed) => Self::Speed(speed),
+            Target::Flow(flow) => Self::Flow(flow),
             Target::Identify => Self::Identify,
             Target::Gear(order) => Self::Gear { order },
             Target::Tones(k, shape) => Self::Tones {
@@ -371,6 +375,8 @@ pub struct Telemetry {
     pub expected_in_gear: f32,
     /// How far the parts are from losing gear; `None` where that is not heard.
     pub margin: Option<Margin>,
+    /// The parts on the track as weighed; `None` where they are not in gear, or the mass of the track is not told.
+    pub load: Option<Load>,
     /// Number of the state ([`control::State`]).
     pub state: u8,
     /// Number of the fault ([`control::Fault`]), 0 for none.
@@ -397,6 +403,7 @@ impl From<&control::Report> for Telemetry {
             in_gear_error: report.in_gear_error,
             expected_in_gear: report.expected_in_gear,
             margin: report.margin.map(Into::into),
+            load: report.load.map(Into::into),
             state: report.state.number(),
             fault: report.fault.map_or(0, control::Fault::number),
             limits: report.limits.bits(),

@@ -88,6 +88,8 @@ pub struct Report {
     margin: Option<Margin>,
     /// Share of time in gear to expect of the lot at the setpoint, 0..1.
     expected_in_gear: f32,
+    /// The parts on the track as weighed.
+    load: Option<Load>,
     /// Kicks begun for the present target.
     attempts: u8,
     /// How far the identification of the parts' restitution has come.
@@ -130,6 +132,7 @@ impl From<&control::Report> for Report {
             to_loss: report.to_loss,
             margin: report.margin.map(Into::into),
             expected_in_gear: report.expected_in_gear,
+            load: report.load.map(Into::into),
             attempts: report.attempts,
             identification: report.identification.into(),
             state: report.state.number(),
@@ -172,6 +175,7 @@ impl TryFrom<Report> for control::Report {
             to_loss: report.to_loss,
             margin: report.margin.map(Into::into),
             expected_in_gear: report.expected_in_gear,
+            load: report.load.map(Into::into),
             attempts: report.attempts,
             identification: report.identification.into(),
             state: item(control::State::ALL, report.state)?,
@@ -254,6 +258,31 @@ pub struct Margin {
     pub flip: f32,
     /// Expected drive cycles until gear is lost.
     pub to_loss: f32,
+}
+
+/// The parts on the track as weighed; [`control::Load`] on the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Load {
+    /// Mass of the parts in g (symbol m).
+    pub mass: f32,
+    /// Their conveying speed in mm/s.
+    pub speed: f32,
+    /// What leaves the track in g/s; 0 where its length is not told.
+    pub flow: f32,
+}
+
+impl From<control::Load> for Load {
+    fn from(own: control::Load) -> Self {
+        let control::Load { mass, speed, flow } = own;
+        Self { mass, speed, flow }
+    }
+}
+
+impl From<Load> for control::Load {
+    fn from(sent: Load) -> Self {
+        let Load { mass, speed, flow } = sent;
+        Self { mass, speed, flow }
+    }
 }
 
 /// A regime and how sure it is; [`classify::Verdict`] on the line.
@@ -530,6 +559,11 @@ mod tests {
                 to_loss: 1000.0,
             }),
             expected_in_gear: 0.85,
+            load: Some(control::Load {
+                mass: 250.0,
+                speed: 93.5,
+                flow: 46.75,
+            }),
             attempts: 2,
             identification: control::Identification::NotFound(control::Unidentified::Dead),
             state: State::Fault,
@@ -565,10 +599,11 @@ mod tests {
         0x00, 0x48, 0x42, 0x33, 0x33, 0x73, 0x3f, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00, 0x00, 0x3d,
         0x01, 0x00, 0x00, 0xfa, 0x43, 0x01, 0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x80, 0x3e, 0x00,
         0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00, 0x00, 0x3f, 0x00, 0x00, 0x7a, 0x44,
-        0x9a, 0x99, 0x59, 0x3f, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01, 0x00, 0x01,
-        0x14, 0x01, 0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x00, 0x00, 0x80, 0x3e,
-        0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x8a, 0xae, 0x8f,
-        0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
+        0x9a, 0x99, 0x59, 0x3f, 0x01, 0x00, 0x00, 0x7a, 0x43, 0x00, 0x00, 0xbb, 0x42, 0x00, 0x00,
+        0x3b, 0x42, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01, 0x00, 0x01, 0x14, 0x01,
+        0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x00, 0x00, 0x80, 0x3e, 0x00, 0x00,
+        0x00, 0xbf, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x8a, 0xae, 0x8f, 0x05, 0x01,
+        0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
     ];
 
     #[test]

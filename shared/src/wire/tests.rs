@@ -25,6 +25,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::K(0.41)),
         Request::Target(Target::Amplitude(0.25)),
         Request::Target(Target::Speed(12.5)),
+        Request::Target(Target::Flow(46.75)),
         Request::Target(Target::Identify),
         Request::Target(Target::Gear(1)),
         Request::Target(Target::Tones(
@@ -156,6 +157,11 @@ fn responses() -> Vec<Response<'static>> {
                 scatter: 0.0625,
                 flip: 0.5,
                 to_loss: 1000.0,
+            }),
+            load: Some(Load {
+                mass: 250.0,
+                speed: 93.5,
+                flow: 46.75,
             }),
             state: 4,
             fault: 0,

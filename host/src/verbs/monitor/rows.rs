@@ -24,7 +24,7 @@ pub(super) struct Rows {
 }
 
 /// Columns before that of the event.
-const BEFORE_THE_EVENT: usize = 21;
+const BEFORE_THE_EVENT: usize = 23;
 
 impl Rows {
     pub(super) fn new(format: Format) -> Self {
@@ -56,6 +56,8 @@ impl Rows {
                 columns::TO_LOSS_HEARD.titled("to_loss (cycles)").digits(3),
                 7,
             ),
+            (columns::MASS_WEIGHED.titled("mass (g)").digits(4), 8),
+            (columns::FLOW_WEIGHED.titled("flow (g/s)").digits(4), 10),
             (columns::EVENT, 0),
         ];
         Self {
@@ -169,6 +171,11 @@ impl Rows {
             telemetry
                 .margin
                 .map(|margin| shortest(margin.to_loss))
+                .into(),
+            telemetry.load.map(|load| shortest(load.mass)).into(),
+            (telemetry.load)
+                .filter(|load| load.flow != 0.0)
+                .map(|load| shortest(load.flow))
                 .into(),
             if held.is_empty() {
                 Value::Missing

@@ -308,6 +308,19 @@ pub(super) fn told(
             margin.to_loss.round()
         ));
     }
+    if let Some(load) = last.load {
+        let flow = if load.flow == 0.0 {
+            String::new()
+        } else {
+            format!(", {} g/s", number(f64::from(load.flow), 3))
+        };
+        say(format!(
+            "weighed          {} g on the track ({} g are) at {} mm/s{flow}",
+            number(f64::from(load.mass), 3),
+            number(outcome.mass(), 3),
+            number(f64::from(load.speed), 3),
+        ));
+    }
     if let Some(phase) = outcome.lock_phase() {
         let expected = outcome.expected_phase().map_or(String::new(), |phase| {
             format!(
@@ -387,6 +400,9 @@ pub(super) fn told(
         "to_loss": outcome.time_to_loss(),
         "lock_phase": outcome.lock_phase(),
         "speed": outcome.speed() * 1e3,
+        "mass": outcome.file().scene.masses.iter().any(|mass| *mass > 0.0).then(|| outcome.mass()),
+        "mass_weighed": last.load.map(|load| load.mass),
+        "flow_weighed": last.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
         "restitution_identified": outcome.identified().map(|found| found.restitution),
         "not_as_expected": unmet,
         "picture": path(written.picture),

@@ -168,6 +168,21 @@ impl BoardStatus {
                 format!("{} cycles", number(f64::from(margin.to_loss), 2)),
             );
         }
+        if let Some(load) = self.telemetry.load {
+            row(
+                "parts on the track",
+                format!(
+                    "{} g at {} mm/s{}",
+                    number(f64::from(load.mass), 3),
+                    number(f64::from(load.speed), 3),
+                    if load.flow == 0.0 {
+                        String::new()
+                    } else {
+                        format!(", {} g/s", number(f64::from(load.flow), 3))
+                    }
+                ),
+            );
+        }
         row("time since its start", format!("{} s", self.status.seconds));
         Printout::new(table)
             .note(format!("next: {}", self.next()))
@@ -218,6 +233,8 @@ impl BoardStatus {
             "scatter_heard": self.telemetry.margin.map(|margin| margin.scatter),
             "to_loss_heard": self.telemetry.margin.map(|margin| margin.to_loss),
             "running_time": self.status.seconds,
+            "mass_weighed": self.telemetry.load.map(|load| load.mass),
+            "flow_weighed": self.telemetry.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
             "next": self.next(),
         })
     }

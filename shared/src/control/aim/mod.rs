@@ -12,6 +12,7 @@
 //! | `selection` | the target, what was chosen for it, and what is still searched for |
 
 mod chaos;
+mod flow;
 mod gear;
 mod kicks;
 mod retune;

@@ -2,6 +2,7 @@
 
 use super::GearSearch;
 use super::chaos::{Chaos, ChaosSearch};
+use super::flow::{FlowChoice, FlowStep};
 use super::kicks::Search;
 use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint};
@@ -27,6 +28,9 @@ pub struct Selection {
     speed: Option<SpeedSearch>,
     /// The search for the k at which the lot stays in gear, where that is the target.
     pub gear: Option<GearSearch>,
+    /// The flow that is wanted, and the order of gear, where that is wanted or found for it.
+    flow: Option<FlowChoice>,
+    order: u8,
     /// The plan that the setpoint is of.
     plan: Option<GearPlan>,
     retuning: Retuning,
@@ -41,9 +45,11 @@ impl Selection {
     pub fn at(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let mut choice = Choice::of(target, settings)?.within(settings, scale);
         let gear = match target {
-            Target::Gear { order } => GearSearch::begin(order, settings, scale)?
-                .inspect_err(|why| choice.level = Level::None(*why))
-                .ok(),
+            Target::Gear { .. } | Target::Flow(_) => {
+                GearSearch::begin(first_order(target), settings, scale)?
+                    .inspect_err(|why| choice.level = Level::None(*why))
+                    .ok()
+            }
             _ => None,
         };
         let chaotic = target == Target::Chaotic && choice.lock.is_some();
@@ -57,6 +63,11 @@ impl Selection {
                 _ => None,
             },
             gear,
+            flow: match target {
+                Target::Flow(flow) => Some(FlowChoice::new(flow)),
+                _ => None,
+            },
+            order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
             search: kicks(&choice, settings, scale)?,
@@ -151,7 +162,7 @@ impl Selection {
         settings: &Settings,
         scale: &Scale,
     ) {
-        let Target::Gear { order } = self.target else {
+        let Some(order) = self.gear_order() else {
             return;
         };
         let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
@@ -165,6 +176,42 @@ impl Selection {
         {
             self.gear = Some(search);
         }
+    }
+
+    /// Order of the gear that is wanted, or that a flow takes.
+    pub fn gear_order(&self) -> Option<u8> {
+        matches!(self.target, Target::Gear { .. } | Target::Flow(_)).then_some(self.order)
+    }
+
+    /// Goes to the order of gear that serves the wanted flow, where the parts on the track are weighed; `flow` in g/s is what they give now.
+    pub fn serve_flow(
+        &mut self,
+        flow: Option<f32>,
+        settings: &Settings,
+        scale: &Scale,
+        news: &mut Events,
+    ) {
+        let Some(choice) = &mut self.flow else {
+            return;
+        };
+        match choice.cycle(self.order, flow) {
+            FlowStep::Stay => {}
+            FlowStep::Order(order) => match GearSearch::begin(order, settings, scale) {
+                Ok(Ok(search)) => {
+                    self.order = order;
+                    self.plan = None;
+                    self.gear = Some(search);
+                }
+                _ => self.refuse_flow(flow, news),
+            },
+            FlowStep::None(nearest) => self.refuse_flow(Some(nearest), news),
+        }
+    }
+
+    fn refuse_flow(&mut self, nearest: Option<f32>, news: &mut Events) {
+        self.level = Level::None(NoSetpoint::Flow(nearest.unwrap_or(0.0)));
+        self.flow = None;
+        news.push(Event::NoSetpoint);
     }
 
     /// One slice of what is searched for; whether more is to be done.
@@ -211,6 +258,14 @@ impl Selection {
         if self.no_setpoint().is_some() {
             news.push(Event::NoSetpoint);
         }
+    }
+}
+
+/// Order of gear that a target begins with.
+fn first_order(target: Target) -> u8 {
+    match target {
+        Target::Gear { order } => order,
+        _ => 1,
     }
 }
 

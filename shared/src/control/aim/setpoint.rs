@@ -34,6 +34,8 @@ pub enum NoSetpoint {
     Chaos,
     /// No lock conveys at this speed within 10 %; the nearest one's speed in mm/s, if there is any.
     Speed(Option<f32>),
+    /// In no gear do the parts on the track leave it at this flow within 10 %; the nearest one's in g/s.
+    Flow(f32),
 }
 
 impl fmt::Display for NoSetpoint {
@@ -57,6 +59,10 @@ impl fmt::Display for NoSetpoint {
             Self::Speed(Some(speed)) => write!(
                 formatter,
                 "no lock of the lot conveys at this speed within 10 %; the nearest is {speed:.1} mm/s"
+            ),
+            Self::Flow(flow) => write!(
+                formatter,
+                "in no gear do the parts that are on the track leave it at this flow within 10 %; the nearest is {flow:.1} g/s"
             ),
             Self::Speed(None) => formatter.write_str("the lot has no common band, so no lock conveys it"),
         }
@@ -151,6 +157,17 @@ impl Choice {
                 let accepts = (0.0..=settings.amplitude_limit).contains(&b);
                 within("target amplitude", b, accepts, "0..amplitude_limit mm")?;
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
+            }
+            Target::Flow(flow) => {
+                let told = settings.track_mass > 0.0 && settings.track_length > 0.0;
+                let accepted = if told {
+                    "above 0 to 1000000 g/s"
+                } else {
+                    "none: what is on the track is weighed only where the settings track_mass and track_length are given"
+                };
+                let accepts = told && flow > 0.0 && flow <= 1e6;
+                within("target flow", flow, accepts, accepted)?;
+                Ok(Self::level(Level::Sought))
             }
             Target::Speed(speed) => {
                 within(

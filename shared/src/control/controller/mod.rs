@@ -16,7 +16,9 @@ use num_complex::Complex32 as Complex;
 use crate::control::drive::{
     AmplitudeLoop, Asked, Move, Reference, Resonance, Scale, Shape, Tones, TrackMotion, UPPER, size,
 };
-use crate::control::hear::{Cycle, Deafness, GearHearing, HeardWith, Listener, Sound, Tuned};
+use crate::control::hear::{
+    Cycle, Deafness, GearHearing, HeardWith, Listener, LoadMeter, Sound, Tuned, Weighed,
+};
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::inputs::{Inputs, StartCause};
 use crate::control::report::Report;
@@ -111,6 +113,8 @@ pub struct Controller {
     reference: Reference,
     output: f32,
     tones: Tones,
+    /// What weighs the parts, where the mass of the track is told.
+    meter: Option<LoadMeter>,
     /// Envelope that the outputs should give at the ends of cycles, over the one that full output comes to hold: of the one that
     /// the last output will drive, the one before, and the two that the last reading is the mean of.
     expected: [Complex; 3],
@@ -157,6 +161,7 @@ impl Controller {
             reference: Reference::default(),
             output: 0.0,
             tones: Tones::build(settings)?,
+            meter: LoadMeter::build(settings),
             expected: [Complex::default(); 3],
             faults: FaultDetector::default(),
             count: 0,
@@ -219,6 +224,7 @@ impl Controller {
         self.machine.count();
         let sine = -cycle.quadrature / self.scale.square;
         let cosine = -cycle.in_phase / self.scale.square;
+        let [sine, cosine] = self.weigh(sine, cosine);
         let measured = square_root_single(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
         let motion = self.motion(cycle, Complex::new(sine, cosine));
@@ -270,6 +276,13 @@ impl Controller {
             self.listen(cycle, goal, measured);
             self.progress(goal, measured, &mut events);
             self.retune_gear();
+            let flow = self
+                .meter
+                .as_ref()
+                .and_then(LoadMeter::load)
+                .map(|load| load.flow);
+            self.selection
+                .serve_flow(flow, &self.settings, &self.scale, &mut events);
             self.identify(cycle, goal, measured, &mut events);
         }
         let limits = self.limits.limits();
@@ -281,7 +294,14 @@ impl Controller {
         // Also where the output is held because the reading is not trusted.
         self.output = self.output.min(self.scale.most_output(self.expected[0]));
         let [newest, before, _] = self.expected;
-        self.expected = [self.scale.after(newest, self.output), newest, before];
+        // What is missing may be taken for a load only where parts are heard.
+        let load = if self.listener.phases.rate() > 0.0 {
+            self.amplitude.load()
+        } else {
+            0.0
+        };
+        let driven = self.output - load;
+        self.expected = [self.scale.after(newest, driven), newest, before];
         self.seen = Seen {
             amplitude: measured,
             lead,
@@ -292,6 +312,41 @@ impl Controller {
             },
             events,
         };
+    }
+
+    /// Weighs the parts; the track's motion along sine and cosine of the output's phase, with what they push of it, in m.
+    fn weigh(&mut self, sine: f32, cosine: f32) -> [f32; 2] {
+        if self.meter.is_none() {
+            return [sine, cosine];
+        }
+        let one = self.listener.margin();
+        let phases = &self.listener.phases;
+        let goal = self.selection.setpoint(&self.scale);
+        let seen = Weighed {
+            motion: Complex::new(sine, cosine),
+            output: self.output,
+            square: self.scale.square,
+            frequency: self.resonance.frequency(),
+            normal_gravity: self.scale.normal_gravity,
+            in_gear: self.in_gear(),
+            order: self.order().unwrap_or(1),
+            restitution: one.map(|margin| margin.restitution),
+            cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
+            sine: self.selection.shape().is_sine(),
+            rate: phases.rate(),
+            stands: self.machine.kick().is_none()
+                && self.machine.running()
+                && self.selection.chosen()
+                && (self.reference.now - goal).abs() < NEAR * goal
+                && (self.seen.amplitude - goal).abs() < 10.0 * NEAR * goal,
+        };
+        match &mut self.meter {
+            Some(meter) => {
+                let found = meter.cycle(&seen);
+                [found.re, found.im]
+            }
+            None => [sine, cosine],
+        }
     }
 
     /// What the demodulators found of the track's motion.
@@ -425,7 +480,7 @@ impl Controller {
         let near = (measured - goal).abs() < 2.0 * NEAR * goal || self.machine.kick().is_some();
         let order = self.order();
         let wanted = match self.selection.target() {
-            Target::Gear { .. } => true,
+            Target::Gear { .. } | Target::Flow(_) => true,
             _ => self.selection.lock().is_some(),
         };
         let turns = f32::from(order.unwrap_or(1));
@@ -638,6 +693,7 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
         Target::K(k) | Target::Tones { k, .. } => ("target k", f64::from(k)),
         Target::Amplitude(b) => ("target amplitude", f64::from(b)),
         Target::Speed(speed) => ("target speed", f64::from(speed)),
+        Target::Flow(flow) => ("target flow", f64::from(flow)),
         Target::Chaotic => ("target chaotic, order of its lock", 1.0),
         Target::Identify => ("target identify, k that it begins at", identify::FIRST),
     };

@@ -4,7 +4,7 @@ use super::Controller;
 use crate::control::aim::NoSetpoint;
 use crate::control::angle::radians_of;
 use crate::control::drive::size;
-use crate::control::hear::{Command, GearShare, Overtone};
+use crate::control::hear::{Command, GearShare, LoadMeter, Overtone};
 use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
@@ -34,6 +34,7 @@ impl Controller {
             to_loss: self.listener.time_to_loss(),
             margin: self.listener.margin_of_all(),
             expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
+            load: self.meter.as_ref().and_then(LoadMeter::load),
             attempts: self.machine.attempts(),
             identification: self.identifier.result(),
             regime: self.listener.regime,
@@ -54,7 +55,7 @@ impl Controller {
             amplitude: self.output,
             overtones: overtones.map(|[sine, cosine]| Overtone { sine, cosine }),
             step: self.scale.step,
-            immediate: !self.machine.running(),
+            immediate: !self.machine.running() || self.amplitude.at_once(),
             fold: self.identifier.fold(),
             whole: self.identifier.listens(),
         }
@@ -66,7 +67,7 @@ impl Controller {
     pub fn ready(&self) -> bool {
         match (self.machine.state(), self.selection.target()) {
             (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
-            (State::Holding, Target::Gear { .. }) => self.listener.geared,
+            (State::Holding, Target::Gear { .. } | Target::Flow(_)) => self.listener.geared,
             (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
             (State::Locked, target) => target != Target::Chaotic,
             _ => false,
@@ -136,10 +137,7 @@ impl Controller {
     /// Order of the lock that is wanted, also as the way to chaos or for a speed, or of the gear.
     #[must_use]
     pub fn order(&self) -> Option<u8> {
-        match self.selection.target() {
-            Target::Gear { order } => Some(order),
-            _ => self.selection.lock().map(|lock| lock.order),
-        }
+        (self.selection.gear_order()).or_else(|| self.selection.lock().map(|lock| lock.order))
     }
 
     /// Amplitude chosen for the target in m, before any limit; 0 where there is none.

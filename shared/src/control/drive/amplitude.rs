@@ -9,6 +9,7 @@
 use num_complex::Complex32 as Complex;
 
 use super::envelope::{Envelope, size};
+use super::observer::Observer;
 use super::scale::least;
 use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
@@ -132,6 +133,8 @@ pub struct AmplitudeLoop {
     /// Envelope of the measured cycle's end for unit gain.
     model: Complex,
     saturated: bool,
+    /// Where parts load the track: what takes the place of the feedback.
+    observer: Option<Observer>,
 }
 
 impl AmplitudeLoop {
@@ -178,7 +181,21 @@ impl AmplitudeLoop {
             output: [0.0; 3],
             model: Complex::default(),
             saturated: false,
+            observer: (settings.track_mass > 0.0 && envelope.first_order).then(Observer::default),
         })
+    }
+
+    /// Share of full output that parts take off the drive; 0 where they are taken for light.
+    #[must_use]
+    pub fn load(&self) -> f32 {
+        self.observer
+            .map_or(0.0, |observer| observer.load() / self.gain)
+    }
+
+    /// Whether the output is to take effect at once, not only where the phase wraps.
+    #[must_use]
+    pub fn at_once(&self) -> bool {
+        self.observer.is_some()
     }
 
     /// Forgets all but the estimate of the gain: the drive is at rest.
@@ -191,6 +208,7 @@ impl AmplitudeLoop {
         self.output = [0.0; 3];
         self.model = Complex::default();
         self.saturated = false;
+        self.observer = self.observer.map(|_| Observer::default());
     }
 
     /// Takes over at an amplitude (m) that an output has brought about and holds.
@@ -204,6 +222,8 @@ impl AmplitudeLoop {
             self.gain = amplitude / output;
             self.learned = 1.0 / LEARNING;
         }
+        self.observer =
+            (self.observer).map(|_| Observer::at(amplitude, output * self.gain - amplitude));
     }
 
     /// Fewest cycles that a soft start may take, and the share of its pace that it may have now.
@@ -228,8 +248,15 @@ impl AmplitudeLoop {
         self.reference = [reference, newest, before, oldest];
         self.since += 0.25;
         let old = self.gain;
-        self.learn(measured);
-        let (raw, output) = if self.envelope.first_order {
+        // What a load takes is no gain that is lost: where it is observed, the gain is the one told.
+        if self.observer.is_none() {
+            self.learn(measured);
+        }
+        let (raw, output) = if let Some(observer) = &mut self.observer {
+            let driven = self.output[0] * self.gain;
+            let raw = observer.cycle(measured, driven, reference, self.tuning.keep) / self.gain;
+            (raw, saturate(raw, low, high))
+        } else if self.envelope.first_order {
             // What the feedforward now does, the integral term need not do any more.
             self.integral_term += self.reference[2] * (1.0 / old - 1.0 / self.gain);
             self.at_resonance(measured, low, high)

@@ -18,6 +18,7 @@ mod answer;
 mod envelope;
 #[cfg(any(test, feature = "unstable"))]
 mod margins;
+mod observer;
 mod reference;
 mod resonance;
 mod scale;

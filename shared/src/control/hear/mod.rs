@@ -19,6 +19,7 @@ mod energy;
 mod fold;
 mod gear;
 mod listener;
+mod load;
 mod lock;
 mod margin;
 mod onset;
@@ -36,6 +37,7 @@ pub use fold::Fold;
 pub use fold::{HANDED, Layout, PLACES};
 pub use gear::{GEAR_WINDOW, GearHearing, HeardWith};
 pub use listener::Listener;
+pub use load::{Load, LoadMeter, Weighed};
 pub use lock::LockWindow;
 pub use margin::GearMargin;
 

@@ -1,0 +1,149 @@
+//! Grams per second over random feeders, without a scale: what the board says of the parts on its track against what is on it
+//! (docs/theory-real-parts.md#t10.5).
+//!
+//! `cargo run --release -p kband --features plant --example weighing FEEDERS SEED FIDELITY`, with FIDELITY `waveform` or `envelope`.
+//! Each feeder has another frequency, Q, restitution, scatter, incline, friction and number of parts, of 2 to 20 % of the track's mass in
+//! all. They fall onto the track within a second, and are in gear where the controller brings them.
+
+use kband::control::{Report, Target};
+use kband::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Noise, Scene};
+
+/// Seconds until the parts fall, until what is weighed counts, and in all.
+const TIMES: [f64; 3] = [2.0, 8.0, 28.0];
+
+/// A feeder of its own.
+fn feeder(noise: &mut Noise) -> Scene {
+    let mut between = |low: f32, high: f32| low + (high - low) * noise.uniform();
+    let mut scene = Scene {
+        target: Target::Gear { order: 1 },
+        ..Scene::default()
+    };
+    let frequency = between(40.0, 100.0);
+    let quality = between(10.0, 50.0);
+    let restitution = between(0.1, 0.3);
+    let scatter = between(0.0, 0.03);
+    let share = between(0.02, 0.2);
+    let count = between(12.0, 24.99) as usize;
+    let settings = &mut scene.settings;
+    (settings.frequency, settings.resonance) = (frequency, frequency);
+    (settings.quality, settings.gain) = (quality, 20.0);
+    settings.incline = between(0.0, 4.0);
+    settings.amplitude_ratio = between(1.0, 2.0);
+    settings.restitution_low = restitution - 0.01;
+    settings.restitution_high = restitution + 0.01;
+    settings.scatter = scatter;
+    settings.tangential_restitution = 0.0;
+    settings.track_mass = between(2.0, 40.0);
+    settings.track_length = between(200.0, 800.0);
+    scene.drive.resonance = frequency;
+    scene.drive.quality = quality;
+    scene.drive.gain = 20.0;
+    scene.drive.mass = settings.track_mass;
+    scene.friction = Some([between(0.3, 0.6); 2]);
+    scene.parts = (0..count)
+        .map(|_| restitution + between(-0.01, 0.01))
+        .collect();
+    scene.scatter = (0..count).map(|_| scatter).collect();
+    let weights: Vec<f32> = (0..count).map(|_| between(0.5, 1.5)).collect();
+    let sum: f32 = weights.iter().sum();
+    let all = share * scene.drive.mass * 1e3;
+    scene.masses = weights.iter().map(|weight| weight / sum * all).collect();
+    scene.waiting = count as u8;
+    let dump = Disturbance {
+        at: TIMES[0],
+        change: Change::Dump(1.0),
+    };
+    scene.disturbances = std::iter::once(dump).collect();
+    scene.seed = u64::from(noise.bits());
+    scene
+}
+
+/// What a run came to.
+#[derive(Default)]
+struct Weighed {
+    told: f64,
+    mass: f64,
+    flow: f64,
+    speed: f64,
+    gear: f64,
+    amplitude: f64,
+    cycles: f64,
+}
+
+fn run(scene: &Scene, waveform: bool) -> Result<Weighed, kband::feeder::OutOfRange> {
+    let mut all = Weighed::default();
+    let mut began = None;
+    let mut take = |moment: &Moment| {
+        if moment.time < TIMES[1] {
+            return true;
+        }
+        let (time, way) = *began.get_or_insert((moment.time, moment.displacement));
+        let report: &Report = &moment.report;
+        all.cycles += 1.0;
+        all.gear += f64::from(report.in_gear);
+        all.amplitude += f64::from(report.amplitude / report.setpoint);
+        if let Some(load) = report.load {
+            all.told += 1.0;
+            all.mass += f64::from(load.mass);
+            all.flow += f64::from(load.flow);
+        }
+        all.speed = (moment.displacement - way) / (moment.time - time).max(1e-9) * 1e3;
+        moment.time < TIMES[2]
+    };
+    if waveform {
+        let mut closed = ClosedLoop::build(scene)?;
+        while take(&closed.cycle()) {}
+    } else {
+        let mut closed = EnvelopeLoop::build(scene)?;
+        while take(&closed.cycle()) {}
+    }
+    all.mass /= all.told;
+    all.flow /= all.told;
+    all.gear /= all.cycles;
+    all.amplitude /= all.cycles;
+    all.told /= all.cycles;
+    Ok(all)
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let feeders: usize = arguments.first().map_or(Ok(20), |text| text.parse())?;
+    let seed: u64 = arguments.get(1).map_or(Ok(1), |text| text.parse())?;
+    let waveform = arguments.get(2).is_none_or(|text| text == "waveform");
+    let mut noise = Noise::new(seed);
+    println!(
+        "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    for _ in 0..feeders {
+        let scene = feeder(&mut noise);
+        let found = run(&scene, waveform)?;
+        let mass: f64 = scene.masses.iter().map(|mass| f64::from(*mass)).sum();
+        let flow = mass * found.speed / f64::from(scene.settings.track_length);
+        let settings = &scene.settings;
+        let percent = |told: f64, truth: f64| format!("{:+.1} %", (told / truth - 1.0) * 100.0);
+        let told = if found.told > 0.0 {
+            [
+                format!("{:.0}", found.mass),
+                percent(found.mass, mass),
+                format!("{:.1}", found.flow),
+                percent(found.flow, flow),
+            ]
+        } else {
+            ["-", "-", "-", "-"].map(String::from)
+        };
+        let [weighed, off, flows, away] = told;
+        println!(
+            "| {:.1} | {:.1} | {:.2} | {:.3} | {} | {:.1} % | {:.3} | {:.2} | {mass:.0} | {weighed} | {off} | {flow:.1} | {flows} | {away} |",
+            settings.frequency,
+            settings.quality,
+            0.5 * (settings.restitution_low + settings.restitution_high),
+            settings.scatter,
+            scene.parts.len(),
+            mass * 0.1 / f64::from(settings.track_mass),
+            found.gear,
+            found.told,
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! When the parts that wait in the hopper come onto the track.
+
+use super::scene::{PARTS, Scene};
+use crate::arithmetic::Phase;
+
+/// When each part comes onto the track, in steps of 2^-32 turns of the drive; `u64::MAX` in the hopper.
+#[derive(Clone, Debug)]
+pub struct Hopper {
+    arrives: [u64; PARTS],
+    /// The parts that wait: from one to before another.
+    first: usize,
+    end: usize,
+}
+
+impl Hopper {
+    /// The hopper of a scene.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let end = scene.parts.len();
+        let first = end.saturating_sub(usize::from(scene.waiting));
+        let mut arrives = [0; PARTS];
+        for arrival in arrives.iter_mut().take(end).skip(first) {
+            *arrival = u64::MAX;
+        }
+        Self {
+            arrives,
+            first,
+            end,
+        }
+    }
+
+    /// Lets the waiting parts fall evenly within so many turns of the drive, from `now` on.
+    pub fn dump(&mut self, now: u64, turns: f64) {
+        let count = self.end.saturating_sub(self.first).max(1) as f64;
+        let waiting = self.arrives.iter_mut().take(self.end).skip(self.first);
+        for (n, arrival) in waiting.enumerate() {
+            *arrival = now + ((n as f64 + 1.0) / count * turns * Phase::TURN) as u64;
+        }
+        self.first = self.end;
+    }
+
+    /// When a part comes onto the track.
+    #[inline]
+    #[must_use]
+    pub fn arrives(&self, part: usize) -> u64 {
+        self.arrives.get(part).copied().unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_parts_wait_and_then_fall_evenly() {
+        let scene = Scene {
+            parts: [0.2; 5].into_iter().collect(),
+            waiting: 4,
+            ..Scene::default()
+        };
+        let mut hopper = Hopper::new(&scene);
+        assert_eq!((hopper.arrives(0), hopper.arrives(1)), (0, u64::MAX));
+        hopper.dump(1 << 32, 8.0);
+        let arrivals = [1, 2, 3, 4].map(|part| hopper.arrives(part) >> 32);
+        assert_eq!(arrivals, [3, 5, 7, 9]);
+        // What has fallen does not fall again.
+        hopper.dump(100 << 32, 8.0);
+        assert_eq!(hopper.arrives(4) >> 32, 9);
+    }
+}

@@ -1,0 +1,345 @@
+//! A part that pushes the track back: followed sample by sample against the track as it truly moves.
+//!
+//! The map's flight is over a track that swings as a sine. Under parts of some percent of its mass the track jumps at each impact, and
+//! the part's flight is over what the jump leaves: here the part is a body that falls, and the track is where drive, parts and spring
+//! have it in each sample.
+
+use super::law::Law;
+use crate::feeder::OutOfRange;
+use crate::impact::Scatter;
+
+/// Bisections of a sample in which an impact is looked for: to 1e-9 of it.
+const BISECTIONS: usize = 30;
+
+/// Velocities that an impact leaves to the track and to a part of `share` of its mass, from those before it, in one unit: no momentum is
+/// lost, and the part leaves at `restitution` times the speed at which it came, each against the track.
+#[must_use]
+pub fn struck(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
+    let change = (1.0 + restitution) * (track - part) / (1.0 + share);
+    [track - share * change, part + change]
+}
+
+/// What parts with mass stand on.
+#[derive(Clone, Copy, Debug)]
+pub struct Ground {
+    /// Duration of a sample in s.
+    pub sample: f64,
+    /// Gravity normal to the track and down along it, in m/s^2.
+    pub gravity: [f64; 2],
+    /// Angular frequency of the drive in rad/s.
+    pub angular: f64,
+    /// Motion along the track over that normal to it, as cosine and sine of its lead (symbols eta cos gamma, eta sin gamma).
+    pub along: [f64; 2],
+    /// Displacement in m about which the track swings.
+    pub level: f64,
+    /// What carries parts along the track.
+    pub law: Law,
+}
+
+impl Ground {
+    /// Displacement and velocity of the track along itself, for a displacement and a velocity normal to it.
+    fn along(&self, [x, v]: [f64; 2]) -> [f64; 2] {
+        let ([cosine, sine], x) = (self.along, x - self.level);
+        [
+            cosine * x + sine * v / self.angular,
+            cosine * v - sine * self.angular * x,
+        ]
+    }
+}
+
+/// Displacement (m) and velocity (m/s) of the track at both ends of a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// At its beginning.
+    pub from: [f64; 2],
+    /// At its end.
+    pub to: [f64; 2],
+}
+
+impl Stroke {
+    /// The track at a share of the sample: the cubic through both ends.
+    fn at(&self, share: f64, sample: f64) -> [f64; 2] {
+        let ([x, v], [y, w]) = (self.from, self.to);
+        let (v, w) = (v * sample, w * sample);
+        let (bend, twist) = (3.0 * (y - x) - 2.0 * v - w, 2.0 * (x - y) + v + w);
+        [
+            x + share * (v + share * (bend + share * twist)),
+            (v + share * (2.0 * bend + 3.0 * share * twist)) / sample,
+        ]
+    }
+
+    /// Its mean acceleration in m/s^2.
+    pub fn acceleration(&self, sample: f64) -> f64 {
+        (self.to[1] - self.from[1]) / sample
+    }
+}
+
+/// An impact of such a part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Blow {
+    /// Share of the sample after which it happens.
+    pub at: f64,
+    /// Arrival speed relative to the track in m/s.
+    pub speed: f64,
+    /// The track at that moment: displacement in m, mean velocity before and after in m/s.
+    pub track: [f64; 2],
+    /// When the flight began, in steps of 2^-32 turns of the drive, and whether it began at rest.
+    pub began: u64,
+    /// Whether it did so at rest.
+    pub rested: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Motion {
+    /// On the track, at a velocity along it (m/s) relative to it.
+    Lying(f64),
+    /// In free fall: height in m, velocities normal to the track and along it in m/s, and where the track was along itself and at what
+    /// velocity along it the flight began.
+    Flying {
+        height: f64,
+        velocity: f64,
+        along: f64,
+        left: f64,
+        way: f64,
+    },
+}
+
+/// A part with mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MassivePart {
+    restitution: Scatter,
+    /// Its mass over that of the track (symbol m/M).
+    share: f64,
+    motion: Motion,
+    began: u64,
+    rested: bool,
+    displacement: f64,
+}
+
+impl MassivePart {
+    /// A part of a share of the track's mass, at rest on it.
+    #[must_use]
+    pub fn at_rest(restitution: Scatter, share: f64) -> Self {
+        Self {
+            restitution,
+            share,
+            motion: Motion::Lying(0.0),
+            began: 0,
+            rested: true,
+            displacement: 0.0,
+        }
+    }
+
+    /// Its mass over that of the track (symbol m/M).
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// Whether it lies on the track.
+    #[must_use]
+    pub fn lies(&self) -> bool {
+        matches!(self.motion, Motion::Lying(_))
+    }
+
+    /// Displacement along the track so far in m, positive upwards; that of a flight counts at its end.
+    #[must_use]
+    pub fn displacement(&self) -> f64 {
+        self.displacement
+    }
+
+    /// Changes its mean restitution; one out of range is refused.
+    pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
+        self.restitution = self.restitution.about(mean)?;
+        Ok(())
+    }
+
+    /// Changes by how much its restitution scatters; what is out of range is refused.
+    pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
+        self.restitution = self.restitution.within(deviation)?;
+        Ok(())
+    }
+
+    /// Lets it fall from a height in m, without speed.
+    pub fn drop_from(&mut self, height: f64, now: u64) {
+        self.motion = Motion::Flying {
+            height,
+            velocity: 0.0,
+            along: 0.0,
+            left: 0.0,
+            way: 0.0,
+        };
+        (self.began, self.rested) = (now, true);
+    }
+
+    /// A sample on the track, which presses on it by `normal` m/s^2 and accelerates along itself by `along`.
+    pub fn lie(&mut self, ground: &Ground, normal: f64, along: f64) {
+        let (Motion::Lying(velocity), Law::Friction(friction)) = (&mut self.motion, ground.law)
+        else {
+            return;
+        };
+        let pull = -along - ground.gravity[1];
+        let before = *velocity;
+        if before == 0.0 {
+            if pull.abs() <= friction.sticking * normal {
+                return;
+            }
+            *velocity = (pull - libm::copysign(friction.sliding * normal, pull)) * ground.sample;
+        } else {
+            *velocity += (pull - libm::copysign(friction.sliding * normal, before)) * ground.sample;
+            if before * *velocity < 0.0 {
+                *velocity = 0.0;
+            }
+        }
+        self.displacement += 0.5 * (before + *velocity) * ground.sample;
+    }
+
+    /// The track, at its end of a sample, falls away under it.
+    pub fn leave(&mut self, ground: &Ground, track: [f64; 2], now: u64) {
+        if let Motion::Lying(velocity) = self.motion {
+            self.rested = true;
+            self.fly(ground, track, track, velocity, now);
+        }
+    }
+
+    /// Begins a flight at a height and a velocity normal to the track, at a velocity along it relative to it.
+    fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
+        let [left, carried] = ground.along(track);
+        self.began = now;
+        self.motion = Motion::Flying {
+            height: own[0],
+            velocity: own[1],
+            along: carried + along,
+            left,
+            way: 0.0,
+        };
+    }
+
+    /// A sample of its flight over a track's stroke; the impact in it, and what that leaves of the stroke. `times` are those of its two
+    /// ends in steps of 2^-32 turns of the drive.
+    pub fn fall(&mut self, ground: &Ground, stroke: &mut Stroke, times: [u64; 2]) -> Option<Blow> {
+        let Motion::Flying {
+            height,
+            velocity,
+            along,
+            left,
+            way,
+        } = self.motion
+        else {
+            return None;
+        };
+        let (sample, [gravity, down]) = (ground.sample, ground.gravity);
+        let fallen = |time: f64| {
+            [
+                height + time * (velocity - 0.5 * gravity * time),
+                velocity - gravity * time,
+            ]
+        };
+        let gone = |time: f64| {
+            [
+                way + time * (along - 0.5 * down * time),
+                along - down * time,
+            ]
+        };
+        let own = fallen(sample);
+        if own[0] >= stroke.to[0] {
+            let [way, along] = gone(sample);
+            self.motion = Motion::Flying {
+                height: own[0],
+                velocity: own[1],
+                along,
+                left,
+                way,
+            };
+            return None;
+        }
+        let (mut above, mut below) = (0.0, 1.0);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (above + below);
+            if fallen(middle * sample)[0] < stroke.at(middle, sample)[0] {
+                below = middle;
+            } else {
+                above = middle;
+            }
+        }
+        let [x, v] = stroke.at(below, sample);
+        let own = fallen(below * sample)[1];
+        let speed = (v - own).max(0.0);
+        let kept = self.restitution.draw();
+        let [after, thrown] = struck(v, own, self.share, kept);
+        let before = [x, v];
+        let [place, carried] = ground.along(before);
+        let [way, along] = gone(below * sample);
+        self.displacement += way - (place - left);
+        let relative = along - carried;
+        let relative = match ground.law {
+            Law::Restitution(tangential) => tangential.restitution * relative,
+            Law::Friction(friction) => friction.struck(relative, (1.0 + kept) * speed),
+        };
+        let blow = Blow {
+            at: below,
+            speed,
+            track: [x, 0.5 * (v + after)],
+            began: self.began,
+            rested: self.rested,
+        };
+        self.rested = false;
+        let rest = (1.0 - below) * sample;
+        stroke.to[0] += (after - v) * rest;
+        stroke.to[1] += after - v;
+        let time = times[0] + ((times[1] - times[0]) as f64 * below) as u64;
+        self.fly(ground, [x, after], [x, thrown], relative, time);
+        let end = [
+            x + rest * (thrown - 0.5 * gravity * rest),
+            thrown - gravity * rest,
+        ];
+        if end[0] <= stroke.to[0] {
+            // A hop shorter than a sample: it stays, and what it still has goes into the track.
+            let [track, _] = struck(stroke.to[1], end[1], self.share, 0.0);
+            stroke.to[1] = track;
+            let kept = match ground.law {
+                Law::Restitution(_) => 0.0,
+                Law::Friction(_) => relative,
+            };
+            self.motion = Motion::Lying(kept);
+        } else if let Motion::Flying {
+            height,
+            velocity,
+            along,
+            way,
+            ..
+        } = &mut self.motion
+        {
+            [*height, *velocity] = end;
+            *way = rest * (*along - 0.5 * down * rest);
+            *along -= down * rest;
+        }
+        Some(blow)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_impact_keeps_the_momentum_and_loses_the_energy_of_its_restitution() {
+        for n in 0..200 {
+            let draw = |m: u32| f64::from((n * 7919 + m * 104_729) % 1000) * 1e-3;
+            let (track, part) = (draw(1) - 0.5, -draw(2) - 0.5);
+            let (share, restitution) = (draw(3), draw(4));
+            let [after, thrown] = struck(track, part, share, restitution);
+            let momentum = |track: f64, part: f64| track + share * part;
+            let change = momentum(after, thrown) - momentum(track, part);
+            assert!(change.abs() < 1e-15, "{change}");
+            assert!((thrown - after - restitution * (track - part)).abs() < 1e-15);
+            // m M / (m + M) (1 - R^2) s^2 / 2, over M.
+            let energy = |track: f64, part: f64| 0.5 * (track * track + share * part * part);
+            let lost = energy(track, part) - energy(after, thrown);
+            let speed = track - part;
+            let due =
+                0.5 * share / (1.0 + share) * (1.0 - restitution * restitution) * speed * speed;
+            assert!((lost - due).abs() < 1e-15, "{lost} {due}");
+        }
+    }
+}
