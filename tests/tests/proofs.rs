@@ -101,11 +101,9 @@ fn no_kicks(scene: &mut Scene) {
 fn another_target(scene: &mut Scene) {
     scene.target = Target::K(0.5);
 }
-/// Parts of four thirds of their mass, whose flow in gear is no more the one that is asked for.
+/// A track that is taken for heavier than it is, and what is weighed on it with it.
 fn heavier(scene: &mut Scene) {
-    for mass in &mut scene.masses {
-        *mass *= 4.0 / 3.0;
-    }
+    scene.settings.track_mass *= 4.0 / 3.0;
 }
 /// A drive that is taken for one at its resonance.
 fn tuned(scene: &mut Scene) {

@@ -10,7 +10,7 @@ use super::drive::Swing;
 use super::feeder::{STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter};
 use super::hopper::Hopper;
 use super::law::Law;
-use super::load::{Load, Rest};
+use super::load::{Rest, TrackLoad};
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
 use super::part::{Part, Strike, Track, WaveCache, turned};
@@ -53,7 +53,7 @@ pub struct EnvelopePlant {
     onset: OnsetModel,
     parts: Vec<Part, PARTS>,
     /// What the parts push, where they have masses.
-    load: Option<Load>,
+    load: Option<TrackLoad>,
     hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
@@ -108,7 +108,7 @@ impl EnvelopePlant {
             sense,
             onset: OnsetModel::new(&scene.sensor),
             parts: all_at_rest(scene)?,
-            load: scene.has_mass().then(|| Load::new(scene)),
+            load: scene.has_mass().then(|| TrackLoad::new(scene)),
             hopper: Hopper::new(scene),
             normal_gravity: track.normal_gravity(),
             noise: Noise::new(scene.seed),

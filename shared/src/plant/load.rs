@@ -25,7 +25,7 @@ pub struct Rest {
 /// The push of a cycle, as the `G` of an acceleration `Im(G e^(i phase))` of the track in m/s^2. The parts of a cycle meet the track as the
 /// push of the one before moves it; the track then moves as they pushed it.
 #[derive(Clone, Debug)]
-pub struct Load {
+pub struct TrackLoad {
     shares: [f64; PARTS],
     angular: f64,
     /// Impacts and rests of the cycle under way, and what pushes it.
@@ -33,7 +33,7 @@ pub struct Load {
     pushing: [Complex; 2],
 }
 
-impl Load {
+impl TrackLoad {
     /// The load of a scene at rest.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
@@ -102,10 +102,10 @@ mod tests {
 
     use super::*;
 
-    fn load() -> Load {
+    fn load() -> TrackLoad {
         let mut scene = Scene::default();
         scene.masses = core::iter::once(500.0).collect();
-        let mut load = Load::new(&scene);
+        let mut load = TrackLoad::new(&scene);
         load.begin(314.0);
         load
     }
