@@ -1,5 +1,5 @@
-//! Random feeders that are what the controller is told they are, in both fidelities: what must hold whatever the scene.
-//! `KBAND_SCENES` and `KBAND_SEED` say how many and which.
+//! Random feeders in both fidelities, those that are what the controller is told they are and those that are not: what must hold
+//! whatever the scene. `KBAND_SCENES` and `KBAND_SEED` say how many and which; `KBAND_SCENE` tells the course of one of them.
 
 use std::f64::consts::TAU;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use kband::control::{Fault, Limits, State, TRANSITIONS, Target};
 use kband::feeder::STANDARD_GRAVITY;
-use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Scene, Strike};
+use kband::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
 use kband_tests::states::Random;
 
 /// Cycles of a window in which a lock that is told is held against the parts' impacts.
@@ -23,40 +23,49 @@ fn scene(random: &mut Random) -> Scene {
     let frequency = one_of(
         random,
         &[
-            20.0, 25.0, 33.3, 50.0, 50.0, 60.0, 77.0, 100.0, 120.0, 150.0,
+            20.0, 25.0, 33.3, 50.0, 50.0, 60.0, 77.0, 100.0, 120.0, 150.0, 200.0,
         ],
     );
+    let square = (TAU * frequency).powi(2);
     // Amplitude in mm at k = 0.35.
-    let unit = 1e3 * STANDARD_GRAVITY / (0.35 * (TAU * frequency).powi(2));
+    let unit = 1e3 * STANDARD_GRAVITY / (0.35 * square);
     let settings = &mut scene.settings;
     settings.frequency = frequency as f32;
-    settings.incline = random.between(-5.0, 10.0) as f32;
-    settings.quality = random.scale(5.0, 50.0) as f32;
+    settings.incline = random.between(-10.0, 10.0) as f32;
+    settings.quality = random.scale(5.0, 100.0) as f32;
     let detuned = random.between(-0.3, 0.3) / f64::from(settings.quality);
     settings.resonance = (frequency * (1.0 + detuned)) as f32;
-    settings.envelope = (f64::from(settings.quality) / std::f64::consts::PI) as f32;
+    let cycles = f64::from(settings.quality) / std::f64::consts::PI;
+    settings.envelope = (cycles * random.between(0.5, 1.5)).max(1.0) as f32;
     let middle = random.between(0.1, 0.45);
     let half = one_of(random, &[0.0, 0.005, 0.02, 0.05]);
     settings.restitution_low = (middle - half) as f32;
     settings.restitution_high = (middle + half) as f32;
     settings.scatter = one_of(random, &[0.0, 0.0, 0.03, 0.06]);
-    settings.gain = (unit * random.scale(3.0, 8.0)) as f32;
+    settings.gain = (unit * random.scale(2.0, 8.0)) as f32;
     settings.amplitude_limit = (unit * random.scale(3.0, 8.0)) as f32;
     settings.acceleration_limit = (random.scale(3.0, 8.0) * STANDARD_GRAVITY / 0.35) as f32;
     settings.safe_amplitude = (0.2 * unit) as f32;
-    settings.soft_start = random.scale(0.1, 1.0) as f32;
-    settings.output_maximum = random.between(0.7, 1.0) as f32;
+    settings.soft_start = random.scale(0.05, 2.0) as f32;
+    settings.soft_stop = random.scale(0.05, 1.0) as f32;
+    settings.output_maximum = random.between(0.5, 1.0) as f32;
     settings.sensitivity = 0.1;
-    settings.capture_attempts = f32::from((random.bits() % 9) as u8);
+    settings.capture_attempts = f32::from((random.bits() % 13) as u8);
+    if random.bits().is_multiple_of(5) {
+        settings.tracking = random.between(0.0, 0.05 * frequency) as f32;
+    }
     scene.drive.resonance = settings.resonance;
     scene.drive.quality = settings.quality;
     scene.drive.gain = settings.gain;
+    scene.drive.mains = one_of(random, &[50.0, 60.0]);
+    // Of the acceleration at k = 0.35; 5e-3 is what the default accelerometer has.
+    scene.sensor.noise = (1e-3 * unit * square * random.scale(1e-4, 6e-3)) as f32;
     scene.target = match random.bits() % 6 {
         0 | 1 => Target::Locked {
             order: 1 + (random.bits() % 2) as u8,
         },
-        2 => Target::K(random.between(0.25, 1.1) as f32),
-        3 => Target::Amplitude((unit * random.between(0.3, 1.4)) as f32),
+        2 => Target::K(random.between(0.2, 1.2) as f32),
+        3 => Target::Amplitude((unit * random.between(0.3, 1.5)) as f32),
         _ => Target::Gear { order: 1 },
     };
     let parts = one_of(random, &[1, 1, 3, 8, 24]);
@@ -66,6 +75,103 @@ fn scene(random: &mut Random) -> Scene {
         .collect();
     scene.scatter = std::iter::repeat_n(settings.scatter, parts).collect();
     scene.seed = random.bits();
+    scene
+}
+
+/// A target that nobody would give, some of them refused.
+fn wild(random: &mut Random) -> Target {
+    match random.bits() % 9 {
+        0 => Target::Locked {
+            order: (random.bits() % 10) as u8,
+        },
+        1 => Target::K(random.between(-0.1, 2.0) as f32),
+        2 => Target::Amplitude(random.between(-0.1, 2.0) as f32),
+        3 => Target::Chaotic,
+        4 => Target::Speed(one_of(random, &[0.0, 50.0, -50.0, 1e6, f32::NAN])),
+        5 => Target::Identify,
+        6 => Target::K(f32::NAN),
+        7 => Target::Gear {
+            order: (random.bits() % 4) as u8,
+        },
+        _ => Target::Locked { order: 1 },
+    }
+}
+
+/// The same where little is as it was told, and where things happen: up to every cycle.
+fn hostile(random: &mut Random) -> Scene {
+    let mut scene = scene(random);
+    let settings = &mut scene.settings;
+    let square = (TAU * f64::from(settings.frequency)).powi(2);
+    let unit = 1e3 * STANDARD_GRAVITY / (0.35 * square);
+    let middle = random.between(0.02, 0.8);
+    let half = one_of(random, &[0.0, 0.005, 0.02, 0.05]);
+    settings.restitution_low = (middle - half).max(0.0) as f32;
+    settings.restitution_high = (middle + half).min(0.99) as f32;
+    settings.resonance = settings.frequency * random.between(0.94, 1.06) as f32;
+    settings.amplitude_limit = (unit * random.scale(0.8, 8.0)) as f32;
+    settings.acceleration_limit = (random.scale(0.8, 8.0) * STANDARD_GRAVITY / 0.35) as f32;
+    settings.safe_amplitude = settings.safe_amplitude.min(0.2 * settings.amplitude_limit);
+    scene.target = one_of(
+        random,
+        &[
+            scene.target,
+            Target::Chaotic,
+            Target::Speed(60.0),
+            Target::Identify,
+        ],
+    );
+    let mixed = random.bits().is_multiple_of(3);
+    for part in &mut scene.parts {
+        *part = if mixed {
+            one_of(random, &[0.1, 0.6])
+        } else {
+            middle as f32
+        };
+    }
+    let (drive, sensor) = (&mut scene.drive, &mut scene.sensor);
+    drive.resonance = scene.settings.resonance * random.between(0.97, 1.03) as f32;
+    drive.quality *= random.scale(0.7, 1.4) as f32;
+    drive.gain *= random.scale(0.5, 2.0) as f32;
+    drive.ripple = one_of(random, &[0.0, 0.0, 0.1, 0.5]);
+    sensor.noise *= random.scale(1.0, 10.0) as f32;
+    let acceleration = 1e-3 * unit * square;
+    sensor.hum = match random.bits() % 5 {
+        0 => (acceleration * random.scale(0.01, 0.5)) as f32,
+        _ => 0.0,
+    };
+    sensor.sensitivity = random.between(0.8, 1.25) as f32;
+    let noise = sensor.noise;
+    let pace = one_of(random, &[0.05, 1.5, 1.5]);
+    let mut at = 0.0;
+    for _ in 0..1 + random.bits() % 31 {
+        at += random.between(0.0, pace) * 50.0 / f64::from(scene.settings.frequency);
+        let yes = random.bits().is_multiple_of(2);
+        let pick = random.bits() % 20;
+        let target = wild(random);
+        let mut share = |low: f64, high: f64| random.scale(low, high) as f32;
+        let change = match pick {
+            0..=2 => Change::Target(target),
+            3 => Change::Enable(yes),
+            4 => Change::Gain(share(0.3, 3.0)),
+            5 => Change::Restitution(share(0.01, 1.0)),
+            6 => Change::Noise(noise * share(0.1, 10.0)),
+            7 => Change::Ripple(share(0.01, 0.5)),
+            8 => Change::Hum(share(0.01, 1.0) * acceleration as f32),
+            9 => Change::SensorLost(yes),
+            10 => Change::SensorInverted(yes),
+            11 => Change::Sensitivity(share(0.3, 3.0)),
+            12 => Change::OverTemperature(yes),
+            13 => Change::Link(yes),
+            14 => Change::Scatter(share(0.01, 0.3)),
+            15 => Change::OverCurrent(yes),
+            16 => Change::SupplyLow(yes),
+            17 => Change::ControlLate(yes),
+            18 => Change::BrownOut(yes),
+            _ => Change::StackLow(yes),
+        };
+        let happened = Disturbance { at, change };
+        scene.disturbances.push(happened).expect("fewer than 32");
+    }
     scene
 }
 
@@ -107,10 +213,11 @@ impl Rhythm {
         }
     }
 
+    /// A part whose restitution scatters may leave its lock for a hop or two in a window, and wanders around its phase.
     fn locked(&self, order: u8) -> usize {
         let wanted = f64::from(WINDOW) / f64::from(order);
         let keeps = |(count, cosines, sines): &&(f64, f64, f64)| {
-            (count - wanted).abs() <= 3.0 && cosines.hypot(*sines) > 0.97 * count
+            (count - wanted).abs() <= 8.0 && cosines.hypot(*sines) > 0.9 * count
         };
         self.parts.iter().filter(keeps).count()
     }
@@ -118,6 +225,10 @@ impl Rhythm {
 
 fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Strike>)) -> End {
     let settings = &scene.settings;
+    // Where things happen, the amplitude is theirs for a while, and parts may leave a lock unheard.
+    let calm = scene.disturbances.is_empty();
+    let restarts = |happened: &Disturbance| matches!(happened.change, Change::BrownOut(_));
+    let restarts = scene.disturbances.iter().any(restarts);
     let ceiling = 1e-3 * settings.amplitude_limit;
     let order = match scene.target {
         Target::Locked { order } => order,
@@ -144,11 +255,20 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         if !(0.0..=settings.output_maximum).contains(&amplitude) {
             say(format!("output {amplitude}"));
         }
+        let told = [
+            report.amplitude,
+            report.reference,
+            report.lead,
+            report.frequency,
+        ];
+        if !told.iter().all(|number| number.is_finite()) {
+            say(format!("{told:?}"));
+        }
         if report.reference > 1.0001 * ceiling {
             say(format!("reference {} beyond the limit", report.reference));
         }
         // The limit may be exceeded by 2 %, and noise reads as 1 % of it at most.
-        if report.amplitude > 1.03 * ceiling {
+        if calm && report.amplitude > 1.03 * ceiling {
             say(format!("amplitude {} beyond {ceiling}", report.amplitude));
         }
         let off = matches!(report.state, State::Off | State::Fault);
@@ -164,7 +284,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
                 report.in_gear, report.in_gear_error
             ));
         }
-        if let Some(before) = before.filter(|before| *before != report.state) {
+        if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
             let known =
                 |way: &&kband::control::Transition| way.from == before && way.to == report.state;
             if !TRANSITIONS.iter().any(|way| known(&way)) {
@@ -175,7 +295,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
             rhythm = Rhythm::anew(scene.parts.len());
         }
         before = Some(report.state);
-        if report.state == State::Locked {
+        if report.state == State::Locked && calm {
             rhythm.take(&strikes);
             if rhythm.cycles == WINDOW {
                 let locked = rhythm.locked(order);
@@ -213,14 +333,62 @@ fn waveform(scene: &Scene, seconds: f64) -> Option<End> {
     }))
 }
 
+/// Where the course of a scene turns, in both fidelities.
+fn tell(scene: &Scene, seconds: f64) {
+    println!("{scene:#?}\n{seconds} s");
+    let (mut fast, mut slow) = (
+        EnvelopeLoop::build(scene).unwrap(),
+        ClosedLoop::build(scene).unwrap(),
+    );
+    type Cycle<'a> = &'a mut dyn FnMut() -> (Moment, Vec<Strike>);
+    let mut courses: [(&str, Cycle<'_>); 2] = [
+        ("envelope", &mut || {
+            let moment = fast.cycle();
+            (moment, fast.strikes().to_vec())
+        }),
+        ("waveform", &mut || {
+            let moment = slow.cycle();
+            (moment, slow.plant().strikes().to_vec())
+        }),
+    ];
+    for (name, cycle) in &mut courses {
+        let (mut before, mut strikes, mut cycles) = (None, 0, 0);
+        loop {
+            let (moment, struck) = cycle();
+            let report = moment.report;
+            strikes += struck.len();
+            cycles += 1;
+            let now = (report.state, report.limits, report.fault);
+            if before != Some(now) || moment.time >= seconds {
+                println!(
+                    "{name} {:.3} s, {cycles} cycles, {strikes} strikes: {report:?}",
+                    moment.time
+                );
+                (strikes, cycles) = (0, 0);
+            }
+            before = Some(now);
+            if moment.time >= seconds {
+                break;
+            }
+        }
+    }
+}
+
 /// A number told by the environment.
 fn told(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
-#[test]
-fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
-    let (count, seed) = (told("KBAND_SCENES", 200), told("KBAND_SEED", 1));
+/// A scene, its name, and what both fidelities came to; the envelope twice. Nothing where it is refused.
+struct Played {
+    name: String,
+    scene: Scene,
+    seconds: f64,
+    ends: Option<[End; 3]>,
+}
+
+/// Plays so many scenes that are drawn from a seed, on every core.
+fn play(count: u64, drawn: impl Fn(u64) -> (Scene, f64) + Sync) -> Vec<Played> {
     let next = AtomicU64::new(0);
     let work = || {
         let mut found = Vec::new();
@@ -229,18 +397,19 @@ fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
             if n >= count {
                 return found;
             }
-            let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n));
-            let scene = scene(&mut random);
-            let seconds = random.between(3.0, 8.0) * 50.0 / f64::from(scene.settings.frequency);
-            // Bits do not depend on the thread nor on what ran before.
-            let ends = [envelope(&scene, seconds), envelope(&scene, seconds)];
-            found.push((
-                n,
-                scene.target,
-                scene.parts.len(),
-                ends,
-                waveform(&scene, seconds),
-            ));
+            let (scene, seconds) = drawn(n);
+            let parts = scene.parts.len();
+            let played = Played {
+                name: format!("scene {n}, {:?}, {parts} parts", scene.target),
+                // Bits do not depend on the thread nor on what ran before.
+                ends: envelope(&scene, seconds)
+                    .zip(envelope(&scene, seconds))
+                    .zip(waveform(&scene, seconds))
+                    .map(|((fast, again), slow)| [fast, again, slow]),
+                scene,
+                seconds,
+            };
+            found.push((n, played));
         }
     };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -250,48 +419,166 @@ fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
             .flat_map(|thread| thread.join().unwrap())
             .collect()
     });
-    found.sort_by_key(|(n, ..)| *n);
+    found.sort_by_key(|(n, _)| *n);
+    found.into_iter().map(|(_, played)| played).collect()
+}
+
+/// What is wrong with a scene in itself.
+fn broken(name: &str, [fast, again, slow]: &[End; 3], wrong: &mut Vec<String>) {
+    if fast != again {
+        wrong.push(format!("{name}: not the same bits again"));
+    }
+    for (fidelity, end) in [("envelope", fast), ("waveform", slow)] {
+        for what in &end.wrong {
+            wrong.push(format!("{name}, {fidelity}: {what}"));
+        }
+    }
+}
+
+/// How many seeds of the noise show that an end is a matter of it.
+const OTHER_SEEDS: u64 = 24;
+
+/// Why the fidelities may come to different ends: the first other seed of the noise with which one ends as the other one did; or
+/// impacts so near the threshold of hearing that with ringing a twentieth higher or lower, which is what the closed form of the
+/// onset detector is off by, the envelope ends so.
+fn excused(scene: &Scene, seconds: f64, fast: &End, slow: &End) -> Option<String> {
+    let came_to = |end: &End| (end.state, end.fault);
+    for other in 1..=OTHER_SEEDS {
+        let mut scene = scene.clone();
+        scene.seed = scene.seed.wrapping_add(other);
+        if envelope(&scene, seconds).is_some_and(|end| came_to(&end) == came_to(slow)) {
+            return Some(format!("with seed + {other} the envelope ends so too"));
+        }
+        if waveform(&scene, seconds).is_some_and(|end| came_to(&end) == came_to(fast)) {
+            return Some(format!("with seed + {other} the waveform ends so too"));
+        }
+    }
+    [0.95_f32, 1.05].into_iter().find_map(|height| {
+        let mut scene = scene.clone();
+        scene.sensor.ringing *= height;
+        let alike = envelope(&scene, seconds).is_some_and(|end| came_to(&end) == came_to(slow));
+        alike.then(|| format!("with ringing {height} as high the envelope ends so too"))
+    })
+}
+
+fn random(seed: u64, n: u64) -> Random {
+    Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n))
+}
+
+/// Cycles that a scene has, as seconds.
+fn length(random: &mut Random, scene: &Scene) -> f64 {
+    random.between(3.0, 8.0) * 50.0 / f64::from(scene.settings.frequency)
+}
+
+#[test]
+fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
+    let (count, seed) = (told("KBAND_SCENES", 200), told("KBAND_SEED", 1));
+    let drawn = |n: u64| {
+        let mut random = random(seed, n);
+        let scene = scene(&mut random);
+        let seconds = length(&mut random, &scene);
+        (scene, seconds)
+    };
+    if std::env::var_os("KBAND_SCENE").is_some() {
+        let (scene, seconds) = drawn(told("KBAND_SCENE", 0));
+        return tell(&scene, seconds);
+    }
     let (mut wrong, mut apart, mut refused) = (Vec::new(), Vec::new(), 0);
-    for (n, target, parts, [fast, again], slow) in found {
-        let (Some(fast), Some(again), Some(slow)) = (fast, again, slow) else {
+    let mut unexplained = Vec::new();
+    for played in play(count, drawn) {
+        let (name, Some(ends)) = (&played.name, &played.ends) else {
             refused += 1;
             continue;
         };
-        let name = format!("scene {n}, {target:?}, {parts} parts");
-        if fast != again {
-            wrong.push(format!("{name}: not the same bits again"));
-        }
-        for (fidelity, end) in [("envelope", &fast), ("waveform", &slow)] {
-            for what in &end.wrong {
-                wrong.push(format!("{name}, {fidelity}: {what}"));
-            }
-        }
+        broken(name, ends, &mut wrong);
+        let [fast, _, slow] = ends;
         if (fast.state, fast.fault) != (slow.state, slow.fault) {
             let ends = format!(
                 "{name}: {:?} {:?} {:?} by the envelope, {:?} {:?} {:?} by the waveform",
                 fast.state, fast.fault, fast.limits, slow.state, slow.fault, slow.limits
             );
-            // Which kick captures is a matter of noise, and so is whether an impact is loud enough at the threshold of hearing.
-            let by_chance = |end: &End| {
-                let states = [State::Holding, State::Capturing, State::Locked, State::Lost];
-                end.fault.is_none() && (states.contains(&end.state) || end.limits == Limits::DEAF)
-            };
-            if by_chance(&fast) && by_chance(&slow) {
-                apart.push(ends);
-            } else {
-                wrong.push(ends);
+            // Which kick captures, and whether an impact at the threshold of hearing is loud enough: each is shown to hang on that.
+            match excused(&played.scene, played.seconds, fast, slow) {
+                Some(why) => apart.push(format!("{ends}; {why}")),
+                None => unexplained.push(ends),
             }
         }
     }
     println!(
-        "{count} scenes, {refused} refused, {} end apart",
-        apart.len()
+        "{count} scenes, {refused} refused, {} end apart, and {} for no reason that is known",
+        apart.len(),
+        unexplained.len()
     );
-    for one in apart.iter().chain(&wrong) {
+    for one in apart.iter().chain(&unexplained).chain(&wrong) {
         println!("{one}");
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert!(10 * refused < count, "{refused} of {count} refused");
-    // Measured: 9 of 200, 3 of them captures under way in one of the two, 6 deaf in one.
-    assert!(100 * apart.len() as u64 <= 8 * count, "{apart:#?}");
+    // Measured: 4 and 3 of 200.
+    assert!(100 * apart.len() as u64 <= 6 * count, "{apart:#?}");
+    assert!(50 * unexplained.len() as u64 <= count, "{unexplained:#?}");
+}
+
+#[test]
+fn whatever_happens_to_a_feeder_that_is_not_as_told_it_keeps_to_its_rules() {
+    let (count, seed) = (told("KBAND_SCENES", 200) / 2, told("KBAND_SEED", 1));
+    let (mut wrong, mut refused, mut faults, mut other) = (Vec::new(), 0, 0, 0);
+    let drawn = |n: u64| {
+        let mut random = random(seed ^ 0x5eed, n);
+        let scene = hostile(&mut random);
+        let seconds = length(&mut random, &scene);
+        (scene, seconds)
+    };
+    for played in play(count, drawn) {
+        let Some(ends) = &played.ends else {
+            refused += 1;
+            continue;
+        };
+        broken(&played.name, ends, &mut wrong);
+        let [fast, _, slow] = ends;
+        faults += u32::from(slow.fault.is_some());
+        other += u32::from(fast.fault != slow.fault);
+    }
+    println!(
+        "{count} hostile scenes, {refused} refused, {faults} end in a fault, {other} in another one by the envelope"
+    );
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    assert!(2 * refused < count, "{refused} of {count} refused");
+    assert!(20 * u64::from(faults) > count, "{faults} of {count}");
+    assert!(10 * u64::from(other) <= count, "{other} of {count}");
+}
+
+/// Parts of which most hop and rest: one rhythm of a few is loud, and the converter's steps are as high as an impact.
+#[test]
+fn a_crowd_is_not_said_to_be_locked_by_the_loudest_of_its_rhythms() {
+    let mut scene = Scene::default();
+    let settings = &mut scene.settings;
+    (settings.frequency, settings.incline) = (150.0, -6.659);
+    (settings.restitution_low, settings.restitution_high) = (0.399, 0.409);
+    (settings.resonance, settings.quality, settings.gain) = (150.875, 31.87, 0.0712);
+    (settings.amplitude_limit, settings.acceleration_limit) = (0.2, 300.0);
+    (settings.safe_amplitude, settings.sensitivity) = (0.006, 0.01);
+    settings.envelope = 14.5;
+    scene.drive.resonance = settings.resonance;
+    scene.drive.quality = settings.quality;
+    scene.drive.gain = settings.gain;
+    scene.sensor.noise = 0.0042;
+    scene.target = Target::Locked { order: 2 };
+    let mut wrong = Vec::new();
+    for seed in 1..=6 {
+        let mut random = Random::new(seed);
+        scene.parts = (0..24)
+            .map(|_| random.between(0.399, 0.409) as f32)
+            .collect();
+        scene.seed = seed;
+        let ends = [envelope(&scene, 12.0), waveform(&scene, 12.0)];
+        for (fidelity, end) in ["envelope", "waveform"].into_iter().zip(ends) {
+            let end = end.expect("a scene that is accepted");
+            println!("seed {seed}, {fidelity}: {:?} {:?}", end.state, end.limits);
+            for what in end.wrong {
+                wrong.push(format!("seed {seed}, {fidelity}: {what}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -517,7 +517,8 @@ mod tests {
 
     #[test]
     fn a_fault_is_not_acknowledged_while_its_cause_is_there() {
-        let causes: [(Fault, fn(&mut Inputs)); 5] = [
+        type Cause = fn(&mut Inputs);
+        let causes: [(Fault, Cause); 5] = [
             (Fault::OverTemperature, |inputs| {
                 inputs.over_temperature = true;
             }),
