@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use kband_host::provenance;
+use kband_host::report::columns;
 use serde_json::Value;
 
 /// A table of the manual.
@@ -22,6 +23,17 @@ struct Table {
 }
 
 const TABLES: &[Table] = &[
+    Table {
+        name: "columns",
+        page: "outputs.md",
+        head: "| name | unit | is |",
+        rows: || {
+            let column = |(name, unit, meaning): &(&str, &str, &str)| {
+                format!("| `{name}` | {unit} | {} |", meaning.trim_end_matches('.'))
+            };
+            columns::COLUMNS.iter().map(column).collect()
+        },
+    },
     Table {
         name: "paper, equations",
         page: "paper.md",
