@@ -84,6 +84,11 @@ impl Output {
         matches!(self.kind, Some((_, Kind::Picture(_))))
     }
 
+    /// Whether rows of numbers are wanted.
+    pub fn lists(&self) -> bool {
+        matches!(self.kind, Some((_, Kind::Numbers(Format::Csv))))
+    }
+
     /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
     /// nothing without `--out`. The picture is drawn only when it is wanted.
     pub fn write(

@@ -92,6 +92,26 @@ impl Desk {
         self.map(title, count, work)?.into_iter().collect()
     }
 
+    /// Like [`Desk::try_map`] for work that does some of `0..count` at once, results in order: as many as `together`, or
+    /// fewer where there are threads for them, spread over the whole of it.
+    pub fn spread<T: Send>(
+        &self,
+        title: &str,
+        count: usize,
+        together: usize,
+        work: impl Fn(&[usize]) -> Result<Vec<T>, Refusal> + Sync + Send,
+    ) -> Result<Vec<T>, Refusal> {
+        let tasks = count
+            .div_ceil(together.max(1))
+            .max(self.threads())
+            .min(count);
+        let of_task = |task: usize| (task..count).step_by(tasks).collect::<Vec<_>>();
+        let results = self.try_map(title, tasks, |task| work(&of_task(task)))?;
+        let mut results: Vec<_> = results.into_iter().map(Vec::into_iter).collect();
+        let in_order = (0..count).filter_map(|n| results[n % tasks].next());
+        Ok(in_order.collect())
+    }
+
     /// Number of threads that work.
     #[must_use]
     pub fn threads(&self) -> usize {

@@ -3,19 +3,20 @@
 mod followed;
 mod gears;
 mod memory;
+mod together;
 
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
+use std::slice;
 use std::sync::OnceLock;
 
-use kband::impact::batch::{Block, LANES};
-use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
+use kband::impact::{Kernel, Map, PartState};
 use kband::regime::HIGHEST_ORDER;
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
-use kband::regime::{exponent, gear};
 
-use followed::Followed;
 pub use gears::{Gears, InGear};
+pub use together::of_each;
 
 use crate::picture::Fill;
 use crate::refusal::Refusal;
@@ -23,16 +24,12 @@ use crate::refusal::Refusal;
 /// Impacts after which every verb gives up an orbit that neither closed nor came to rest, where the user says nothing else.
 pub const FOLLOWED: usize = 20_000;
 
+/// Orbits that a thread is given at once: most end soon, and the few that do not are flown fastest beside each other.
+pub const TOGETHER: usize = 4096;
+
 /// Impacts for which a part from rest is followed until it rests again: one orbit for all that rest once, so that it may
 /// be a long one.
 const RELAUNCHED: usize = 200_000;
-
-/// Impacts for which irregular flights next to the period-1 orbit of an order must stay in gear before any of that order
-/// are called chaos.
-const HELD: usize = 100_000;
-
-/// Impacts left out at the start of those.
-const SETTLING: usize = 1000;
 
 /// Orders of gear in which chaos is told.
 const ORDERS: usize = 8;
@@ -111,6 +108,24 @@ pub struct Endings {
 impl Endings {
     /// The endings at k and a restitution below 1; an orbit is given up after `impacts`.
     pub fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
+        let mut one = Self::unrested(k, restitution, impacts)?;
+        one.after_rest = together::after_rest(slice::from_ref(&one))[0];
+        Ok(one)
+    }
+
+    /// The endings on many tracks, each of a k and a restitution.
+    pub fn of_tracks(tracks: &[(f64, f64)], impacts: usize) -> Result<Vec<Self>, Refusal> {
+        let one = |(k, restitution): &(f64, f64)| Self::unrested(*k, *restitution, impacts);
+        let mut all: Vec<Self> = tracks.iter().map(one).collect::<Result<_, _>>()?;
+        let ends = together::after_rest(&all);
+        for (endings, end) in all.iter_mut().zip(ends) {
+            endings.after_rest = end;
+        }
+        Ok(all)
+    }
+
+    /// The endings before it is known where a part from rest ends.
+    fn unrested(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         let map = Map::build(k, restitution)?;
         let mut locks = Vec::new();
         for order in 1..=HIGHEST_ORDER {
@@ -121,15 +136,13 @@ impl Endings {
         }
         let highest = locks.iter().rposition(Option::is_some);
         locks.truncate(highest.map_or(0, |n| n + 1));
-        let mut endings = Self {
+        Ok(Self {
             map,
             locks,
             after_rest: Regime::Rest,
             impacts,
             held: Default::default(),
-        };
-        endings.after_rest = endings.relaunched();
-        Ok(endings)
+        })
     }
 
     /// The map whose orbits they are.
@@ -161,110 +174,39 @@ impl Endings {
     /// Where a part that starts just after an impact ends.
     #[must_use]
     pub fn of(&self, start: PartState) -> Regime {
-        self.follow(Orbit::new(&self.map, start))
+        self.of_all(&[start])[0]
     }
 
-    /// Where parts that start just after an impact end, in the order of their starts: what
-    /// [`Endings::of`] says of each, many orbits side by side.
+    /// Where parts that start just after an impact end, in the order of their starts.
     #[must_use]
     pub fn of_all(&self, starts: &[PartState]) -> Vec<Regime> {
-        let mut ends = vec![Regime::Undecided; starts.len()];
-        let mut block = Block::new();
-        let mut waiting = starts.iter().enumerate();
-        let mut flying: Vec<Option<(usize, Followed)>> = (0..LANES).map(|_| None).collect();
-        let mut fill = |block: &mut Block, lane: usize, flying: &mut Option<(usize, Followed)>| {
-            *flying = None;
-            block.clear(lane);
-            if let Some((index, start)) = waiting.next()
-                && block.put(lane, &self.map, *start).is_ok()
-            {
-                *flying = Some((index, Followed::new(self.impacts)));
-            }
-        };
-        for (lane, flying) in flying.iter_mut().enumerate() {
-            fill(&mut block, lane, flying);
-        }
-        while flying.iter().any(Option::is_some) {
-            block.advance(1);
-            for (lane, slot) in flying.iter_mut().enumerate() {
-                let Some((index, followed)) = slot else {
-                    continue;
-                };
-                // A lane that rests, from the start or since its last impact, has no further one.
-                let end = match block.impact(lane) {
-                    Some(impact) if !followed.rests && impact.flight > 0.0 => {
-                        followed.take(self, &impact)
-                    }
-                    _ => Some(self.after_rest),
-                };
-                followed.rests = block.rests(lane);
-                if let Some(end) = end {
-                    ends[*index] = end;
-                    fill(&mut block, lane, slot);
-                }
-            }
-        }
-        ends
+        let starts: Vec<_> = starts.iter().map(|start| (0, *start)).collect();
+        of_each(slice::from_ref(self), &starts)
     }
 
-    fn follow(&self, orbit: Orbit<'_>) -> Regime {
-        let mut followed = Followed::new(self.impacts);
-        for event in orbit {
-            match event {
-                OrbitEvent::Impact(impact) => {
-                    if let Some(end) = followed.take(self, &impact) {
-                        return end;
-                    }
-                }
-                OrbitEvent::Rest { .. } => return self.after_rest,
-                OrbitEvent::LiftOff { .. } => {}
-            }
-        }
-        self.after_rest
-    }
-
-    /// Where a part thrown off from rest ends: if at rest again, after so many drive cycles from one lift-off to the next.
-    fn relaunched(&self) -> Regime {
-        let mut followed = Followed::new(self.impacts.max(RELAUNCHED));
-        let mut time = 0.0;
-        let mut lifted = false;
-        for event in Orbit::from_rest(&self.map) {
-            match event {
-                OrbitEvent::Impact(impact) => {
-                    time += impact.flight;
-                    if let Some(end) = followed.take(self, &impact) {
-                        return end;
-                    }
-                }
-                OrbitEvent::Rest { chatter, .. } => time += chatter,
-                OrbitEvent::LiftOff { wait, .. } if lifted => {
-                    let cycles = ((time + wait) / TAU).round() as u32;
-                    return Regime::HopAndRest { cycles };
-                }
-                OrbitEvent::LiftOff { .. } => lifted = true,
-            }
-        }
-        Regime::Rest
-    }
-
-    /// Whether irregular flights in gear of an order stay there: told by one orbit from beside the period-1 orbit, as a
-    /// gear has one attractor at a time. Long transients are not held: all of them leave gear sooner or later.
+    /// Whether irregular flights in gear of an order stay there.
     #[must_use]
     pub fn holds(&self, order: u32) -> bool {
-        let known = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
-        known.is_some_and(|held| *held.get_or_init(|| self.is_held(order)))
+        if self.held(order).is_none() {
+            together::hold(slice::from_ref(self), &BTreeSet::from([(0, order)]));
+        }
+        self.held(order) == Some(true)
     }
 
-    fn is_held(&self, order: u32) -> bool {
-        let period = TAU * f64::from(order);
-        let mut orbit = Orbit::new(&self.map, exponent::start(&self.map, order));
-        (0..HELD).all(|n| match orbit.next() {
-            Some(OrbitEvent::Impact(impact)) => {
-                n < SETTLING || gear::is_in_gear(impact.flight, period)
-            }
-            Some(OrbitEvent::LiftOff { .. }) => n == 0,
-            Some(OrbitEvent::Rest { .. }) | None => false,
-        })
+    /// What is known of it; of orders that are not told it is known that they are not held.
+    fn held(&self, order: u32) -> Option<bool> {
+        match order.checked_sub(1).and_then(|n| self.held.get(n as usize)) {
+            Some(held) => held.get().copied(),
+            None => Some(false),
+        }
+    }
+
+    fn set_held(&self, order: u32, stays: bool) {
+        let held = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
+        if let Some(held) = held {
+            // What is known already was found the same way.
+            let _ = held.set(stays);
+        }
     }
 }
 

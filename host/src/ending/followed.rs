@@ -27,8 +27,6 @@ pub(super) struct Followed {
     kept: Kept,
     /// The last impacts, once there are not many left.
     memory: Memory,
-    /// Whether it came to rest after its last impact.
-    pub(super) rests: bool,
 }
 
 impl Followed {
@@ -41,35 +39,26 @@ impl Followed {
             keep_next: 16,
             kept: Kept::default(),
             memory: Memory::default(),
-            rests: false,
         }
     }
 
-    /// Takes the next impact; the ending, once it is known.
-    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Option<Regime> {
+    /// Takes the next impact, and says what is known of the ending.
+    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
         self.count += 1;
         if let Some(lock) = endings.lock_after(impact.flight)
             && (impact.next.velocity - lock.state().velocity).abs() < AT_THE_LOCK
             && lock.distance(impact.next) < AT_THE_LOCK
         {
-            return Some(Regime::Locked {
+            return Said::Ends(Regime::Locked {
                 order: lock.order(),
             });
         }
         if let Some((impacts, time)) = self.kept.returned(impact.next, impact.flight) {
-            return Some(named(impacts, (time / TAU).round() as u32));
+            return Said::Ends(named(impacts, (time / TAU).round() as u32));
         }
         self.row.take(impact.flight);
         if self.count + MEMORY > self.weigh_next {
             self.memory.take(impact.flight);
-        }
-        if self.count == self.weigh_next {
-            let end = self.weigh(endings);
-            if end != Regime::Undecided || self.count >= self.limit {
-                return Some(end);
-            }
-            self.weigh_next = (self.count + WEIGHED).min(self.limit);
-            self.memory = Memory::default();
         }
         if self.count == self.keep_next {
             self.kept = Kept {
@@ -78,24 +67,42 @@ impl Followed {
             };
             self.keep_next *= 2;
         }
-        None
+        if self.count == self.weigh_next {
+            return self.weighed(endings);
+        }
+        Said::GoesOn
     }
 
     /// What it is, as far as its last impacts tell. What repeats nothing is chaos where flights in its gear are known to
     /// stay there; elsewhere it may still come to rest, and nothing is decided.
-    fn weigh(&self, endings: &Endings) -> Regime {
-        match self.memory.verdict() {
-            Regime::Chaotic => {
-                let held = self.row.count >= MEMORY && endings.holds(self.row.order);
-                if held {
-                    Regime::Chaotic
-                } else {
-                    Regime::Undecided
-                }
-            }
+    pub(super) fn weighed(&mut self, endings: &Endings) -> Said {
+        let end = match self.memory.verdict() {
+            Regime::Chaotic if self.row.count < MEMORY => Regime::Undecided,
+            Regime::Chaotic => match endings.held(self.row.order) {
+                Some(true) => Regime::Chaotic,
+                Some(false) => Regime::Undecided,
+                None => return Said::Asks(self.row.order),
+            },
             other => other,
+        };
+        if end != Regime::Undecided || self.count >= self.limit {
+            return Said::Ends(end);
         }
+        self.weigh_next = (self.count + WEIGHED).min(self.limit);
+        self.memory = Memory::default();
+        Said::GoesOn
     }
+}
+
+/// What is known of an orbit's ending.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Said {
+    /// Nothing yet.
+    GoesOn,
+    /// Whether flights stay in the gear of this order must be known first; then it is weighed again.
+    Asks(u32),
+    /// It is known.
+    Ends(Regime),
 }
 
 /// Flights in gear of one order, in a row.

@@ -116,17 +116,16 @@ impl Panel {
     #[must_use]
     pub fn density(mut self, name: &str, points: Vec<(f64, f64)>) -> Self {
         self.key(Key::Ink, name);
-        let columns = 0;
-        self.items.push(Item::Density { points, columns });
+        self.items.push(Item::Density(points));
         self
     }
 
-    /// A density of points that stand in `columns` evenly spaced columns, the first and last on the
-    /// ends of the axis: each column is as wide as the next, so that no stripes appear.
+    /// A density of points that stand in evenly spaced columns, the first and last on the ends of the axis: each column is
+    /// as wide as the next, so that no stripes appear. Of each column the heights, and how many points have them.
     #[must_use]
-    pub fn columns(mut self, name: &str, columns: usize, points: Vec<(f64, f64)>) -> Self {
+    pub fn columns(mut self, name: &str, columns: Vec<Vec<(f32, u32)>>) -> Self {
         self.key(Key::Ink, name);
-        self.items.push(Item::Density { points, columns });
+        self.items.push(Item::Columns(columns));
         self
     }
 

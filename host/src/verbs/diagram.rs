@@ -1,22 +1,24 @@
 //! `kband diagram`: the bifurcation diagram.
 
 mod branch;
+mod column;
 mod over;
 mod page;
 mod regimes;
 
-use branch::{bands, follow};
+use branch::{Flown, bands};
+use column::Keep;
 use page::Diagram;
 
 use std::sync::Arc;
 
 use clap::ValueEnum;
-use kband::impact::{Kernel, Map};
 use serde::Serialize;
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
+use crate::report::Format;
 
 /// The regimes over k, over the amplitude or over restitution, from rest and followed both ways.
 #[derive(Clone, Debug, clap::Args)]
@@ -127,20 +129,26 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     let (over, range) = over::chosen(arguments)?;
     let values: Vec<f64> = range.values().collect();
-    let maps: Vec<Map> = values
-        .iter()
-        .map(|x| {
-            let (k, restitution) = over.at(*x);
-            Map::build(k, restitution)
-        })
-        .collect::<Result<_, _>>()?;
+    let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
+    let keep = if output.lists() || arguments.printed.format == Format::Csv {
+        Keep::States
+    } else if output.draws() {
+        Keep::Heights
+    } else {
+        Keep::Count
+    };
+    let flown = Flown {
+        arguments,
+        tracks: &tracks,
+        keep,
+    };
     let mut starts = arguments.starts.clone();
     starts.dedup();
     let diagram = Arc::new(Diagram {
         over,
         range,
         velocity: arguments.show == Show::Velocity,
-        branches: follow(arguments, &starts, &maps, desk)?,
+        branches: flown.follow(&starts, desk)?,
         bands: bands(over, &values),
         values,
     });

@@ -25,11 +25,9 @@ pub(super) enum Item {
         series: usize,
         bars: Vec<(f64, f64, f64)>,
     },
-    Density {
-        points: Vec<(f64, f64)>,
-        /// Number of values of x that occur, evenly spaced over the axis; 0 where they are any.
-        columns: usize,
-    },
+    Density(Vec<(f64, f64)>),
+    /// Heights and how many points have them, of evenly spaced columns.
+    Columns(Vec<Vec<(f32, u32)>>),
     Heat {
         grid: Grid<f64>,
         scale: Axis,
@@ -141,9 +139,13 @@ impl Pixels<'_> {
                     clip: Some(plot),
                 });
             }
-            Item::Density { points, columns } => shapes.push(Shape::Image {
+            Item::Density(points) => shapes.push(Shape::Image {
                 place: plot,
-                raster: self.density(theme, points, *columns),
+                raster: self.density(theme, points),
+            }),
+            Item::Columns(columns) => shapes.push(Shape::Image {
+                place: plot,
+                raster: self.columns(theme, columns),
             }),
             Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {

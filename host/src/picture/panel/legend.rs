@@ -41,7 +41,8 @@ impl Panel {
             (Key::Area(wanted), Item::Bars { series, bars }) => {
                 series == wanted && !bars.is_empty()
             }
-            (Key::Ink, Item::Density { points, .. }) => finite(points),
+            (Key::Ink, Item::Density(points)) => finite(points),
+            (Key::Ink, Item::Columns(columns)) => columns.iter().any(|column| !column.is_empty()),
             (Key::Strip, Item::Strip { low, high }) => within(&self.x, *low, *high),
             (Key::Strip, Item::Shelf { low, high }) => within(&self.y, *low, *high),
             (Key::Plain(fill), Item::Classes(grid)) => grid.holds(fill),
@@ -59,7 +60,12 @@ impl Panel {
             lost.count()
         };
         let of = |item: &Item| match item {
-            Item::Markers { points, .. } | Item::Density { points, .. } => count(points),
+            Item::Markers { points, .. } | Item::Density(points) => count(points),
+            Item::Columns(columns) => {
+                let lost = columns.iter().flatten();
+                let lost = lost.filter(|(y, _)| outside(&self.y, f64::from(*y)));
+                lost.map(|(_, times)| *times as usize).sum()
+            }
             _ => 0,
         };
         self.items.iter().map(of).sum()

@@ -39,57 +39,87 @@ impl<T> Grid<T> {
     }
 }
 
+/// How many points fall into each cell of a raster.
+struct Counts {
+    columns: usize,
+    rows: usize,
+    counts: Vec<u32>,
+}
+
+impl Counts {
+    fn new(columns: usize, rows: usize) -> Self {
+        let (columns, rows) = (columns.max(1), rows.max(1));
+        let counts = vec![0; columns * rows];
+        Self {
+            columns,
+            rows,
+            counts,
+        }
+    }
+
+    /// Adds points at a part of the height, 0 at its foot; what is beyond it is left out.
+    fn add(&mut self, column: usize, up: f64, times: u32) {
+        if (0.0..=1.0).contains(&up) {
+            let column = column.min(self.columns - 1);
+            let row = (((1.0 - up) * self.rows as f64) as usize).min(self.rows - 1);
+            self.counts[row * self.columns + column] += times;
+        }
+    }
+
+    fn raster(self, theme: Theme) -> Raster {
+        let most = f64::from(self.counts.iter().copied().max().unwrap_or(0).max(2));
+        let levels = 32;
+        let mut palette = vec![theme.background().faint(0.0)];
+        palette.extend((0..levels).map(|n| theme.ink(f64::from(n) / f64::from(levels - 1))));
+        let pixels = self.counts.into_iter().map(|count| match count {
+            0 => 0,
+            _ => {
+                let part = f64::from(count).ln() / most.ln();
+                1 + (part * f64::from(levels - 1)).round() as u8
+            }
+        });
+        Raster {
+            width: self.columns,
+            height: self.rows,
+            palette,
+            pixels: pixels.collect(),
+        }
+    }
+}
+
 impl Pixels<'_> {
-    pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)], given: usize) -> Raster {
+    pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)]) -> Raster {
         // Single points must be seen: where they are few the cells are wider than a pixel, unless many
         // stand close together.
-        let cells = if given > 1 || points.len() > 40_000 {
+        let cells = if points.len() > 40_000 {
             1.5
         } else if self.is_dense(points) {
             1.0
         } else {
             0.5
         };
-        let rows = (cells * self.plot.height) as usize;
-        let columns = if given > 1 {
-            given
-        } else {
-            (cells * self.plot.width) as usize
-        };
-        let mut counts = vec![0_u32; columns * rows];
+        let mut counts = Counts::new(
+            (cells * self.plot.width) as usize,
+            (cells * self.plot.height) as usize,
+        );
         for (x, y) in points {
-            let (across, up) = (self.panel.x.part(*x), self.panel.y.part(*y));
-            if (-1e-9..=1.0 + 1e-9).contains(&across) && (0.0..=1.0).contains(&up) {
-                let column = if given > 1 {
-                    (across * (columns - 1) as f64).round()
-                } else {
-                    (across * columns as f64).floor()
-                };
-                let column = (column.max(0.0) as usize).min(columns - 1);
-                let row = (((1.0 - up) * rows as f64) as usize).min(rows - 1);
-                counts[row * columns + column] += 1;
+            let across = self.panel.x.part(*x);
+            if (-1e-9..=1.0 + 1e-9).contains(&across) {
+                let column = (across * counts.columns as f64).floor().max(0.0);
+                counts.add(column as usize, self.panel.y.part(*y), 1);
             }
         }
-        let most = f64::from(counts.iter().copied().max().unwrap_or(0).max(2));
-        let levels = 32;
-        let mut palette = vec![theme.background().faint(0.0)];
-        palette.extend((0..levels).map(|n| theme.ink(f64::from(n) / f64::from(levels - 1))));
-        let pixels = counts
-            .into_iter()
-            .map(|count| match count {
-                0 => 0,
-                _ => {
-                    let part = f64::from(count).ln() / most.ln();
-                    1 + (part * f64::from(levels - 1)).round() as u8
-                }
-            })
-            .collect();
-        Raster {
-            width: columns,
-            height: rows,
-            palette,
-            pixels,
+        counts.raster(theme)
+    }
+
+    pub(super) fn columns(&self, theme: Theme, columns: &[Vec<(f32, u32)>]) -> Raster {
+        let mut counts = Counts::new(columns.len(), (1.5 * self.plot.height) as usize);
+        for (column, heights) in columns.iter().enumerate() {
+            for (y, times) in heights {
+                counts.add(column, self.panel.y.part(f64::from(*y)), *times);
+            }
         }
+        counts.raster(theme)
     }
 
     /// Whether squares of two pixels that hold a point hold many.

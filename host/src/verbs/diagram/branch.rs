@@ -1,14 +1,17 @@
 //! The impacts of every column, and where along the columns period 1 attracts.
 
-use kband::impact::{Ended, Impact, Map, Observer, Orbit, OrbitEvent, PartState, Scatter};
+use std::f64::consts::{PI, TAU};
+
+use kband::impact::{Ended, Impact, Kernel, Map, Observer, Orbit, PartState, Scatter};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
 
+use super::column::{self, Impacts, Keep};
 use super::over::Over;
-use super::{Arguments, ColumnStart};
+use super::{Arguments, ColumnStart, Show};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FOLLOWED, Gears, InGear};
+use crate::ending::{self, Endings, FOLLOWED, Gears, InGear, TOGETHER};
 use crate::picture::Fill;
 use crate::refusal::Refusal;
 
@@ -33,9 +36,8 @@ pub(super) struct Branch {
 }
 
 /// The impacts of one column, and what they are part of.
-#[derive(Clone)]
 pub(super) struct Struck {
-    pub(super) impacts: Vec<PartState>,
+    pub(super) impacts: Impacts,
     pub(super) ending: Ending,
 }
 
@@ -86,110 +88,175 @@ pub(super) struct Stretch {
     pub(super) high: f64,
 }
 
-/// All branches: a followed one is one task, as each column needs the one before it; those from rest
-/// are a task each column.
-pub(super) fn follow(
-    arguments: &Arguments,
-    starts: &[ColumnStart],
-    maps: &[Map],
-    desk: &Desk,
-) -> Result<Vec<Branch>, Refusal> {
-    let (settle, impacts) = (arguments.settle, arguments.impacts);
-    let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
-    for start in starts {
-        if *start != ColumnStart::Rest {
-            tasks.push((*start, 0));
-        }
-    }
-    if starts.contains(&ColumnStart::Rest) {
-        tasks.extend((0..maps.len()).map(|column| (ColumnStart::Rest, column)));
-    }
-    // What scatters has no ending.
-    let constant = if arguments.scatter.scatter == 0.0 {
-        maps.len()
-    } else {
-        0
-    };
-    let endings: Vec<Endings> = maps[..constant]
-        .iter()
-        .map(|map| Endings::new(map.k(), map.restitution(), FOLLOWED))
-        .collect::<Result<_, _>>()?;
-    let one = |start: ColumnStart, column: usize, state: &mut Option<PartState>| {
-        let map = &maps[column];
-        let stream = (column as u64) << 2 | start as u64;
-        let scatter = arguments.scatter.stream(map.restitution(), stream)?;
-        let Some(endings) = endings.get(column) else {
-            return column_in_gear(map, state, settle, impacts, scatter);
-        };
-        let impacts = column_of(map, state, settle, impacts);
-        // Where it ends is asked of its start; a branch that is followed starts where the one before it ended.
-        let followed = state.filter(|_| start != ColumnStart::Rest);
-        let ending = followed.map_or(endings.from_rest(), |state| endings.of(state));
-        let ending = Ending::Regime(ending);
-        Ok::<_, Refusal>(Struck { impacts, ending })
-    };
-    let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
-        let (start, column) = tasks[task];
-        let mut order: Vec<usize> = (0..maps.len()).collect();
-        match start {
-            ColumnStart::Rest => return Ok(vec![one(start, column, &mut None)?]),
-            ColumnStart::Up => {}
-            ColumnStart::Down => order.reverse(),
-        }
-        let mut columns = Vec::with_capacity(maps.len());
-        let mut state = None;
-        for column in &order {
-            desk.go_on()?;
-            columns.push(one(start, *column, &mut state)?);
-        }
-        if start == ColumnStart::Down {
-            columns.reverse();
-        }
-        Ok(columns)
-    };
-    let results = desk.try_map("diagram", tasks.len(), work)?;
-    let mut branches: Vec<Branch> = starts
-        .iter()
-        .map(|start| Branch {
-            start: *start,
-            columns: Vec::new(),
-        })
-        .collect();
-    for ((start, _), columns) in tasks.iter().zip(results) {
-        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
-            branch.columns.extend(columns);
-        }
-    }
-    Ok(branches)
+/// What is flown in each column.
+pub(super) struct Flown<'a> {
+    pub(super) arguments: &'a Arguments,
+    /// k and restitution of each column.
+    pub(super) tracks: &'a [(f64, f64)],
+    pub(super) keep: Keep,
 }
 
-/// The impacts of one column whose restitution scatters, as [`column_of`] has them, and in which gear they are.
-fn column_in_gear(
-    map: &Map,
-    state: &mut Option<PartState>,
-    settle: usize,
-    impacts: usize,
-    scatter: Option<Scatter>,
-) -> Result<Struck, Refusal> {
-    let mut orbit = match *state {
-        Some(state) => Orbit::new(map, state),
-        None => Orbit::from_rest(map),
-    };
-    if let Some(scatter) = scatter {
-        orbit = orbit.scattering(scatter)?;
+impl Flown<'_> {
+    fn impacts(&self, states: Vec<PartState>, period: Option<usize>, count: usize) -> Impacts {
+        let height = |state| height(self.arguments.show == Show::Velocity, state);
+        Impacts::new(states, period, count, self.keep, height)
     }
-    let mut struck = Landings::default();
-    let mut gears = Gears::watched()?;
-    let mut ended = orbit.watch(settle as u64, &mut ());
-    if ended != Ended::RestsForEver {
-        ended = orbit.watch(impacts as u64, &mut (&mut struck, &mut gears));
+
+    /// All branches: a followed one is one task, as each column needs the one before it; those from rest
+    /// are a task each column. Where they end is found of many columns side by side.
+    pub(super) fn follow(
+        &self,
+        starts: &[ColumnStart],
+        desk: &Desk,
+    ) -> Result<Vec<Branch>, Refusal> {
+        let columns = self.tracks.len();
+        let build = |(k, restitution): &(f64, f64)| Map::build(*k, *restitution);
+        let maps: Vec<Map> = self.tracks.iter().map(build).collect::<Result<_, _>>()?;
+        let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
+        for start in starts {
+            match start {
+                ColumnStart::Rest => tasks.extend((0..columns).map(|column| (*start, column))),
+                ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
+            }
+        }
+        // The long ones first.
+        tasks.sort_by_key(|(start, _)| *start == ColumnStart::Rest);
+        let work = |task: usize| -> Result<Vec<Column>, Refusal> {
+            let (start, column) = tasks[task];
+            let mut order: Vec<usize> = (0..columns).collect();
+            match start {
+                ColumnStart::Rest => order = vec![column],
+                ColumnStart::Up => {}
+                ColumnStart::Down => order.reverse(),
+            }
+            let mut flown = Vec::with_capacity(order.len());
+            let mut state = None;
+            for column in &order {
+                desk.go_on()?;
+                flown.push(self.column(start, *column, &maps[*column], &mut state)?);
+            }
+            if start == ColumnStart::Down {
+                flown.reverse();
+            }
+            Ok(flown)
+        };
+        let results = desk.try_map("diagram", tasks.len(), work)?;
+        let mut branches: Vec<(ColumnStart, Vec<Column>)> =
+            starts.iter().map(|start| (*start, Vec::new())).collect();
+        for ((start, _), columns) in tasks.iter().zip(results) {
+            if let Some((_, branch)) = branches.iter_mut().find(|(of, _)| of == start) {
+                branch.extend(columns);
+            }
+        }
+        self.ended(branches, desk)
     }
-    let rests = ended == Ended::RestsForEver;
-    *state = (!rests).then(|| orbit.state());
-    Ok(Struck {
-        impacts: struck.0,
-        ending: Ending::InGear(gears.longest().filter(|_| !rests)),
-    })
+
+    fn column(
+        &self,
+        start: ColumnStart,
+        column: usize,
+        map: &Map,
+        state: &mut Option<PartState>,
+    ) -> Result<Column, Refusal> {
+        let Arguments {
+            settle, impacts, ..
+        } = *self.arguments;
+        let stream = (column as u64) << 2 | start as u64;
+        let scatter = self.arguments.scatter.stream(map.restitution(), stream)?;
+        if let Some(scatter) = scatter {
+            return self.column_in_gear(map, state, scatter);
+        }
+        let (states, period, count) = column::flown(map, state, settle, impacts);
+        Ok(Column {
+            impacts: self.impacts(states, period, count),
+            last: state.filter(|_| start != ColumnStart::Rest),
+            gear: None,
+        })
+    }
+
+    /// The impacts of one column whose restitution scatters, and in which gear they are.
+    fn column_in_gear(
+        &self,
+        map: &Map,
+        state: &mut Option<PartState>,
+        scatter: Scatter,
+    ) -> Result<Column, Refusal> {
+        let (settle, impacts) = (self.arguments.settle, self.arguments.impacts);
+        let orbit = match *state {
+            Some(state) => Orbit::new(map, state),
+            None => Orbit::from_rest(map),
+        };
+        let mut orbit = orbit.scattering(scatter)?;
+        let mut struck = Landings::default();
+        let mut gears = Gears::watched()?;
+        let mut ended = orbit.watch(settle as u64, &mut ());
+        if ended != Ended::RestsForEver {
+            ended = orbit.watch(impacts as u64, &mut (&mut struck, &mut gears));
+        }
+        let rests = ended == Ended::RestsForEver;
+        *state = (!rests).then(|| orbit.state());
+        let count = struck.0.len();
+        Ok(Column {
+            impacts: self.impacts(struck.0, None, count),
+            last: *state,
+            gear: Some(gears.longest().filter(|_| !rests)),
+        })
+    }
+
+    /// The branches with where each column ends: asked of where it was left, or of rest.
+    fn ended(
+        &self,
+        branches: Vec<(ColumnStart, Vec<Column>)>,
+        desk: &Desk,
+    ) -> Result<Vec<Branch>, Refusal> {
+        let constant = self.arguments.scatter.scatter == 0.0;
+        let columns = if constant { self.tracks.len() } else { 0 };
+        // Regular and irregular columns stand next to their like: each task gets some of all.
+        let regimes = desk.spread("endings", columns, TOGETHER, |columns| {
+            let tracks: Vec<_> = columns.iter().map(|n| self.tracks[*n]).collect();
+            let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
+            let mut asked = Vec::new();
+            for (track, n) in columns.iter().enumerate() {
+                let last = branches.iter().filter_map(|(_, branch)| branch[*n].last);
+                asked.extend(last.map(|last| (track, last)));
+            }
+            let mut found = ending::of_each(&endings, &asked).into_iter();
+            let of_column = |(track, n): (usize, &usize)| -> Vec<Regime> {
+                let from_rest = endings[track].from_rest();
+                let of = |(_, branch): &(_, Vec<Column>)| match branch[*n].last {
+                    Some(_) => found.next().unwrap_or(Regime::Undecided),
+                    None => from_rest,
+                };
+                branches.iter().map(of).collect()
+            };
+            Ok(columns.iter().enumerate().map(of_column).collect())
+        })?;
+        let branches = branches.into_iter().enumerate();
+        Ok(branches
+            .map(|(branch, (start, columns))| {
+                let struck = columns.into_iter().enumerate().map(|(n, column)| Struck {
+                    impacts: column.impacts,
+                    ending: match column.gear {
+                        Some(gear) => Ending::InGear(gear),
+                        None => Ending::Regime(regimes[n][branch]),
+                    },
+                });
+                Branch {
+                    start,
+                    columns: struck.collect(),
+                }
+            })
+            .collect())
+    }
+}
+
+/// A column that was flown.
+struct Column {
+    impacts: Impacts,
+    /// Where a followed one was left.
+    last: Option<PartState>,
+    /// In which gear it is where its restitution scatters.
+    gear: Option<Option<InGear>>,
 }
 
 /// The states just after the impacts.
@@ -202,34 +269,14 @@ impl Observer for Landings {
     }
 }
 
-/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
-/// `state` is left where they end, `None` where the part rests for ever.
-pub(super) fn column_of(
-    map: &Map,
-    state: &mut Option<PartState>,
-    settle: usize,
-    impacts: usize,
-) -> Vec<PartState> {
-    let orbit = match *state {
-        Some(state) => Orbit::new(map, state),
-        None => Orbit::from_rest(map),
-    };
-    let mut struck = Vec::with_capacity(impacts);
-    let mut count = 0;
-    for event in orbit {
-        if let OrbitEvent::Impact(impact) = event {
-            count += 1;
-            if count > settle {
-                struck.push(impact.next);
-            }
-            if count >= settle + impacts {
-                *state = Some(impact.next);
-                return struck;
-            }
-        }
+/// How high a state is drawn: its velocity, or its phase.
+pub(super) fn height(velocity: bool, state: PartState) -> f64 {
+    match velocity {
+        true => state.velocity,
+        // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.
+        false if state.phase > PI => state.phase - TAU,
+        false => state.phase,
     }
-    *state = None;
-    struck
 }
 
 /// Where along the columns the period-1 orbits of the first orders attract, each edge located by

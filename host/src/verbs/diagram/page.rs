@@ -1,13 +1,13 @@
 //! A diagram as table, CSV and picture.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
 use kband::impact::PartState;
 use kband::regime::Lock;
 
 use super::Arguments;
-use super::branch::{Branch, Stretch};
+use super::branch::{Branch, Stretch, height};
 use super::over::Over;
 use crate::arguments::Range;
 use crate::ending::FILLS;
@@ -57,7 +57,7 @@ impl Diagram {
             .branches
             .iter()
             .flat_map(|branch| &branch.columns)
-            .map(|column| column.impacts.len())
+            .map(|column| column.impacts.count)
             .sum();
         let mut report = Printout::new(table).heading(format!(
             "Regimes over {} = {}..{} ({} columns), {}",
@@ -107,7 +107,7 @@ impl Diagram {
         for branch in &self.branches {
             let start = branch.start.name();
             for (x, column) in self.values.iter().zip(&branch.columns) {
-                for state in &column.impacts {
+                for state in column.impacts.states() {
                     rows.row(&[
                         start.into(),
                         (*x).into(),
@@ -122,25 +122,19 @@ impl Diagram {
     }
 
     pub(super) fn shown(&self, state: PartState) -> f64 {
-        match self.velocity {
-            true => state.velocity,
-            // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.
-            false if state.phase > PI => state.phase - TAU,
-            false => state.phase,
-        }
+        height(self.velocity, state)
     }
 
     pub(super) fn picture(&self, arguments: &Arguments) -> Picture {
-        let states = || {
-            self.branches
+        let spans = self.branches.iter().flat_map(|branch| {
+            branch
+                .columns
                 .iter()
-                .flat_map(|branch| branch.columns.iter().flat_map(|column| &column.impacts))
-        };
-        let (low, high) = states()
-            .map(|state| self.shown(*state))
-            .fold((0.0, 0.1), |(low, high): (f64, f64), y| {
-                (low.min(y), high.max(y))
-            });
+                .filter_map(|column| column.impacts.span)
+        });
+        let (low, high) = spans.fold((0.0, 0.1), |(low, high): (f64, f64), span| {
+            (low.min(span.0), high.max(span.1))
+        });
         let room = 0.05 * (high - low);
         let y_axis = if self.velocity {
             Axis::new("velocity ψ after impact", Unit::VELOCITY, 0.0, high + room)
@@ -183,12 +177,8 @@ impl Diagram {
         for (place, branch) in self.branches.iter().enumerate() {
             // One legend serves all panels.
             let named = |name: &'static str| if place == 0 { name } else { "" };
-            let points = self
-                .values
-                .iter()
-                .zip(&branch.columns)
-                .flat_map(|(x, column)| column.impacts.iter().map(|state| (*x, self.shown(*state))))
-                .collect();
+            let heights = branch.columns.iter();
+            let heights = heights.map(|column| column.impacts.heights(|state| self.shown(state)));
             let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
                 .heading(branch.start.words())
                 .height(if self.branches.len() == 1 {
@@ -203,7 +193,7 @@ impl Diagram {
                     band.high,
                 );
             }
-            panel = panel.columns(named("impacts, few to many"), self.values.len(), points);
+            panel = panel.columns(named("impacts, few to many"), heights.collect());
             if !names.is_empty() {
                 panel = panel.ribbon(self.ribbon(branch), if place == 0 { &names } else { &[] });
             }

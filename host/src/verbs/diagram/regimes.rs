@@ -38,14 +38,15 @@ impl Map {
         let (k, restitution) = ranges(arguments)?;
         let rows: Vec<f64> = restitution.values().collect();
         let ends = desk.try_map("regimes", rows.len(), |row| {
-            let mut ends = [const { Vec::new() }; 2];
-            for k in k.values() {
-                desk.go_on()?;
-                let endings = Endings::new(k, rows[row], FOLLOWED)?;
-                ends[0].push(endings.from_rest());
-                ends[1].push(endings.of(start(endings.map(), 1)));
-            }
-            Ok(ends)
+            let tracks: Vec<_> = k.values().map(|k| (k, rows[row])).collect();
+            let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
+            let starts = endings
+                .iter()
+                .map(|track| start(track.map(), 1))
+                .enumerate();
+            let from_lock = ending::of_each(&endings, &starts.collect::<Vec<_>>());
+            let from_rest = endings.iter().map(Endings::from_rest).collect();
+            Ok([from_rest, from_lock])
         })?;
         let of = |n: usize| ends.iter().flat_map(|row| row[n].iter().copied()).collect();
         Ok(Self {

@@ -15,7 +15,7 @@ use kband::transport::{Origin, Sensitivity, Spread, measure, measure_scattered};
 use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::arguments::Range;
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FOLLOWED, Gears, InGear};
+use crate::ending::{self, Endings, FOLLOWED, Gears, InGear, TOGETHER};
 use crate::picture::{Axis, Unit};
 use crate::refusal::Refusal;
 use crate::report::number;
@@ -213,8 +213,9 @@ fn rows(
     } else {
         0
     };
-    let endings = desk.try_map("regimes", constant, |n| {
-        Endings::new(over.k[n], feeder.restitution, FOLLOWED)
+    let endings = desk.spread("regimes", constant, TOGETHER, |columns| {
+        let tracks = columns.iter().map(|n| (over.k[*n], feeder.restitution));
+        Endings::of_tracks(&tracks.collect::<Vec<_>>(), FOLLOWED)
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (n, start) = tasks[task];

@@ -1,0 +1,224 @@
+//! The impacts of one column, and what of them is kept: no more than is printed or drawn, as columns may be many.
+
+use kband::impact::{Map, Orbit, OrbitEvent, PartState};
+
+/// What of the impacts is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keep {
+    /// How many they are.
+    Count,
+    /// How high each is drawn.
+    Heights,
+    /// All of them.
+    States,
+}
+
+/// The impacts of one column.
+#[derive(Clone, Debug)]
+pub(super) struct Impacts {
+    pub(super) count: usize,
+    /// Lowest and highest that is drawn; none where there are none.
+    pub(super) span: Option<(f64, f64)>,
+    kept: Kept,
+}
+
+#[derive(Clone, Debug)]
+enum Kept {
+    Count,
+    /// Heights and how many impacts have them.
+    Heights(Vec<(f32, u32)>),
+    /// The first ones, up to the end of the first period where they repeat.
+    States {
+        states: Vec<PartState>,
+        period: Option<usize>,
+    },
+}
+
+impl Impacts {
+    /// Of `count` impacts the first, the last `period` of which repeat where they are fewer.
+    pub(super) fn new(
+        states: Vec<PartState>,
+        period: Option<usize>,
+        count: usize,
+        keep: Keep,
+        height: impl Fn(PartState) -> f64,
+    ) -> Self {
+        let heights = states.iter().map(|state| height(*state));
+        let span = heights.fold(None, |span: Option<(f64, f64)>, y| {
+            let (low, high) = span.unwrap_or((y, y));
+            Some((low.min(y), high.max(y)))
+        });
+        let kept = match keep {
+            Keep::Count => Kept::Count,
+            Keep::Heights => Kept::Heights(heights_of(&states, period, count, height)),
+            Keep::States => Kept::States { states, period },
+        };
+        Self { count, span, kept }
+    }
+
+    /// All of them in turn, where they were kept.
+    pub(super) fn states(&self) -> impl Iterator<Item = PartState> + '_ {
+        let (states, period) = match &self.kept {
+            Kept::States { states, period } => (states.as_slice(), period.unwrap_or(1)),
+            _ => (&[][..], 1),
+        };
+        let count = if states.is_empty() { 0 } else { self.count };
+        (0..count).map(move |n| match n.checked_sub(states.len()) {
+            None => states[n],
+            Some(beyond) => states[states.len() - period + beyond % period],
+        })
+    }
+
+    /// How high they are drawn, and how many at each height.
+    pub(super) fn heights(&self, height: impl Fn(PartState) -> f64) -> Vec<(f32, u32)> {
+        match &self.kept {
+            Kept::Count => Vec::new(),
+            Kept::Heights(heights) => heights.clone(),
+            Kept::States { states, period } => heights_of(states, *period, self.count, height),
+        }
+    }
+}
+
+fn heights_of(
+    states: &[PartState],
+    period: Option<usize>,
+    count: usize,
+    height: impl Fn(PartState) -> f64,
+) -> Vec<(f32, u32)> {
+    let repeats_from = period.map_or(count, |period| states.len() - period);
+    let times = |n: usize| match period {
+        Some(period) if n >= repeats_from => (count - n).div_ceil(period) as u32,
+        _ => 1,
+    };
+    let heights = states.iter().enumerate();
+    heights
+        .map(|(n, state)| (height(*state) as f32, times(n)))
+        .collect()
+}
+
+/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`, as the first of them, the
+/// number of the last that repeat, and how many they are; `state` is left where they end, `None` where the part rests for
+/// ever. An orbit that is back at a state to the last bit repeats what followed it, so that nothing is flown twice.
+pub(super) fn flown(
+    map: &Map,
+    state: &mut Option<PartState>,
+    settle: usize,
+    impacts: usize,
+) -> (Vec<PartState>, Option<usize>, usize) {
+    let orbit = match *state {
+        Some(state) => Orbit::new(map, state),
+        None => Orbit::from_rest(map),
+    };
+    let landings = orbit.filter_map(|event| match event {
+        OrbitEvent::Impact(impact) => Some(impact.next),
+        _ => None,
+    });
+    let total = settle + impacts;
+    let mut struck = Vec::new();
+    // A state kept at powers of two of the count leaves every transient behind (Brent).
+    let (mut kept, mut kept_at): (Option<PartState>, usize) = (None, 0);
+    let mut period = None;
+    let mut cycle: Vec<PartState> = Vec::new();
+    let mut count = 0;
+    for landed in landings {
+        count += 1;
+        if count > settle {
+            struck.push(landed);
+        }
+        if count == total {
+            *state = Some(landed);
+            return (struck, None, impacts);
+        }
+        if let Some(period) = period {
+            cycle.push(landed);
+            if cycle.len() == period {
+                break;
+            }
+        } else if kept == Some(landed) {
+            period = Some(count - kept_at);
+        } else if count.is_power_of_two() {
+            (kept, kept_at) = (Some(landed), count);
+        }
+    }
+    let Some(period) = period.filter(|period| cycle.len() == *period) else {
+        // It rests for ever.
+        *state = None;
+        let count = struck.len();
+        return (struck, None, count);
+    };
+    // Impact n beyond `count` is that of the cycle which follows its last.
+    let mut beyond = (count.max(settle)..total).map(|n| cycle[(n - count) % period]);
+    while struck.len() < period {
+        match beyond.next() {
+            Some(landed) => struck.push(landed),
+            None => break,
+        }
+    }
+    *state = Some(cycle[(total - 1 - count) % period]);
+    let repeats = (struck.len() < impacts).then_some(period);
+    (struck, repeats, impacts)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::Kernel;
+
+    use super::*;
+
+    /// The impacts, each flown.
+    fn each_flown(map: &Map, state: Option<PartState>, total: usize) -> Vec<PartState> {
+        let orbit = match state {
+            Some(state) => Orbit::new(map, state),
+            None => Orbit::from_rest(map),
+        };
+        let landed = |event| match event {
+            OrbitEvent::Impact(impact) => Some(impact.next),
+            _ => None,
+        };
+        orbit.filter_map(landed).take(total).collect()
+    }
+
+    #[test]
+    fn what_repeats_is_what_would_be_flown() {
+        let start = PartState {
+            phase: 0.4,
+            velocity: 0.5,
+        };
+        let mut repeated = 0;
+        // Locked, doubled, chaotic, hops and rests, rests for ever.
+        for n in 0..120 {
+            let k = 0.3 + 0.0061 * f64::from(n);
+            let map = Map::build(k, 0.2).unwrap();
+            for (from, settle, impacts) in [
+                (None, 0, 400),
+                (Some(start), 0, 400),
+                (Some(start), 500, 100),
+                (None, 500, 3),
+                (Some(start), 37, 1),
+            ] {
+                let all = each_flown(&map, from, settle + impacts);
+                let wanted = all.get(settle..).unwrap_or(&[]);
+                let mut state = from;
+                let (states, period, count) = flown(&map, &mut state, settle, impacts);
+                repeated += usize::from(period.is_some());
+                assert_eq!(count, wanted.len(), "{k} {settle}");
+                let last = wanted.last().copied();
+                assert_eq!(state, last.filter(|_| count == impacts), "{k} {settle}");
+                let height = |state: PartState| state.velocity;
+                let heights = Impacts::new(states.clone(), period, count, Keep::Heights, height);
+                let kept = Impacts::new(states, period, count, Keep::States, height);
+                assert!(kept.states().eq(wanted.iter().copied()), "{k} {settle}");
+                let mut drawn: Vec<f32> = Vec::new();
+                for (y, times) in heights.heights(height) {
+                    drawn.extend((0..times).map(|_| y));
+                }
+                let mut each: Vec<f32> = wanted.iter().map(|s| s.velocity as f32).collect();
+                drawn.sort_by(f32::total_cmp);
+                each.sort_by(f32::total_cmp);
+                assert_eq!(drawn, each, "{k} {settle}");
+                assert_eq!(heights.heights(height), kept.heights(height));
+            }
+        }
+        assert!(repeated > 150, "{repeated}");
+    }
+}
