@@ -340,7 +340,7 @@ fn settings_out_of_range_or_of_another_firmware_are_told() {
         (0, SCHEMA ^ 1),
         (1, f32::NAN.to_bits()),
         (1, 1e6_f32.to_bits()),
-        (1 + COUNT, 8),
+        (1 + COUNT, 9),
     ] {
         assert_eq!(spoilt(word, value), Found::none(Condition::Lost));
     }

@@ -7,6 +7,8 @@ mod map;
 mod style;
 mod words;
 
+use std::sync::Arc;
+
 use axes::Pixels;
 use item::Item;
 use legend::Key;
@@ -123,7 +125,7 @@ impl Panel {
     /// A density of points that stand in evenly spaced columns, the first and last on the ends of the axis: each column is
     /// as wide as the next, so that no stripes appear. Of each column the heights, and how many points have them.
     #[must_use]
-    pub fn columns(mut self, name: &str, columns: Vec<Vec<(f32, u32)>>) -> Self {
+    pub fn columns(mut self, name: &str, columns: Vec<Arc<[(f32, u32)]>>) -> Self {
         self.key(Key::Ink, name);
         self.items.push(Item::Columns(columns));
         self

@@ -429,34 +429,46 @@ impl EnvelopePlant {
             ..
         } = self.sense;
         let leak = self.onset.leak() * loudest * factor;
-        let level = libm::sqrt(rms * rms + 0.5 * leak * leak);
+        let square = rms * rms + 0.5 * leak * leak;
+        let level = libm::sqrt(square);
+        let swinging = 0.5 * leak * leak / square.max(1e-30);
         // So much a running median moves at most.
         let most = 1.0 + f64::from(self.drive.samples()) * Standard::LEARNING;
         self.median = self
             .onset
-            .median(level)
+            .median(level, swinging)
             .clamp(self.median / most, self.median * most)
             .max(floor);
-        let background = Background {
-            median: self.median,
-            rms,
-        };
+        let leaked = self.onset.leaked(self.drive.steady_swing() * factor);
         let (samples, step) = (self.drive.samples(), self.drive.step());
         self.onset
             .begin(self.sample, samples, self.drive.phase_at(0), step);
         let mut sum = Complex::new(0.0, 0.0);
-        for index in 0..self.strikes.len() {
-            let strike = self.strikes[index];
+        let mut index = 0;
+        while let Some(&strike) = self.strikes.get(index) {
+            // Parts that strike as one ring as one.
+            let together = self.strikes[index..].iter();
+            let together = together.take_while(|other| other.time == strike.time);
+            let (count, speed) = together.fold((0, 0.0), |(count, speed), other| {
+                (count + 1, speed + other.speed)
+            });
+            index += count;
             let samples = self.samples_to(strike.time);
             let down = samples as u32;
             let whole = down + u32::from(f64::from(down) < samples);
             let struck = Struck {
                 sample: self.sample + u64::from(whole),
                 share: f64::from(whole) - samples,
-                height: f64::from(self.sensor.ringing) * strike.speed * factor,
+                height: f64::from(self.sensor.ringing) * speed * factor,
+            };
+            let at = self.drive.at(whole);
+            let background = Background {
+                median: self.median,
+                rms,
+                leak: leaked * at,
             };
             let (heard, ringing) = self.onset.impact(struck, background, &mut self.noise);
-            sum += ringing * self.drive.at(whole);
+            sum += ringing * at;
             if let Some(heard) = heard {
                 self.wait(heard);
             }

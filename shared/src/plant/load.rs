@@ -103,8 +103,10 @@ mod tests {
     use super::*;
 
     fn load() -> TrackLoad {
-        let mut scene = Scene::default();
-        scene.masses = core::iter::once(500.0).collect();
+        let scene = Scene {
+            masses: core::iter::once(500.0).collect(),
+            ..Scene::default()
+        };
         let mut load = TrackLoad::new(&scene);
         load.begin(314.0);
         load

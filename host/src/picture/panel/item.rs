@@ -1,5 +1,7 @@
 //! What is drawn between the axes.
 
+use std::sync::Arc;
+
 use super::axes::Pixels;
 use super::map::{Grid, raster};
 use super::style::marks;
@@ -27,7 +29,7 @@ pub(super) enum Item {
     },
     Density(Vec<(f64, f64)>),
     /// Heights and how many points have them, of evenly spaced columns.
-    Columns(Vec<Vec<(f32, u32)>>),
+    Columns(Vec<Arc<[(f32, u32)]>>),
     Heat {
         grid: Grid<f64>,
         scale: Axis,

@@ -1,6 +1,7 @@
 //! Maps of values and densities of points, as rasters.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use super::SMALL;
 use super::axes::Pixels;
@@ -112,10 +113,10 @@ impl Pixels<'_> {
         counts.raster(theme)
     }
 
-    pub(super) fn columns(&self, theme: Theme, columns: &[Vec<(f32, u32)>]) -> Raster {
+    pub(super) fn columns(&self, theme: Theme, columns: &[Arc<[(f32, u32)]>]) -> Raster {
         let mut counts = Counts::new(columns.len(), (1.5 * self.plot.height) as usize);
         for (column, heights) in columns.iter().enumerate() {
-            for (y, times) in heights {
+            for (y, times) in heights.iter() {
                 counts.add(column, self.panel.y.part(f64::from(*y)), *times);
             }
         }

@@ -1,5 +1,7 @@
 //! The impacts of one column, and what of them is kept: no more than is printed or drawn, as columns may be many.
 
+use std::sync::Arc;
+
 use kband::impact::{Map, Orbit, OrbitEvent, PartState};
 
 /// What of the impacts is kept.
@@ -26,7 +28,7 @@ pub(super) struct Impacts {
 enum Kept {
     Count,
     /// Heights and how many impacts have them.
-    Heights(Vec<(f32, u32)>),
+    Heights(Arc<[(f32, u32)]>),
     /// The first ones, up to the end of the first period where they repeat.
     States {
         states: Vec<PartState>,
@@ -70,10 +72,10 @@ impl Impacts {
     }
 
     /// How high they are drawn, and how many at each height.
-    pub(super) fn heights(&self, height: impl Fn(PartState) -> f64) -> Vec<(f32, u32)> {
+    pub(super) fn heights(&self, height: impl Fn(PartState) -> f64) -> Arc<[(f32, u32)]> {
         match &self.kept {
-            Kept::Count => Vec::new(),
-            Kept::Heights(heights) => heights.clone(),
+            Kept::Count => Arc::new([]),
+            Kept::Heights(heights) => Arc::clone(heights),
             Kept::States { states, period } => heights_of(states, *period, self.count, height),
         }
     }
@@ -84,7 +86,7 @@ fn heights_of(
     period: Option<usize>,
     count: usize,
     height: impl Fn(PartState) -> f64,
-) -> Vec<(f32, u32)> {
+) -> Arc<[(f32, u32)]> {
     let repeats_from = period.map_or(count, |period| states.len() - period);
     let times = |n: usize| match period {
         Some(period) if n >= repeats_from => (count - n).div_ceil(period) as u32,
@@ -209,8 +211,8 @@ mod tests {
                 let kept = Impacts::new(states, period, count, Keep::States, height);
                 assert!(kept.states().eq(wanted.iter().copied()), "{k} {settle}");
                 let mut drawn: Vec<f32> = Vec::new();
-                for (y, times) in heights.heights(height) {
-                    drawn.extend((0..times).map(|_| y));
+                for (y, times) in heights.heights(height).iter() {
+                    drawn.extend((0..*times).map(|_| *y));
                 }
                 let mut each: Vec<f32> = wanted.iter().map(|s| s.velocity as f32).collect();
                 drawn.sort_by(f32::total_cmp);

@@ -8,7 +8,7 @@ use kband::regime::exponent::start;
 use super::Arguments;
 use crate::arguments::Range;
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FILLS, FOLLOWED};
+use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
@@ -36,23 +36,25 @@ const STARTS: [(&str, &str); 2] = [
 impl Map {
     pub(super) fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self, Refusal> {
         let (k, restitution) = ranges(arguments)?;
-        let rows: Vec<f64> = restitution.values().collect();
-        let ends = desk.try_map("regimes", rows.len(), |row| {
-            let tracks: Vec<_> = k.values().map(|k| (k, rows[row])).collect();
+        let of_row = |restitution| k.values().map(move |k| (k, restitution));
+        let places: Vec<(f64, f64)> = restitution.values().flat_map(of_row).collect();
+        let ends = desk.spread("regimes", places.len(), TOGETHER, |places_of| {
+            let tracks: Vec<_> = places_of.iter().map(|n| places[*n]).collect();
             let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
-            let starts = endings
+            let starts = endings.iter().map(|track| start(track.map(), 1));
+            let starts: Vec<_> = starts.enumerate().collect();
+            let from_lock = ending::of_each(&endings, &starts).into_iter();
+            Ok(endings
                 .iter()
-                .map(|track| start(track.map(), 1))
-                .enumerate();
-            let from_lock = ending::of_each(&endings, &starts.collect::<Vec<_>>());
-            let from_rest = endings.iter().map(Endings::from_rest).collect();
-            Ok([from_rest, from_lock])
+                .map(Endings::from_rest)
+                .zip(from_lock)
+                .collect())
         })?;
-        let of = |n: usize| ends.iter().flat_map(|row| row[n].iter().copied()).collect();
+        let (from_rest, from_lock) = ends.into_iter().unzip();
         Ok(Self {
             k,
             restitution,
-            ends: [of(0), of(1)],
+            ends: [from_rest, from_lock],
         })
     }
 
