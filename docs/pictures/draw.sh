@@ -24,6 +24,8 @@ kband margins --out margins.svg
 kband transport --restitution 0.2 --friction 0.3 --incline 3 --throw 0.4..3 --out friction.svg
 kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
 kband simulate --restitution 0.3 --compare-second-tone 0.15 --out tones.svg
+cp "$root/tests/scenes/hopper_dump.toml" dump.toml
+kband simulate dump.toml --out dump.svg --trace trace.csv
 # A picture says of itself which commit drew it, and so never has that of the commit it is in.
 plain() { grep -v '^<metadata>' "$1"; }
 wrong=0

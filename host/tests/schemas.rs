@@ -73,6 +73,7 @@ const DESK: &[(&str, &[&str])] = &[
     ),
     ("impacts-of-rows", &["impacts --from rows.csv"]),
     ("margins", &["margins"]),
+    ("paper", &["paper"]),
     (
         "simulate",
         &[

@@ -55,34 +55,38 @@ fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
 }
 
 /// R goes from 0.25 to 0.4 in ten minutes, where the best k goes from 0.42 to 0.51 and what was best at first holds nothing
-/// at last. A minute's share errs by 0.03 (some 70 losses).
+/// at last, where 0.65 is the best. A minute's share errs by 0.03 (some 70 losses), and so do the lowest of ten: in the mean of
+/// six runs by 0.012, of 0.596.
 #[test]
 fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
     const MINUTES: u32 = 10;
-    for (second_tone, least) in [(0.0, 0.6), (0.15, 0.95)] {
-        let mut closed = EnvelopeLoop::build(&scene(0.25, 0.05, second_tone)).unwrap();
-        let first = {
+    for (second_tone, runs, least) in [(0.0, 6, 0.56), (0.15, 1, 0.95)] {
+        let mut mean = 0.0;
+        for seed in 1..=runs {
+            let mut scene = scene(0.25, 0.05, second_tone);
+            scene.seed = seed;
+            let mut closed = EnvelopeLoop::build(&scene).unwrap();
             share(&mut closed, 500);
-            closed.controller().gear().unwrap()
-        };
-        let mut lowest = 1.0_f64;
-        for minute in 0..MINUTES {
-            let mut sum = 0.0;
-            for part in 0..6_u8 {
-                let passed = (minute as f32 + f32::from(part) / 6.0) / MINUTES as f32;
-                closed.apply(Change::Restitution(0.25 + 0.15 * passed));
-                sum += share(&mut closed, 500) / 6.0;
+            let first = closed.controller().gear().unwrap();
+            let mut lowest = 1.0_f64;
+            for minute in 0..MINUTES {
+                let mut sum = 0.0;
+                for part in 0..6_u8 {
+                    let passed = (minute as f32 + f32::from(part) / 6.0) / MINUTES as f32;
+                    closed.apply(Change::Restitution(0.25 + 0.15 * passed));
+                    sum += share(&mut closed, 500) / 6.0;
+                }
+                lowest = lowest.min(sum);
             }
-            println!("minute {minute}: {sum:.3}");
-            lowest = lowest.min(sum);
+            let last = closed.controller().gear().unwrap();
+            println!("e {second_tone}: lowest share of a minute {lowest}, {first:?} to {last:?}");
+            mean += lowest / runs as f64;
+            assert!(
+                second_tone > 0.0 || last.k > first.k + 0.05,
+                "{first:?} {last:?}"
+            );
         }
-        let last = closed.controller().gear().unwrap();
-        println!("e {second_tone}: lowest share of a minute {lowest}, {first:?} to {last:?}");
-        assert!(lowest > least, "{second_tone}: {lowest} {first:?} {last:?}");
-        assert!(
-            second_tone > 0.0 || last.k > first.k + 0.05,
-            "{first:?} {last:?}"
-        );
+        assert!(mean > least, "{second_tone}: {mean}");
     }
 }
 

@@ -204,6 +204,17 @@ impl Held {
     }
 }
 
+/// Fewest orbits that are flown in a block: of fewer its registers are not full, and one after the other is as fast.
+const FEWEST: usize = 16;
+
+/// An orbit that flies.
+struct Flying<'m, W> {
+    lane: usize,
+    map: &'m Map,
+    last: PartState,
+    watch: W,
+}
+
 /// Flies orbits side by side, each from its state just after an impact for as long as `goes_on` says of its impacts, or
 /// until it rests; `done` gets what watched it, and its last state.
 fn fly<'m, W>(
@@ -211,44 +222,63 @@ fn fly<'m, W>(
     mut goes_on: impl FnMut(&mut W, &Impact<PartState>) -> bool,
     mut done: impl FnMut(W, PartState),
 ) {
-    let mut block = Block::new();
-    let mut flying: Vec<(usize, PartState, W)> = Vec::new();
-    let mut next = |block: &mut Block, lane: usize| {
-        let (map, start, watch) = orbits.next()?;
-        block.put(lane, map, start).ok()?;
-        Some((lane, start, watch))
+    let mut next = |lane: usize| {
+        let (map, last, watch) = orbits.next()?;
+        Some(Flying {
+            lane,
+            map,
+            last,
+            watch,
+        })
     };
-    flying.extend((0..LANES).map_while(|lane| next(&mut block, lane)));
-    while !flying.is_empty() {
-        block.advance(1);
-        let mut place = 0;
-        while let Some((lane, last, watch)) = flying.get_mut(place) {
-            let lane = *lane;
-            // A lane that rests from the start has no impact.
-            let struck = block.impact(lane).filter(|impact| impact.flight > 0.0);
-            let on = match &struck {
-                Some(impact) => {
-                    *last = impact.next;
-                    goes_on(watch, impact) && !block.rests(lane)
-                }
-                None => false,
-            };
-            if on {
-                place += 1;
-                continue;
-            }
-            let (_, last, watch) = match next(&mut block, lane) {
-                Some(new) => {
-                    place += 1;
-                    std::mem::replace(&mut flying[place - 1], new)
-                }
-                None => {
-                    block.clear(lane);
-                    flying.swap_remove(place)
-                }
-            };
-            done(watch, last);
+    let mut flying: Vec<_> = (0..LANES).map_while(&mut next).collect();
+    if flying.len() >= FEWEST {
+        let mut block = Block::new();
+        for orbit in &flying {
+            // Every lane is one of the block's.
+            let _ = block.put(orbit.lane, orbit.map, orbit.last);
         }
+        while flying.len() >= FEWEST {
+            block.advance(1);
+            let mut place = 0;
+            while let Some(orbit) = flying.get_mut(place) {
+                let lane = orbit.lane;
+                // A lane that rests from the start has no impact.
+                let struck = block.impact(lane).filter(|impact| impact.flight > 0.0);
+                let on = struck.is_some_and(|impact| {
+                    orbit.last = impact.next;
+                    goes_on(&mut orbit.watch, &impact) && !block.rests(lane)
+                });
+                if on {
+                    place += 1;
+                    continue;
+                }
+                let ended = match next(lane) {
+                    Some(new) => {
+                        let _ = block.put(lane, new.map, new.last);
+                        place += 1;
+                        std::mem::replace(&mut flying[place - 1], new)
+                    }
+                    None => {
+                        block.clear(lane);
+                        flying.swap_remove(place)
+                    }
+                };
+                done(ended.watch, ended.last);
+            }
+        }
+    }
+    for mut orbit in flying {
+        for event in Orbit::new(orbit.map, orbit.last) {
+            let OrbitEvent::Impact(impact) = event else {
+                break;
+            };
+            orbit.last = impact.next;
+            if !goes_on(&mut orbit.watch, &impact) {
+                break;
+            }
+        }
+        done(orbit.watch, orbit.last);
     }
 }
 

@@ -113,7 +113,7 @@ impl Fill {
             (Self::Doubled, Theme::Light) => 0x6FC0EE,
             (Self::Periodic, Theme::Light) => 0x00916A,
             (Self::Chaotic, Theme::Light) => 0xE08A00,
-            (Self::Undecided, Theme::Light) => 0xCC79A7,
+            (Self::Undecided, Theme::Light) => 0x9A4A80,
             (Self::Fault, Theme::Light) => 0xB03A00,
             (Self::Rest, Theme::Dark) => 0x262C33,
             (Self::HopAndRest, Theme::Dark) => 0x59636E,
@@ -121,7 +121,7 @@ impl Fill {
             (Self::Doubled, Theme::Dark) => 0xC4E8FC,
             (Self::Periodic, Theme::Dark) => 0x0E8F69,
             (Self::Chaotic, Theme::Dark) => 0xF0B23A,
-            (Self::Undecided, Theme::Dark) => 0xE39AC4,
+            (Self::Undecided, Theme::Dark) => 0x7A2E63,
             (Self::Fault, Theme::Dark) => 0xFF6B2C,
         })
     }
@@ -331,6 +331,7 @@ mod tests {
             Fill::Doubled,
             Fill::Periodic,
             Fill::Chaotic,
+            Fill::Undecided,
         ];
         for theme in [Theme::Light, Theme::Dark] {
             for (n, a) in regimes.iter().enumerate() {
