@@ -190,6 +190,18 @@ fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
 #[test]
 fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
     let folder = Folder::new("existing");
+    let replaces = |verb: &str, name: &str| {
+        std::fs::write(folder.0.join(name), "mine").unwrap();
+        let output = kband(&folder.0, &words(&format!("{verb} --out {name}")));
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{verb}: {message}");
+        assert!(
+            message.contains(&format!("replaced {name}")),
+            "{verb}: {message}"
+        );
+        assert_ne!(std::fs::read(folder.0.join(name)).unwrap(), b"mine");
+        std::fs::remove_file(folder.0.join(name)).unwrap();
+    };
     let verbs = [
         "bands",
         "basins --k 0.43 --restitution 0.2 --grid 4",
@@ -204,16 +216,7 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
     ];
     for verb in verbs {
         for name in ["old.csv", "old.svg"] {
-            std::fs::write(folder.0.join(name), "mine").unwrap();
-            let output = kband(&folder.0, &words(&format!("{verb} --out {name}")));
-            let message = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(0), "{verb}: {message}");
-            assert!(
-                message.contains(&format!("replaced {name}")),
-                "{verb}: {message}"
-            );
-            assert_ne!(std::fs::read(folder.0.join(name)).unwrap(), b"mine");
-            std::fs::remove_file(folder.0.join(name)).unwrap();
+            replaces(verb, name);
         }
         let output = kband(&folder.0, &words(&format!("{verb} --out new.json")));
         let message = String::from_utf8_lossy(&output.stderr);
@@ -226,16 +229,7 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
         ("paper", "old.html"),
         ("report", "old.html"),
     ] {
-        std::fs::write(folder.0.join(name), "mine").unwrap();
-        let output = kband(&folder.0, &words(&format!("{verb} --out {name}")));
-        let message = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(0), "{verb}: {message}");
-        assert!(
-            message.contains(&format!("replaced {name}")),
-            "{verb}: {message}"
-        );
-        assert_ne!(std::fs::read(folder.0.join(name)).unwrap(), b"mine");
-        std::fs::remove_file(folder.0.join(name)).unwrap();
+        replaces(verb, name);
     }
     std::fs::write(folder.0.join("kband-report.html"), "mine").unwrap();
     let output = kband(&folder.0, &words("report"));

@@ -351,7 +351,6 @@ mod tests {
             chaotic += u32::from(ends[n] == Regime::Chaotic);
         }
         assert!(chaotic > 0);
-        assert!(Map::build(0.31, 0.2).is_ok());
     }
 
     #[test]

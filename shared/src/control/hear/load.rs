@@ -29,6 +29,9 @@ const IN_GEAR: f32 = 0.7;
 const MOST: f32 = 0.5;
 
 /// What is on the track.
+///
+/// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.6 % at most and
+/// the mass by 5.9 %, too high by some 3 % for every tenth of the track's mass (docs/theory-real-parts.md#t10.5).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Mass of the parts in g (symbol m).
@@ -46,13 +49,13 @@ pub struct Weighed {
     pub motion: Complex,
     /// Output of that cycle, as a share of full output.
     pub output: f32,
-    /// Square of the angular frequency in 1/s^2, and its step of the phase.
+    /// Square of the drive's angular frequency in 1/s^2 (symbol w^2).
     pub square: f32,
     /// Frequency in Hz.
     pub frequency: f32,
     /// Gravity normal to the track in m/s^2.
     pub normal_gravity: f32,
-    /// Share of the parts' time in gear, and the order of that.
+    /// Share of the parts' time in gear, 0..=1.
     pub in_gear: f32,
     /// Order of that gear (symbol r).
     pub order: u8,
