@@ -336,10 +336,7 @@ impl Outcome {
     #[must_use]
     pub fn regime(&self) -> String {
         let parts = self.file.scene.parts.len() as u8;
-        let mut words: Vec<String> = (0..parts).map(|part| self.regime_in_words(part)).collect();
-        words.sort();
-        words.dedup();
-        if words.is_empty() {
+        if parts == 0 {
             return "no parts".into();
         }
         // Parts that scatter repeat nothing that a regime could name.
@@ -348,6 +345,9 @@ impl Outcome {
         {
             return format!("in gear {share:.2}, order {}", self.gear_order());
         }
+        let mut words: Vec<String> = (0..parts).map(|part| self.regime_in_words(part)).collect();
+        words.sort();
+        words.dedup();
         words.join(" / ")
     }
 

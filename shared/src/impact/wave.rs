@@ -1,6 +1,6 @@
 //! The shape of the track's motion: a sine and its second and third harmonic.
 
-use core::f64::consts::TAU;
+use core::f64::consts::{FRAC_PI_2, TAU};
 
 use crate::arithmetic::lane::{Lane, sine_cosine};
 use crate::feeder::{OutOfRange, accept};
@@ -125,8 +125,29 @@ impl Wave {
 
     /// One tone: the sine itself.
     #[must_use]
-    pub fn sine() -> Self {
-        Self::of(Tone::default(), Tone::default())
+    pub const fn sine() -> Self {
+        const NONE: Tone = Tone {
+            amplitude: 0.0,
+            angle: 0.0,
+        };
+        // What the search of `of` comes to, to the last bit: a plant asks for it at every impact.
+        Self {
+            second: NONE,
+            third: NONE,
+            mixed: [[0.0; 2]; 2],
+            extrema: [
+                [FRAC_PI_2, 1.0],
+                [3.0 * FRAC_PI_2, -1.0],
+                [0.0; 2],
+                [0.0; 2],
+                [0.0; 2],
+                [0.0; 2],
+            ],
+            count: 2,
+            top: 1.0 + SPARE,
+            bottom: 1.0 + SPARE,
+            steepest: 1.0 + SPARE,
+        }
     }
 
     /// The second harmonic.
@@ -417,6 +438,7 @@ mod tests {
     fn the_sine_is_a_wave() {
         let sine = Wave::sine();
         assert!(sine.is_sine() && sine.count == 2);
+        assert_eq!(sine, Wave::of(Tone::default(), Tone::default()));
         assert!((sine.peak_acceleration() - 1.0).abs() < 1e-15);
         assert!((sine.top - 1.0).abs() < 2e-12 && (sine.steepest - 1.0).abs() < 2e-12);
     }

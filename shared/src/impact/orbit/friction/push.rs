@@ -23,7 +23,7 @@ impl Push {
             constant,
             ..Self::default()
         };
-        for (n, tone) in wave.tones() {
+        for (n, tone) in wave.tones().filter(|(_, tone)| tone.amplitude > 0.0) {
             let index = n as usize - 1;
             let (sine, cosine) = libm::sincos(n * lead + tone.angle);
             let size = amplitude * n * n * tone.amplitude;
