@@ -168,17 +168,24 @@ fn a_link_that_waits_for_ever_is_a_reset_though_all_else_goes_on() {
 
 #[test]
 fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
-    for crystal in [0, 4_000_000, 12_000_000, 16_000_000, 25_000_000] {
+    let right = blank().chip.board.clocks.crystal;
+    for crystal in [right, 0, 4_000_000, 12_000_000, 16_000_000, 25_000_000] {
         let mut rig = blank();
         rig.chip.board.clocks.crystal = crystal;
         rig.at(0.5, Act::Enable(true)).run(1.0);
         assert_eq!(rig.chip.board.clock(), 168_000_000, "{crystal}");
+        // The lamp alone says nothing: it is on while nobody has given settings.
         assert!(
             rig.seen_after(0.0, &Seen::Fault(true)).is_some(),
             "{crystal}"
         );
         assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None, "{crystal}");
         assert_eq!(rig.resets().len(), 1, "{crystal}: {:?}", rig.resets());
+        let told = rig.ask(&Request::Status, |response| match response {
+            Response::Status(status) => status.inputs.clock_failed,
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(told, crystal != right, "{crystal}");
     }
 }
 
