@@ -112,11 +112,11 @@ fn sagitta(d: f64) -> f64 {
     (1.0 - x * sum) / 6.0
 }
 
-/// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w > 0.
+/// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w >= 0.
 ///
 /// Up to the stride the last two terms are above a quadratic one, whose root is closed; the stride is
 /// shortened until it is near that root.
-fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
+pub(crate) fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
     let mut clear = 0.0_f64;
     for _ in 0..40 {
         let bend = a + (b - w * stride).min(0.0) * stride;

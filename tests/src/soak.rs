@@ -112,7 +112,7 @@ pub fn soak(
 ) -> Vec<(Kind, Tally)> {
     let blocks = count.div_ceil(LANES as u64).max(1);
     Kind::ALL
-        .map(|kind| (kind, one_kind(kind, blocks, seed, threads.max(1), &tell)))
+        .map(|kind| (kind, one_kind(kind, blocks, seed, threads, &tell)))
         .into()
 }
 
@@ -123,14 +123,33 @@ fn one_kind(
     threads: usize,
     tell: &(impl Fn(&str) + Sync),
 ) -> Tally {
+    let told = |number, lane: usize| {
+        let launches = launches(kind, seed, number);
+        format!("{kind:?}: {:?}", launches.get(lane))
+    };
+    let block = |number, current: &AtomicUsize| block(kind, seed, number, current, tell);
+    watched(blocks, threads, block, Tally::add, told, tell)
+}
+
+/// Sums what `work` makes of so many blocks, on `threads` threads. It is given a block's number and keeps a place in it; where that
+/// stays the same for too long, what `told` says of it is told and the process ends.
+pub(crate) fn watched<T: Default + Send>(
+    blocks: u64,
+    threads: usize,
+    work: impl Fn(u64, &AtomicUsize) -> T + Sync,
+    add: impl Fn(&mut T, &T) + Sync,
+    told: impl Fn(u64, usize) -> String,
+    tell: &(impl Fn(&str) + Sync),
+) -> T {
     let next = AtomicU64::new(0);
-    let total = Mutex::new(Tally::default());
-    let places: Vec<(AtomicU64, AtomicUsize)> = (0..threads).map(|_| Default::default()).collect();
+    let total = Mutex::new(T::default());
+    let places: Vec<(AtomicU64, AtomicUsize)> =
+        (0..threads.max(1)).map(|_| Default::default()).collect();
     std::thread::scope(|scope| {
         let workers: Vec<_> = places
             .iter()
             .map(|(number, current)| {
-                let (next, total) = (&next, &total);
+                let (next, total, work, add) = (&next, &total, &work, &add);
                 scope.spawn(move || {
                     loop {
                         let n = next.fetch_add(1, Ordering::Relaxed);
@@ -138,15 +157,15 @@ fn one_kind(
                             return;
                         }
                         number.store(n, Ordering::Relaxed);
-                        let tally = block(kind, seed, n, current, tell);
+                        let tally = work(n, current);
                         if let Ok(mut total) = total.lock() {
-                            total.add(&tally);
+                            add(&mut total, &tally);
                         }
                     }
                 })
             })
             .collect();
-        let mut seen = vec![(u64::MAX, usize::MAX, 0_u32); threads];
+        let mut seen = vec![(u64::MAX, usize::MAX, 0_u32); places.len()];
         while !workers
             .iter()
             .all(std::thread::ScopedJoinHandle::is_finished)
@@ -162,10 +181,7 @@ fn one_kind(
                 }
                 seen.2 += 1;
                 if seen.2 > PATIENCE {
-                    tell(&format!(
-                        "{kind:?}: no end of the search from {:?}",
-                        launches(kind, seed, now.0).get(now.1)
-                    ));
+                    tell(&format!("no end of the search from {}", told(now.0, now.1)));
                     std::process::exit(1);
                 }
             }

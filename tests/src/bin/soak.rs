@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use kband_tests::soak::{Tally, replay, soak};
 use kband_tests::states::{Kind, Launch};
+use kband_tests::tones;
 
-const USAGE: &str = "usage: soak [MILLIONS [SEED]]
+const USAGE: &str = "usage: soak [--tones] [--threads N] [MILLIONS [SEED]]
        soak --replay K RESTITUTION PHASE VELOCITY";
 
 /// Wrong impacts that are printed.
@@ -14,27 +15,50 @@ const PRINTED: u64 = 40;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let numbers = |texts: &[String]| -> Option<Vec<f64>> {
-        texts.iter().map(|text| text.parse().ok()).collect()
-    };
-    let (replayed, texts) = match arguments.split_first() {
-        Some((first, rest)) if first == "--replay" => (true, rest),
-        _ => (false, &arguments[..]),
-    };
-    match (replayed, numbers(texts).as_deref()) {
-        (true, Some(&[k, restitution, phase, velocity])) => once(&Launch {
-            k,
-            restitution,
-            phase,
-            velocity,
-        }),
-        (false, Some([])) => run(100.0, 1),
-        (false, Some(&[millions])) => run(millions, 1),
-        (false, Some(&[millions, seed])) => run(millions, seed as u64),
+    let mut texts = arguments.as_slice();
+    let (mut replayed, mut on_tones) = (false, false);
+    let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
+    loop {
+        texts = match texts {
+            [first, rest @ ..] if first == "--replay" => {
+                replayed = true;
+                rest
+            }
+            [first, rest @ ..] if first == "--tones" => {
+                on_tones = true;
+                rest
+            }
+            [first, number, rest @ ..]
+                if first == "--threads" && number.parse::<usize>().is_ok() =>
+            {
+                threads = number.parse().unwrap_or(1);
+                rest
+            }
+            _ => break,
+        };
+    }
+    let numbers: Option<Vec<f64>> = texts.iter().map(|text| text.parse().ok()).collect();
+    let (millions, seed) = match (replayed, numbers.as_deref()) {
+        (true, Some(&[k, restitution, phase, velocity])) => {
+            return once(&Launch {
+                k,
+                restitution,
+                phase,
+                velocity,
+            });
+        }
+        (false, Some([])) => (100.0, 1),
+        (false, Some(&[millions])) => (millions, 1),
+        (false, Some(&[millions, seed])) => (millions, seed as u64),
         _ => {
             eprintln!("soak: {arguments:?} is not understood\n{USAGE}");
-            ExitCode::from(2)
+            return ExitCode::from(2);
         }
+    };
+    if on_tones {
+        run_on_tones(millions, seed, threads)
+    } else {
+        run(millions, seed, threads)
     }
 }
 
@@ -51,20 +75,69 @@ fn once(launch: &Launch) -> ExitCode {
     }
 }
 
-fn run(millions: f64, seed: u64) -> ExitCode {
-    // A round has some of every kind, so that a soak that is cut short has tried them all.
+/// Rounds of a soak, and launches of each of so many kinds in one: a round has some of every kind, so that a soak that is cut
+/// short has tried them all.
+fn rounds(millions: f64, kinds: usize) -> (u64, u64) {
     let rounds = (millions / 5.0).ceil().max(1.0);
-    let count = (millions * 1e6 / (rounds * Kind::ALL.len() as f64)).ceil() as u64;
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let count = (millions * 1e6 / (rounds * kinds as f64)).ceil();
+    (rounds as u64, count as u64)
+}
+
+/// Prints the first wrong impacts.
+fn printer() -> impl Fn(&str) + Sync {
     let printed = AtomicU64::new(0);
+    move |cause: &str| {
+        if printed.fetch_add(1, Ordering::Relaxed) < PRINTED {
+            println!("{cause}");
+        }
+    }
+}
+
+fn run_on_tones(millions: f64, seed: u64, threads: usize) -> ExitCode {
+    let (rounds, count) = rounds(millions, tones::Kind::ALL.len());
+    let tell = printer();
+    let begun = std::time::Instant::now();
+    let mut total = tones::Tally::default();
+    for round in 0..rounds {
+        for (_, tally) in tones::soak(count, seed << 16 | round, threads, &tell) {
+            total.add(&tally);
+        }
+        let each: Vec<_> = tones::NAMES
+            .iter()
+            .zip(total.0)
+            .map(|(name, seen)| {
+                format!(
+                    "{name} {} launches, {} flagged as grazing, {} within rounding, {} wrong",
+                    seen.launches, seen.flagged, seen.doubtful, seen.wrong
+                )
+            })
+            .collect();
+        println!(
+            "on several tones, seed {seed}, {:.0} s: {}",
+            begun.elapsed().as_secs_f64(),
+            each.join("; ")
+        );
+    }
+    let wrong: u64 = total.0.iter().map(|seen| seen.wrong).sum();
+    if wrong > 0 {
+        println!("{wrong} impacts on several tones wrong");
+        return ExitCode::FAILURE;
+    }
+    println!(
+        "every impact of {} launches of seed {seed} on several tones is the first, in every arithmetic ({:.0} s)",
+        total.0.iter().map(|seen| seen.launches).min().unwrap_or(0),
+        begun.elapsed().as_secs_f64()
+    );
+    ExitCode::SUCCESS
+}
+
+fn run(millions: f64, seed: u64, threads: usize) -> ExitCode {
+    let (rounds, count) = rounds(millions, Kind::ALL.len());
+    let tell = printer();
     let begun = std::time::Instant::now();
     let mut tallies = Kind::ALL.map(|kind| (kind, Tally::default()));
-    for round in 0..rounds as u64 {
-        let seen = soak(count, seed << 16 | round, threads, |cause| {
-            if printed.fetch_add(1, Ordering::Relaxed) < PRINTED {
-                println!("{cause}");
-            }
-        });
+    for round in 0..rounds {
+        let seen = soak(count, seed << 16 | round, threads, &tell);
         for ((_, total), (_, tally)) in tallies.iter_mut().zip(&seen) {
             total.add(tally);
         }

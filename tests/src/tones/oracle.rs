@@ -4,7 +4,7 @@
 //! lower bound of the gap. With M the sum of `q^4 e_q` the fourth derivative is within -M..M, so that the
 //! Taylor series to the third power less `M h^4/24` is below `u(d + h)`.
 
-use crate::oracle::Flight;
+use crate::oracle::{Flight, clear_for};
 
 /// A track: k and its tones, each frequency, amplitude and angle.
 #[derive(Clone, Copy, Debug)]
@@ -42,30 +42,41 @@ impl Track {
         sums
     }
 
-    /// Bound of the fourth derivative of S.
-    fn bound(&self) -> f64 {
-        self.tones.iter().map(|(q, e, _)| e * q.powi(4)).sum()
+    /// Bounds of S and of its first four derivatives.
+    fn sums(&self) -> [f64; 5] {
+        let mut sums = [0.0; 5];
+        for (q, e, _) in self.tones {
+            let mut term = e;
+            for sum in &mut sums {
+                *sum += term;
+                term *= q;
+            }
+        }
+        sums
     }
 
     /// The gap and its first two derivatives `d` after a launch.
     #[must_use]
     pub fn gap(&self, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
-        let mut gap = [
-            d * (velocity - 0.5 * self.k * d),
-            velocity - self.k * d,
-            -self.k,
-        ];
-        for (q, e, th) in self.tones {
-            let x = q * d;
-            let (s, c) = (q * phase + th).sin_cos();
-            let half = (0.5 * x).sin();
-            let (versine, sine) = (2.0 * half * half, x.sin());
-            let sagitta = if x < 0.5 { sagitta(x) } else { x - sine };
-            gap[0] += e * (s * versine + c * sagitta);
-            gap[1] += e * q * (s * sine + c * versine);
-            gap[2] += e * q * q * (s * (1.0 - versine) + c * sine);
+        let [height, slope, curvature, _] = self.launched(phase, velocity).gap(d);
+        [height, slope, curvature]
+    }
+
+    /// A launch.
+    fn launched(&self, phase: f64, velocity: f64) -> Launched {
+        let tones = self.tones.map(|(q, e, th)| {
+            let (s, c) = if e == 0.0 {
+                (0.0, 0.0)
+            } else {
+                (q * phase + th).sin_cos()
+            };
+            [q, e * s, e * c]
+        });
+        Launched {
+            k: self.k,
+            velocity,
+            tones,
         }
-        gap
     }
 
     /// Rounding error of [`Track::gap`]: half a unit in the last place of every term it sums.
@@ -81,10 +92,14 @@ impl Track {
     /// The first impact after a launch that is not at rest: at `told`, where that is soon proven, else by stepping.
     #[must_use]
     pub fn first_impact_by(&self, phase: f64, velocity: f64, told: f64) -> Flight {
-        let [height, slope, curvature] = self.gap(phase, velocity, told);
+        let launched = self.launched(phase, velocity);
+        let [height, slope, curvature, _] = launched.gap(told);
         let noise = self.rounding(phase, velocity, told);
         let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;
-        if simple && height.abs() <= 16.0 * noise && self.is_first(phase, velocity, told) {
+        if simple
+            && height.abs() <= 16.0 * noise
+            && self.is_first(&launched, phase, [told, slope, curvature])
+        {
             return Flight {
                 duration: told,
                 arrival: -slope,
@@ -100,15 +115,12 @@ impl Track {
     /// is no track; the lower bound of the gap holds from anywhere; and where the slope is negative from here to the
     /// impact, the gap before it is positive.
     #[must_use]
-    fn is_first(&self, phase: f64, velocity: f64, d: f64) -> bool {
-        let sum = |weight: i32| -> f64 {
-            let terms = self.tones.iter().map(|(q, e, _)| e * q.powi(weight));
-            terms.sum()
-        };
-        let (reach, fastest, jerk, bound) = (sum(0), sum(1), sum(3), self.bound());
-        let start = self.at(phase);
-        let launch = velocity + start[1];
-        let leaving = launch * launch - 2.0 * self.k * (reach - start[0]);
+    fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
+        let velocity = launched.velocity;
+        let [reach, fastest, _, jerk, bound] = self.sums();
+        let [height, speed, push, surge] = launched.track();
+        let launch = velocity + speed;
+        let leaving = launch * launch - 2.0 * self.k * (reach - height);
         let spare = 1e-13 * (1.0 + launch * launch);
         let (mut rises, mut sinks) = (f64::INFINITY, 0.0);
         if launch > 0.0 && leaving > spare {
@@ -119,9 +131,8 @@ impl Track {
                 return d >= sinks;
             }
         }
-        let quotient = [velocity, 0.5 * (-start[2] - self.k), -start[3] / 6.0];
-        let mut at = 0.999 * clear(quotient, bound / 24.0, d.min(STRIDE));
-        let [_, slope, curvature] = self.gap(phase, velocity, d);
+        let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
+        let mut at = 0.999 * clear_of_launch(quotient, bound, d.min(STRIDE));
         for _ in 0..100 {
             if at >= rises && at < sinks {
                 at = sinks;
@@ -132,13 +143,11 @@ impl Track {
             if rest <= 0.0 || slope + rise < 0.01 * slope {
                 return true;
             }
-            let there = self.gap(phase, velocity, at);
+            let there = launched.gap(at);
             if there[0] <= 4.0 * self.rounding(phase, velocity, at) {
                 return false;
             }
-            let jerk = -self.at(phase + at)[3];
-            let gap = [there[0], there[1], 0.5 * there[2], jerk / 6.0];
-            let step = 0.999 * clear_from(gap, bound / 24.0);
+            let step = 0.999 * clear_from(there, bound);
             if step <= 1e-6 * rest {
                 return false;
             }
@@ -150,32 +159,28 @@ impl Track {
     /// The first impact after a launch that is not at rest, by stepping.
     #[must_use]
     pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
-        let bound = self.bound();
-        let start = self.at(phase);
-        let (push, surge) = (-start[2], -start[3]);
-        // u/d = psi + (A - k) d/2 + A' d^2/6 + ...
+        let [reach, fastest, _, _, bound] = self.sums();
+        let launched = self.launched(phase, velocity);
+        let [height, speed, push, surge] = launched.track();
         let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
-        let mut d = 0.999 * clear(quotient, bound / 24.0, STRIDE);
+        let mut d = 0.999 * clear_of_launch(quotient, bound, STRIDE);
         if velocity == 0.0 && surge > 0.0 {
             // At lift-off, whatever the rounding of A - k.
             d = d.max(2.0 * surge / bound);
         }
-        let reach: f64 = self.tones.iter().map(|tone| tone.1).sum();
-        let fastest: f64 = self.tones.iter().map(|tone| tone.0 * tone.1).sum();
-        let launch = velocity + start[1];
-        let leaving = launch * launch - 2.0 * self.k * (reach - start[0]);
+        let launch = velocity + speed;
+        let leaving = launch * launch - 2.0 * self.k * (reach - height);
         if launch > 0.0 && leaving >= fastest * fastest {
             d = d.max((launch + leaving.sqrt()) / self.k * (1.0 - 1e-15));
         }
         let (mut clearance, mut shrinking) = (f64::INFINITY, f64::INFINITY);
         for n in 0..40_000 {
-            let at = self.gap(phase, velocity, d);
+            let at = launched.gap(d);
             let rounding = self.rounding(phase, velocity, d);
             if at[0] <= 0.0 {
                 break;
             }
-            let jerk = -self.at(phase + d)[3];
-            let h = clear_from([at[0], at[1], 0.5 * at[2], jerk / 6.0], bound / 24.0);
+            let h = clear_from(at, bound);
             if h <= 2e-16 * d || (n > 400 && h < 1e-6 * d && at[0] < rounding) {
                 break;
             }
@@ -188,9 +193,55 @@ impl Track {
         }
         Flight {
             duration: d,
-            arrival: (-self.gap(phase, velocity, d)[1]).max(0.0),
+            arrival: (-launched.gap(d)[1]).max(0.0),
             clearance,
         }
+    }
+}
+
+/// A launch from a track: its velocity, and of each tone its frequency and amplitude times sine and cosine there.
+struct Launched {
+    k: f64,
+    velocity: f64,
+    tones: [[f64; 3]; 3],
+}
+
+impl Launched {
+    /// The track where it launches: height, speed, push (the second derivative, turned) and the third, turned.
+    fn track(&self) -> [f64; 4] {
+        let mut sums = [0.0; 4];
+        for [q, s, c] in self.tones {
+            sums[0] += s;
+            sums[1] += q * c;
+            sums[2] += q * q * s;
+            sums[3] += q * q * q * c;
+        }
+        sums
+    }
+
+    /// The gap and its first three derivatives `d` after it.
+    fn gap(&self, d: f64) -> [f64; 4] {
+        let mut gap = [
+            d * (self.velocity - 0.5 * self.k * d),
+            self.velocity - self.k * d,
+            -self.k,
+            0.0,
+        ];
+        for [q, s, c] in self.tones {
+            if s == 0.0 && c == 0.0 {
+                continue;
+            }
+            let x = q * d;
+            let (half_sine, half_cosine) = (0.5 * x).sin_cos();
+            let (versine, sine) = (2.0 * half_sine * half_sine, 2.0 * half_sine * half_cosine);
+            let sagitta = if x < 0.5 { sagitta(x) } else { x - sine };
+            let cosine = 1.0 - versine;
+            gap[0] += s * versine + c * sagitta;
+            gap[1] += q * (s * sine + c * versine);
+            gap[2] += q * q * (s * cosine + c * sine);
+            gap[3] += q * q * q * (c * cosine - s * sine);
+        }
+        gap
     }
 }
 
@@ -204,42 +255,12 @@ fn sagitta(x: f64) -> f64 {
     x * z * (1.0 - z * sum) / 6.0
 }
 
-/// How long `a + b h + c h^2 - w h^3 > 0` at least, from 0 up to `stride`.
-fn clear([a, b, c]: [f64; 3], w: f64, mut stride: f64) -> f64 {
-    // Every term that falls at its least: monotone, so its value at the end decides.
-    for _ in 0..2000 {
-        let least = if a > 0.0 {
-            a + (b.min(0.0) + (c.min(0.0) - w * stride) * stride) * stride
-        } else if b > 0.0 {
-            b + (c.min(0.0) - w * stride) * stride
-        } else {
-            c - w * stride
-        };
-        if least > 0.0 {
-            return stride;
-        }
-        stride *= 0.8;
-    }
-    0.0
+/// How long the gap stays positive from launch, at least, up to `stride`: `u/d = psi + (A - k) d/2 + A' d^2/6 - ...`
+fn clear_of_launch([u, v, a]: [f64; 3], bound: f64, stride: f64) -> f64 {
+    clear_for([u, v, a, -bound / 24.0, 0.0], stride)
 }
 
-/// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least: over steps on which the quadratic part is as large
-/// as its vertex or its ends.
-fn clear_from([u, v, a, b]: [f64; 4], w: f64) -> f64 {
-    let mut stride = STRIDE;
-    for _ in 0..800 {
-        let bend = a + (b - w * stride).min(0.0) * stride;
-        // The least of u + v h + bend h^2 over 0..stride.
-        let end = u + (v + bend * stride) * stride;
-        let least = if bend > 0.0 && v < 0.0 && -v < 2.0 * bend * stride {
-            u - 0.25 * v * v / bend
-        } else {
-            end.min(u)
-        };
-        if least > 0.0 {
-            return stride;
-        }
-        stride *= 0.8;
-    }
-    0.0
+/// How long it stays positive from where the gap and its derivatives are these, at least.
+fn clear_from([u, v, a, b]: [f64; 4], bound: f64) -> f64 {
+    clear_for([u, v, 0.5 * a, b / 6.0, bound / 24.0], STRIDE)
 }

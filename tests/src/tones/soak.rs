@@ -1,0 +1,435 @@
+//! The soak on several tones: each launch through every arithmetic, its first impact proven once.
+//!
+//! What an arithmetic rounds a launch to is a launch of its own. Where several hold the same one, as every other one is drawn,
+//! they are held against one proof.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use kband::arithmetic::Phase;
+use kband::impact::{
+    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
+    WaveSingle,
+};
+
+use super::Track;
+use super::launches::{Kind, Launches, track};
+use crate::oracle::Flight;
+use crate::soak::watched;
+use crate::states::Random;
+
+/// Launches from one track: its set-up takes as long as to judge some of them.
+const BLOCK: u64 = 2000;
+/// Restitution of every launch.
+const RESTITUTION: f64 = 0.5;
+/// The arithmetics, in the order of a [`Tally`].
+pub const NAMES: [&str; 5] = [
+    WaveMap::NAME,
+    WaveExact::NAME,
+    WaveSingle::NAME,
+    WaveHybrid::NAME,
+    WaveInteger::NAME,
+];
+
+/// What an arithmetic holds.
+#[derive(Clone, Copy, Debug)]
+enum Held {
+    /// f64, to the rounding of the gap's terms.
+    Double,
+    /// Rounding of a height, and of it for each rad of flight.
+    Rounded([f64; 2]),
+}
+
+const HELD: [Held; 5] = [
+    Held::Double,
+    Held::Double,
+    Held::Rounded([1e-5, 2e-6]),
+    // Half a step of the velocity and of the angles.
+    Held::Rounded([2e-8, 2e-9]),
+    // The same, and the rounding of three products.
+    Held::Rounded([4e-8, 1.5e-8]),
+];
+
+/// What a soak saw of one arithmetic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Seen {
+    /// Launches tried.
+    pub launches: u64,
+    /// Said to graze.
+    pub flagged: u64,
+    /// Within rounding of another impact, or so launched.
+    pub doubtful: u64,
+    /// Wrong impacts.
+    pub wrong: u64,
+}
+
+/// What a soak saw, by arithmetic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally(pub [Seen; 5]);
+
+impl Tally {
+    /// Adds what was seen elsewhere.
+    pub fn add(&mut self, other: &Self) {
+        for (seen, other) in self.0.iter_mut().zip(&other.0) {
+            seen.launches += other.launches;
+            seen.flagged += other.flagged;
+            seen.doubtful += other.doubtful;
+            seen.wrong += other.wrong;
+        }
+    }
+}
+
+/// A launch and its first impact.
+#[derive(Clone, Copy, Debug)]
+struct Truth {
+    state: PartState,
+    /// Push less k there.
+    excess: f64,
+    flight: Flight,
+    /// Slope and curvature of the gap at the impact.
+    ends: [f64; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    Right,
+    Flagged,
+    Doubtful,
+}
+
+/// A track in every arithmetic.
+struct Bench {
+    track: Track,
+    map: WaveMap,
+    exact: WaveExact,
+    single: WaveSingle,
+    hybrid: WaveHybrid,
+    integer: WaveInteger,
+}
+
+/// What the arithmetics for microcontrollers make of a launch.
+fn flown<K: WaveKernel>(kernel: &K, launch: PartState) -> Option<(PartState, Impact<PartState>)> {
+    // To what velocity they are held.
+    const FASTEST: f64 = 20.0;
+    if launch.velocity > FASTEST {
+        return None;
+    }
+    let start = K::state(launch.phase, launch.velocity).ok()?;
+    let impact = kernel.impact(start);
+    let next = K::observe(impact.next);
+    let impact = Impact {
+        flight: impact.flight,
+        next,
+        grazes: impact.grazes,
+    };
+    Some((K::observe(start), impact))
+}
+
+impl Bench {
+    /// A random track, as the arithmetics for microcontrollers round it.
+    fn draw(random: &mut Random) -> Self {
+        let (drawn, wave) = track(random);
+        let rounded = |tone: Tone| Tone {
+            amplitude: (tone.amplitude * 4_294_967_296.0).round() / 4_294_967_296.0,
+            angle: Phase::from_radians(tone.angle).radians(),
+        };
+        let tones = [wave.second(), wave.third()].map(rounded);
+        let k = f64::from((drawn.k as f32).clamp(0.01, 4.0));
+        let [second, third] = tones.map(|tone| [tone.amplitude, tone.angle]);
+        Self {
+            track: Track::of(k, [second[0], second[1], third[0], third[1]]),
+            map: on(tones, k),
+            exact: on(tones, k),
+            single: on(tones, k),
+            hybrid: on(tones, k),
+            integer: on(tones, k),
+        }
+    }
+
+    /// The launch that each arithmetic holds instead of this one, and its impact.
+    fn impacts(&self, launch: PartState) -> [Option<(PartState, Impact<PartState>)>; 5] {
+        [
+            Some((launch, self.map.impact(launch))),
+            Some((launch, self.exact.impact(launch))),
+            flown(&self.single, launch),
+            flown(&self.hybrid, launch),
+            flown(&self.integer, launch),
+        ]
+    }
+
+    /// The first impact after a launch, which may be `told`.
+    fn truth(&self, state: PartState, told: f64) -> Truth {
+        let PartState { phase, velocity } = state;
+        let flight = self.track.first_impact_by(phase, velocity, told);
+        let [_, slope, curvature] = self.track.gap(phase, velocity, flight.duration);
+        Truth {
+            state,
+            excess: -self.track.at(phase)[2] - self.track.k,
+            flight,
+            ends: [slope, curvature],
+        }
+    }
+
+    /// Judges an impact; the error is the cause.
+    fn judge(
+        &self,
+        held: Held,
+        truth: &Truth,
+        impact: &Impact<PartState>,
+    ) -> Result<Verdict, String> {
+        let PartState { phase, velocity } = truth.state;
+        let d = impact.flight;
+        if !(d.is_finite() && d >= 0.0) {
+            return Err("flight".into());
+        }
+        if !((0.0..std::f64::consts::TAU).contains(&impact.next.phase)
+            && impact.next.velocity.is_finite()
+            && impact.next.velocity >= 0.0)
+        {
+            return Err("state".into());
+        }
+        // The rounding of a push of up to 7.5; a step of the phase moves it by up to 18 of them.
+        let level = truth.excess.abs()
+            < match held {
+                Held::Double => 2e-14,
+                Held::Rounded(_) => 4e-8,
+            };
+        if d == 0.0 && velocity == 0.0 {
+            return if truth.excess <= 0.0 || level {
+                Ok(Verdict::Right)
+            } else {
+                Err("rests though it is thrown".into())
+            };
+        }
+        let Flight {
+            duration,
+            arrival,
+            clearance,
+        } = truth.flight;
+        let error = (d - duration).abs();
+        match held {
+            Held::Double => {
+                let rounding = 8.0 * self.track.rounding(phase, velocity, duration);
+                let moved = rounding / arrival + 1e-12 * duration;
+                if level || moved > 1e-2 * duration {
+                    return Ok(Verdict::Doubtful);
+                }
+                if error <= moved {
+                    return self.leaves(truth, impact, moved, [rounding / duration, 0.0]);
+                }
+                // A touch within rounding, before or at the end.
+                if impact.grazes {
+                    return Ok(Verdict::Flagged);
+                }
+                if clearance < 8.0 || arrival * arrival < 16.0 * rounding {
+                    return Ok(Verdict::Doubtful);
+                }
+            }
+            Held::Rounded([height, turned]) => {
+                if level && velocity == 0.0 {
+                    return Ok(Verdict::Doubtful);
+                }
+                let short = if duration < 0.04 { duration } else { 1.0 };
+                let rounding =
+                    short * (height + turned * duration * (1.0 + self.track.k * duration));
+                if impact.grazes {
+                    return Ok(Verdict::Flagged);
+                }
+                let moved = rounding / arrival + 3e-9 + 3e-7 * duration;
+                if error <= moved {
+                    return self.leaves(truth, impact, moved, [rounding / duration, 3e-8]);
+                }
+                // What proves an impact does not see how near a touch came.
+                let stepped = self.track.first_impact(phase, velocity);
+                let touch = stepped.clearance * self.track.rounding(phase, velocity, duration);
+                if touch < rounding || arrival * arrival < 40.0 * rounding {
+                    return Ok(Verdict::Doubtful);
+                }
+            }
+        }
+        Err(format!("wrong root, expected flight {duration:e}"))
+    }
+
+    /// Judges how the part leaves an impact that is at its time.
+    fn leaves(
+        &self,
+        truth: &Truth,
+        impact: &Impact<PartState>,
+        moved: f64,
+        [turned, step]: [f64; 2],
+    ) -> Result<Verdict, String> {
+        let turns = (truth.state.phase + impact.flight - impact.next.phase) / std::f64::consts::TAU;
+        let room = 2.0 * f64::EPSILON * (2.0 + impact.flight) + step;
+        if (turns - turns.round()).abs() > room {
+            return Err("phase is not that of the flight".into());
+        }
+        let [slope, curvature] = truth.ends;
+        let speed = RESTITUTION * (-slope).max(0.0);
+        // What the time is off by moves the speed, by the curvature and where it changes.
+        let room = 8.0 * (moved * (curvature.abs() + 20.0 * moved) + turned + 1e-15 + step);
+        if (impact.next.velocity - speed).abs() > room {
+            return Err(format!("velocity, expected {speed:e} within {room:e}"));
+        }
+        Ok(Verdict::Right)
+    }
+}
+
+fn on<K: WaveKernel>(tones: [Tone; 2], k: f64) -> K {
+    K::on_tones(tones, k, RESTITUTION).expect("a track that every arithmetic holds")
+}
+
+/// The tally of a launch; `spoil` may change what the arithmetic of a number made of it.
+fn one(
+    bench: &Bench,
+    launch: PartState,
+    spoil: &impl Fn(usize, &mut Impact<PartState>),
+    tell: &impl Fn(&str),
+) -> Tally {
+    let mut tally = Tally::default();
+    let mut truth: Option<Truth> = None;
+    for (n, flown) in bench.impacts(launch).into_iter().enumerate() {
+        let Some((state, mut impact)) = flown else {
+            continue;
+        };
+        let truth = match truth {
+            Some(known) if known.state == state => known,
+            _ => *truth.insert(bench.truth(state, bench.map.impact(state).flight)),
+        };
+        spoil(n, &mut impact);
+        let seen = &mut tally.0[n];
+        seen.launches += 1;
+        match bench.judge(HELD[n], &truth, &impact) {
+            Ok(Verdict::Right) => {}
+            Ok(Verdict::Flagged) => seen.flagged += 1,
+            Ok(Verdict::Doubtful) => seen.doubtful += 1,
+            Err(cause) => {
+                seen.wrong += 1;
+                tell(&format!(
+                    "{} {:?} {state:?} gave {impact:?}: {cause}, {:?}",
+                    NAMES[n], bench.track, truth.flight
+                ));
+            }
+        }
+    }
+    tally
+}
+
+/// The launches of a block: always the same for the same seed.
+fn drawn(kind: Kind, seed: u64, number: u64) -> (Bench, Vec<PartState>) {
+    let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
+    let mut random = Random::new(seeds.bits());
+    loop {
+        let bench = Bench::draw(&mut random);
+        let Some(mut launches) = Launches::from(&bench.track, kind, &mut random) else {
+            continue;
+        };
+        let mut found = Vec::with_capacity(BLOCK as usize);
+        // Few touches of a track that hardly throws.
+        for _ in 0..4 * BLOCK {
+            found.extend(launches.draw(&bench.track, &mut random));
+            if found.len() as u64 == BLOCK {
+                return (bench, found);
+            }
+        }
+    }
+}
+
+/// Tries `count` launches of every kind on `threads` threads, telling of wrong impacts as they come.
+#[must_use]
+pub fn soak(
+    count: u64,
+    seed: u64,
+    threads: usize,
+    tell: impl Fn(&str) + Sync,
+) -> Vec<(Kind, Tally)> {
+    spoiled(count, seed, threads, |_, _| {}, tell)
+}
+
+fn spoiled(
+    count: u64,
+    seed: u64,
+    threads: usize,
+    spoil: impl Fn(usize, &mut Impact<PartState>) + Sync,
+    tell: impl Fn(&str) + Sync,
+) -> Vec<(Kind, Tally)> {
+    let blocks = count.div_ceil(BLOCK).max(1);
+    let kind = |kind: Kind| {
+        let block = |number: u64, current: &AtomicUsize| {
+            let (bench, launches) = drawn(kind, seed, number);
+            let mut tally = Tally::default();
+            for (n, launch) in launches.into_iter().enumerate() {
+                current.store(n, Ordering::Relaxed);
+                let seen = catch_unwind(AssertUnwindSafe(|| one(&bench, launch, &spoil, &tell)));
+                tally.add(&seen.unwrap_or_else(|_| {
+                    tell(&format!("a kernel panicked: {:?} {launch:?}", bench.track));
+                    let mut wrong = Tally::default();
+                    wrong.0[0].wrong = 1;
+                    wrong
+                }));
+            }
+            tally
+        };
+        let told = |number, n: usize| {
+            let (bench, launches) = drawn(kind, seed, number);
+            format!("{kind:?}: {:?} {:?}", bench.track, launches.get(n))
+        };
+        (
+            kind,
+            watched(blocks, threads, block, Tally::add, told, &tell),
+        )
+    };
+    Kind::ALL.map(kind).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Impacts of one arithmetic that are noticed where each is spoiled, as a share of those that are not said to graze nor
+    /// left to rounding; resting parts stay as they are. Nothing is said of the other arithmetics' impacts.
+    fn noticed(n: usize, spoil: impl Fn(&mut Impact<PartState>) + Sync) -> f64 {
+        let rests = AtomicUsize::new(0);
+        let only_this = |which: usize, impact: &mut Impact<PartState>| {
+            if which != n {
+                return;
+            }
+            if impact.flight > 0.0 {
+                spoil(impact);
+            } else {
+                rests.fetch_add(1, Ordering::Relaxed);
+            }
+        };
+        let (mut wrong, mut of) = (0, 0);
+        for (kind, Tally(seen)) in spoiled(BLOCK, 5, 1, only_this, |_| {}) {
+            for (which, seen) in seen.iter().enumerate() {
+                assert!(which == n || seen.wrong == 0, "{kind:?} {which}");
+            }
+            wrong += seen[n].wrong;
+            of += seen[n].launches - seen[n].flagged - seen[n].doubtful;
+        }
+        wrong as f64 / (of - rests.into_inner() as u64) as f64
+    }
+
+    #[test]
+    fn a_wrong_impact_is_noticed_in_every_arithmetic() {
+        for (n, name) in NAMES.iter().enumerate() {
+            // Far above what each rounds, far below the distance of another root.
+            let off = if n < 2 { 1e-9 } else { 1e-2 };
+            let shares = [
+                noticed(n, |impact| impact.flight *= 1.0 + off),
+                noticed(n, |impact| impact.flight *= 1.0 - off),
+                noticed(n, |impact| impact.next.velocity += 1e-2),
+                noticed(n, |impact| {
+                    impact.next.phase = 6.0 - 0.9 * impact.next.phase
+                }),
+                // Another root, and none.
+                noticed(n, |impact| impact.flight += 1.0),
+                noticed(n, |impact| impact.flight = 0.0),
+            ];
+            println!("{name}: {shares:.4?}");
+            // Slow arrivals, and flights of next to nothing, are held to less; another root is always noticed.
+            assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");
+            assert!(shares[4] == 1.0, "{name} {shares:?}");
+        }
+    }
+}
