@@ -6,6 +6,7 @@
 # Prints for each target how many inputs were tried, how many branches they reached and the corpus that they left in
 # target/fuzz/corpus/TARGET; exit status 1 where an input failed: it lies in target/fuzz/failed and runs again with
 #   KBAND_FUZZ=TARGET target/fuzz/x86_64-unknown-linux-gnu/release/fuzz FILE
+# What it found worth keeping goes into the tree by tests/fuzz/keep.py, and is where the next search begins.
 # The compiler is the stable one. -Zsanitizer is the only thing that it has to be talked into; where its runtime is missing the
 # search runs without, and says so.
 set -u
@@ -41,7 +42,10 @@ failed=0
 for target in "${targets[@]}"; do
     corpus=$folder/corpus/$target log=$folder/$target.log
     mkdir -p "$corpus"
-    seeds=("tests/fuzz/corpus/$target")
+    found=$folder/found/$target
+    mkdir -p "$found"
+    tests/fuzz/keep.py --unpack "$target" "$found" || exit 1
+    seeds=("tests/fuzz/corpus/$target" "$found")
     [ "$target" != scene ] || seeds+=(tests/scenes)
     KBAND_FUZZ=$target "$folder/$host/release/fuzz" -max_total_time="$seconds" -max_len=4096 -timeout=20 -rss_limit_mb=4096 \
         -print_final_stats=1 -artifact_prefix="$folder/failed/$target-" "$corpus" "${seeds[@]}" >"$log" 2>&1

@@ -119,6 +119,27 @@ impl Target {
         let read = |file: PathBuf| std::fs::read(file).expect("a file of the corpus is read");
         files.into_iter().map(read).collect()
     }
+
+    /// What searches by coverage found, as `keep.py` beside it packs that.
+    ///
+    /// # Panics
+    /// Where the file cannot be read, or is cut short.
+    #[must_use]
+    pub fn found(&self) -> Vec<Vec<u8>> {
+        let file = self.folder().join("../../found").join(self.name);
+        let mut rest = std::fs::read(file)
+            .expect("every target has what was found")
+            .into_iter();
+        let mut found = Vec::new();
+        while let Some(low) = rest.next() {
+            let high = rest.next().expect("a length of two bytes");
+            let length = usize::from(u16::from_le_bytes([low, high]));
+            let input: Vec<u8> = rest.by_ref().take(length).collect();
+            assert_eq!(input.len(), length, "{}: cut short", self.name);
+            found.push(input);
+        }
+        found
+    }
 }
 
 /// Takes numbers off an input; nothing where it ends.

@@ -31,17 +31,24 @@ fn no_input_is_more_than_refused() {
     let seed = number("KBAND_SEED").unwrap_or(1);
     for target in TARGETS {
         let began = Instant::now();
-        let corpus = target.corpus();
+        let (corpus, found) = (target.corpus(), target.found());
         let known = corpus.iter().filter(|input| run(target, input)).count();
         assert!(known > 0, "{}: the corpus makes no sense", target.name);
+        assert!(!found.is_empty(), "{}: nothing was found", target.name);
+        let sense = found.iter().filter(|input| run(target, input)).count();
         let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
-        let mut mutator = Mutator::new(&corpus, target.words, seed);
-        let made = (0..count).filter(|_| run(target, &mutator.make())).count();
+        // As many near what makes sense as near what reaches far.
+        let mut near = [&corpus, &found].map(|inputs| Mutator::new(inputs, target.words, seed));
+        let made = (0..count)
+            .filter(|n| run(target, &near[(n % 2) as usize].make()))
+            .count();
         println!(
-            "fuzz: {:8} {} of {} of the corpus and {made} of {count} mutated made sense, {:.1} s",
+            "fuzz: {:8} {} of {} of the corpus, {} of {} found and {made} of {count} mutated made sense, {:.1} s",
             target.name,
             known,
             corpus.len(),
+            sense,
+            found.len(),
             began.elapsed().as_secs_f64()
         );
         assert!((made as u64) < count, "{}: nothing is refused", target.name);
