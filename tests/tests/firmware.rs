@@ -181,20 +181,23 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
         let words: Vec<&str> = line.unwrap_or_default().split_whitespace().collect();
         (words[1].parse().unwrap(), words[3].parse().unwrap())
     };
-    for name in [
-        "signal path:",
-        "sample interrupt:",
-        "signal path of two tones:",
-        "sample interrupt of two tones:",
-        "signal path of three tones:",
-        "sample interrupt of three tones:",
+    // What was counted, and 3 % for another compiler; the most is exact to six instructions.
+    for (name, limits) in [
+        ("signal path:", [188, 298]),
+        ("sample interrupt:", [198, 427]),
+        ("signal path of two tones:", [213, 347]),
+        ("sample interrupt of two tones:", [222, 445]),
+        ("signal path of three tones:", [238, 402]),
+        ("sample interrupt of three tones:", [249, 469]),
     ] {
         let (mean, most) = counts(name);
         println!("{name} mean {mean}, most {most} instructions a sample");
-        // 420 is a tenth of 84 MHz / 20 kHz.
-        assert!(mean > 20 && mean <= 250, "{text}");
-        assert!(most <= 500, "{text}");
+        assert!(mean > 20 && mean <= limits[0], "{text}");
+        assert!(most <= limits[1], "{text}");
     }
+    let (mean, most) = counts("look at the stack:");
+    println!("look at the stack: mean {mean}, most {most} instructions a cycle");
+    assert!(mean > 20 && most <= 200, "{text}");
     let (mean, most) = counts("control:");
     println!("control: mean {mean}, most {most} instructions a cycle");
     // An eighth of a cycle at 50 Hz and 168 MHz, so that most of it is left to the plan and the link.

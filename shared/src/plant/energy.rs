@@ -187,7 +187,9 @@ mod tests {
                 ringing.step();
                 phase = phase.wrapping_add(step);
             }
-            let handed = [energy.finish(), model.sectors(400, 0.0, swing)];
+            let mut heard = Sectors::default();
+            energy.finish(&mut heard);
+            let handed = [heard, model.sectors(400, 0.0, swing)];
             assert_eq!(handed[0].first, handed[1].first);
             for (sums, handed) in [&mut slow, &mut fast].into_iter().zip(handed) {
                 for (n, energy) in handed.energy.iter().enumerate() {

@@ -60,7 +60,7 @@ impl Readings {
     #[inline]
     pub fn finish(&mut self, from: Option<Phase>, step: u32, cycle: &mut Cycle) {
         if self.folds || from.is_some() {
-            cycle.folded = self.fold.finish(from, step);
+            self.fold.finish(from, step, &mut cycle.folded);
             self.folds = !self.fold.rests();
         }
     }

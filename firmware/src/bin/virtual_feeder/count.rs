@@ -12,6 +12,7 @@ use kband::control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase
 use kband::plant::Bench;
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
+use kband_firmware::cortex::stack_low;
 use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
@@ -224,6 +225,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
         control / u64::from(cycles),
         instructions(dearest) / 100
     );
+    count_stack();
     count_samples("", signal, &mut bench);
     for (name, third_tone) in [(" of two tones", 0.0), (" of three tones", 0.05)] {
         if let Some(path) = toned(station, third_tone) {
@@ -250,6 +252,23 @@ fn toned(station: &Station, third_tone: f32) -> Option<Signal> {
         ..Command::default()
     });
     Some(path)
+}
+
+/// Counts what the control looks at of the stack in each cycle.
+fn count_stack() {
+    let (mut sum, mut most) = (0, 0);
+    for _ in 0..CYCLES {
+        let ticks = lap(&mut || {
+            black_box(stack_low());
+        });
+        sum += instructions(ticks) / 100;
+        most = most.max(ticks);
+    }
+    heprintln!(
+        "look at the stack: mean {} most {}",
+        sum / u64::from(CYCLES),
+        instructions(most) / 100
+    );
 }
 
 /// Counts a signal path and the sample interrupt with it.

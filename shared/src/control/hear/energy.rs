@@ -21,14 +21,16 @@ pub struct Sectors {
 /// The energy of the residual by the phase of the output.
 #[derive(Clone, Copy, Debug)]
 pub struct Energy {
-    sums: [f32; SECTORS],
+    /// Sector by sector, as they are handed over.
+    sums: [[f32; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
+    /// What is handed over next.
     next: u8,
 }
 
 impl Energy {
     /// Nothing summed.
     pub const EMPTY: Self = Self {
-        sums: [0.0; SECTORS],
+        sums: [[0.0; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
         next: 0,
     };
 
@@ -41,22 +43,17 @@ impl Energy {
     /// Adds a residual at a phase of the output.
     #[inline(always)]
     pub fn add(&mut self, phase: Phase, residual: f32) {
-        self.sums[Self::sector(phase)] += residual * residual;
+        self.sums.as_flattened_mut()[Self::sector(phase)] += residual * residual;
     }
 
-    /// The end of a cycle: what is handed over.
+    /// The end of a cycle: what is handed over goes into `handed`.
     #[inline]
-    pub fn finish(&mut self) -> Sectors {
-        let first = usize::from(self.next) % SECTORS;
-        let mut handed = Sectors {
-            first: first as u8,
-            ..Sectors::default()
-        };
-        for (energy, sum) in handed.energy.iter_mut().zip(&mut self.sums[first..]) {
-            *energy = core::mem::take(sum);
-        }
-        self.next = ((first + SECTORS_HANDED) % SECTORS) as u8;
-        handed
+    pub fn finish(&mut self, handed: &mut Sectors) {
+        let next = usize::from(self.next) % self.sums.len();
+        handed.first = (next * SECTORS_HANDED) as u8;
+        handed.energy = self.sums[next];
+        self.sums[next] = [0.0; SECTORS_HANDED];
+        self.next = (next + 1) as u8;
     }
 }
 
@@ -73,7 +70,9 @@ mod tests {
                 energy.add(phase, 2.0);
                 phase += Phase::from_bits(u32::MAX / 400 + 1);
             }
-            let Sectors { first, energy } = energy.finish();
+            let mut sectors = Sectors::default();
+            energy.finish(&mut sectors);
+            let Sectors { first, energy } = sectors;
             for (n, energy) in energy.iter().enumerate() {
                 handed[usize::from(first) + n] += energy;
             }

@@ -120,12 +120,21 @@ impl Fold {
     }
 
     /// The end of a cycle: `from` is what is wanted of the next one at an advance of the phase of `step` per
-    /// sample; what is handed over now.
-    #[inline]
-    pub fn finish(&mut self, from: Option<Phase>, step: u32) -> Folded {
+    /// sample; what is handed over now goes into `handed`, whose residual stays as it is where nothing is.
+    #[inline(always)]
+    pub fn finish(&mut self, from: Option<Phase>, step: u32, handed: &mut Folded) {
+        handed.first = 0;
+        // So most cycles end: nothing is summed, or handed over, or wanted.
+        if from.is_some() || self.open || self.count != 0 {
+            self.go_on(from, step, handed);
+        }
+    }
+
+    #[inline(never)]
+    fn go_on(&mut self, from: Option<Phase>, step: u32, handed: &mut Folded) {
         if self.open || self.under_way {
             self.open = self.open && from.is_some();
-            return Folded::default();
+            return;
         }
         let (first, places) = (usize::from(self.next), self.layout.places);
         if self.count == 0 || first >= places {
@@ -137,21 +146,17 @@ impl Fold {
                 self.open = true;
                 self.next = 0;
             }
-            return Folded::default();
+            return;
         }
-        let mut folded = Folded {
-            first: self.next + 1,
-            ..Folded::default()
-        };
+        handed.first = self.next + 1;
         let share = 1.0 / f32::from(self.count);
-        for (n, residual) in folded.residual.iter_mut().enumerate() {
-            if let Some(sum) = self.sums.get_mut(first + n) {
-                *residual = *sum * share;
-                *sum = 0.0;
-            }
+        for (n, residual) in handed.residual.iter_mut().enumerate() {
+            *residual = match self.sums.get_mut(first + n) {
+                Some(sum) => core::mem::take(sum) * share,
+                None => 0.0,
+            };
         }
         self.next += HANDED as u16;
-        folded
     }
 }
 
@@ -164,7 +169,9 @@ mod tests {
     /// Cycles of a drive at an advance of the phase, with `count` of them folded; what is handed over.
     fn handed(fold: &mut Fold, step: u32, from: Phase, count: u32, round: f32) -> Vec<f32> {
         let (mut phase, mut cycles, mut handed) = (Phase::ZERO, 0, Vec::new());
-        assert_eq!(fold.finish(Some(from), step), Folded::default());
+        let mut folded = Folded::default();
+        fold.finish(Some(from), step, &mut folded);
+        assert_eq!(folded.first, 0);
         while cycles < count + 40 {
             let before = phase;
             phase += Phase::from_bits(step);
@@ -173,7 +180,7 @@ mod tests {
             if phase.bits() < before.bits() {
                 cycles += 1;
                 let wanted = Some(from).filter(|_| cycles < count);
-                let folded = fold.finish(wanted, step);
+                fold.finish(wanted, step, &mut folded);
                 if folded.first > 0 {
                     assert_eq!(usize::from(folded.first), handed.len() + 1);
                     handed.extend(folded.residual);
@@ -213,7 +220,9 @@ mod tests {
         let mut fold = Fold::EMPTY;
         for n in 0..2000_u32 {
             fold.add(Phase::from_bits(n << 24), 1.0);
-            assert_eq!(fold.finish(None, 1 << 24), Folded::default());
+            let mut folded = Folded::default();
+            fold.finish(None, 1 << 24, &mut folded);
+            assert_eq!(folded, Folded::default());
         }
         assert_eq!(fold.sums, [0.0; PLACES]);
     }

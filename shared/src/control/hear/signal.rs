@@ -107,6 +107,95 @@ pub struct Sampled {
     pub wrapped: bool,
 }
 
+/// Extremes and counts of a cycle's readings.
+#[derive(Clone, Copy, Debug)]
+struct Readings {
+    samples: u16,
+    low: u16,
+    high: u16,
+    saturated: u16,
+}
+
+impl Readings {
+    const NONE: Self = Self {
+        samples: 0,
+        low: u16::MAX,
+        high: 0,
+        saturated: 0,
+    };
+
+    /// Takes one, of a converter with this highest code.
+    #[inline(always)]
+    fn take(&mut self, AdcCode(code): AdcCode, full: u16) {
+        self.samples = self.samples.wrapping_add(1);
+        if code < self.low {
+            self.low = code;
+        }
+        if code > self.high {
+            self.high = code;
+        }
+        if code == 0 || code >= full {
+            self.saturated = self.saturated.wrapping_add(1);
+        }
+    }
+}
+
+/// How a cycle goes on.
+#[derive(Clone, Copy, Debug)]
+struct Pace {
+    /// Advance of the phase per sample, and its inverse.
+    step: u32,
+    inverse: f32,
+    /// Samples that may be blanked.
+    most_blanked: f32,
+}
+
+impl Pace {
+    /// At an advance of the phase per sample; `whole` where no sample is blanked.
+    fn of(step: u32, whole: bool) -> Self {
+        let inverse = 1.0 / step as f32;
+        let most_blanked = if whole {
+            0.0
+        } else {
+            MOST_BLANKED as f32 * Phase::TURN as f32 * inverse
+        };
+        Self {
+            step,
+            inverse,
+            most_blanked,
+        }
+    }
+}
+
+/// Sums over a cycle.
+#[derive(Clone, Copy, Debug)]
+struct Sums {
+    /// Of the cosine and sine parts at the drive's frequency.
+    first: [f32; 2],
+    accelerations: f32,
+    /// Samples, and those of them that were blanked.
+    weight: f32,
+    blanked: f32,
+}
+
+impl Sums {
+    const NONE: Self = Self {
+        first: [0.0; 2],
+        accelerations: 0.0,
+        weight: 0.0,
+        blanked: 0.0,
+    };
+
+    /// Adds so much of a sample.
+    #[inline(always)]
+    fn add(&mut self, share: f32, [by_cosine, by_sine]: [f32; 2], swing: f32) {
+        self.first[0] += share * by_cosine;
+        self.first[1] += share * by_sine;
+        self.accelerations += share * swing;
+        self.weight += share;
+    }
+}
+
 /// The signal path: configuration, oscillator, demodulator and onset detector.
 ///
 /// The ringing of an impact begins at once and dies slowly, which would add to what the demodulator finds: 4.7 % of the
@@ -153,8 +242,9 @@ pub struct Signal {
     zero: f32,
     full: u16,
     phase: Phase,
-    step: u32,
-    inverse_step: f32,
+    /// Of this cycle, and of the next.
+    pace: Pace,
+    next_pace: Pace,
     amplitude: f32,
     /// Tones of the output above the first, and how many the drive affords: for these the demodulator looks too.
     overtones: [Overtone; UPPER],
@@ -162,17 +252,17 @@ pub struct Signal {
     pending: Command,
     /// Mean of the last cycle, taken off before demodulation so that gravity does not leak into it.
     mean: f32,
-    cosines: f32,
-    sines: f32,
-    /// The same at multiples of the drive's frequency.
+    sums: Sums,
+    /// Of the cosine and sine parts at multiples of the drive's frequency.
     multiples: [[f32; 2]; UPPER],
-    accelerations: f32,
-    weight: f32,
-    /// Samples of the cycle that were blanked, and how many may be.
-    blanked: f32,
-    most_blanked: f32,
-    running: Cycle,
-    finished: Cycle,
+    /// What the last whole cycle had, cosine and sine part, of each tone.
+    found: [[f32; 2]; 1 + UPPER],
+    /// Extremes and counts of the cycle under way.
+    readings: Readings,
+    /// The cycle under way and the last whole one, in turns: nothing is copied where one ends.
+    cycles: [Cycle; 2],
+    /// Which of them is the whole one.
+    whole: u8,
     detector: OnsetDetector,
     fold: Fold,
     energy: Energy,
@@ -191,8 +281,11 @@ impl Signal {
             zero: settings.sensor_zero / volts,
             full,
             phase: Phase::ZERO,
-            step,
-            inverse_step: 1.0 / step as f32,
+            pace: Pace {
+                most_blanked: 0.0,
+                ..Pace::of(step, false)
+            },
+            next_pace: Pace::of(step, false),
             amplitude: 0.0,
             overtones: [Overtone::NONE; UPPER],
             upper: settings.upper_tones(),
@@ -205,15 +298,12 @@ impl Signal {
                 whole: false,
             },
             mean: 0.0,
-            cosines: 0.0,
-            sines: 0.0,
+            sums: Sums::NONE,
             multiples: [[0.0; 2]; UPPER],
-            accelerations: 0.0,
-            weight: 0.0,
-            blanked: 0.0,
-            most_blanked: 0.0,
-            running: Self::EMPTY,
-            finished: Self::EMPTY,
+            found: [[0.0; 2]; 1 + UPPER],
+            readings: Readings::NONE,
+            cycles: [Self::EMPTY; 2],
+            whole: 1,
             detector: OnsetDetector::new(scale),
             fold: Fold::EMPTY,
             energy: Energy::EMPTY,
@@ -256,7 +346,7 @@ impl Signal {
     #[inline(never)]
     fn take<const TONES: usize>(&mut self, code: AdcCode) -> Sampled {
         let before = self.phase;
-        self.phase += Phase::from_bits(self.step);
+        self.phase += Phase::from_bits(self.pace.step);
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
@@ -264,7 +354,7 @@ impl Signal {
         // much of it: what the cycle before had of them is taken off before them.
         let turns: [[f32; 2]; TONES] = multiples(sine, cosine);
         let mut explained = 0.0;
-        for ([cosine, sine], [by_cosine, by_sine]) in turns.iter().zip(&self.finished.upper) {
+        for ([cosine, sine], [by_cosine, by_sine]) in turns.iter().zip(&self.found[1..]) {
             explained += by_cosine * cosine + by_sine * sine;
         }
         let surprising = if TONES > 0 {
@@ -277,55 +367,44 @@ impl Signal {
         self.energy.add(self.phase, residual);
         let heard = self.detector.detect(residual);
         let mut swing = acceleration - self.mean;
-        let blanked = self.detector.rings() && self.blanked < self.most_blanked;
+        let blanked = self.detector.rings() && self.sums.blanked < self.pace.most_blanked;
         if blanked {
             // What was found before stands for it, and has no say in what is found.
-            swing = self.finished.in_phase * cosine + self.finished.quadrature * sine;
+            let [by_cosine, by_sine] = self.found[0];
+            swing = by_cosine * cosine + by_sine * sine;
             if TONES > 0 {
                 swing += explained;
             }
-            self.blanked += 1.0;
+            self.sums.blanked += 1.0;
         }
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
             // The sample stands for the interval that it ends; the wrap parts it between two cycles.
-            let share = self.phase.bits() as f32 * self.inverse_step;
+            let share = self.phase.bits() as f32 * self.pace.inverse;
             let rest = 1.0 - share;
             self.add(&turns, rest * swing);
-            self.cosines += rest * by_cosine;
-            self.sines += rest * by_sine;
-            self.accelerations += rest * swing;
-            self.weight += rest;
+            let mut ended = self.sums;
+            ended.add(rest, [by_cosine, by_sine], swing);
             let begun = if blanked { share } else { 0.0 };
-            self.blanked -= begun;
-            self.finish();
-            self.blanked = begun;
-            self.cosines = share * by_cosine;
-            self.sines = share * by_sine;
-            self.accelerations = share * swing;
-            self.weight = share;
+            ended.blanked -= begun;
+            self.sums = Sums {
+                first: [share * by_cosine, share * by_sine],
+                accelerations: share * swing,
+                weight: share,
+                blanked: begun,
+            };
+            self.finish::<TONES>(&ended);
             self.add(&turns, share * swing);
         } else {
             self.add(&turns, swing);
-            self.cosines += by_cosine;
-            self.sines += by_sine;
-            self.accelerations += swing;
-            self.weight += 1.0;
+            self.sums.add(1.0, [by_cosine, by_sine], swing);
         }
-        let cycle = &mut self.running;
-        cycle.samples = cycle.samples.wrapping_add(1);
-        if code.0 < cycle.low {
-            cycle.low = code.0;
-        }
-        if code.0 > cycle.high {
-            cycle.high = code.0;
-        }
-        if code.0 == 0 || code.0 >= self.full {
-            cycle.saturated = cycle.saturated.wrapping_add(1);
-        }
+        self.readings.take(code, self.full);
         if let Some(strength) = heard {
+            let [first, second] = &mut self.cycles;
+            let running = if self.whole == 0 { second } else { first };
             // The ringing rises over the threshold within its first two samples: half of them on average.
-            let _ = cycle.heard.push(Heard {
+            let _ = running.heard.push(Heard {
                 phase: before,
                 strength,
             });
@@ -347,57 +426,59 @@ impl Signal {
         }
     }
 
-    fn finish(&mut self) {
-        let inverse = 1.0 / (self.weight - self.blanked);
-        let (running, finished) = (&mut self.running, &mut self.finished);
-        finished.in_phase = (2.0 * self.cosines - self.blanked * finished.in_phase) * inverse;
-        finished.quadrature = (2.0 * self.sines - self.blanked * finished.quadrature) * inverse;
-        let upper = finished.upper.iter_mut().zip(&mut self.multiples);
-        for (found, sum) in upper.take(self.upper) {
-            for (found, sum) in found.iter_mut().zip(sum) {
-                *found = (2.0 * *sum - self.blanked * *found) * inverse;
-                *sum = 0.0;
+    #[inline(always)]
+    fn finish<const TONES: usize>(&mut self, ended: &Sums) {
+        let blanked = ended.blanked;
+        let inverse = 1.0 / (ended.weight - blanked);
+        let [first, second] = &mut self.cycles;
+        // The one that ends, and the one before it, whose place is the next one's.
+        let (cycle, before) = if self.whole == 0 {
+            (second, first)
+        } else {
+            (first, second)
+        };
+        self.whole ^= 1;
+        let sums = core::iter::once(ended.first).chain(self.multiples);
+        for (found, sums) in self.found.iter_mut().zip(sums).take(1 + TONES) {
+            for (found, sum) in found.iter_mut().zip(sums) {
+                *found = (2.0 * sum - blanked * *found) * inverse;
             }
         }
-        finished.mean = self.mean + self.accelerations * inverse;
-        finished.noise = self.detector.noise();
-        finished.folded = self.fold.finish(self.pending.fold, self.pending.step);
-        finished.sectors = self.energy.finish();
-        finished.samples = running.samples;
-        (finished.low, finished.high) = (running.low, running.high);
-        finished.saturated = running.saturated;
-        finished.heard.clear();
-        for heard in &running.heard {
-            // Both hold as many.
-            let _ = finished.heard.push(*heard);
-        }
-        self.mean = finished.mean;
-        running.samples = 0;
-        (running.low, running.high) = (u16::MAX, 0);
-        running.saturated = 0;
-        running.heard.clear();
-        self.amplitude = self.pending.amplitude;
-        self.overtones = self.pending.overtones;
-        if self.step != self.pending.step {
-            self.step = self.pending.step;
-            self.inverse_step = 1.0 / self.step as f32;
-        }
-        self.most_blanked = if self.pending.whole {
-            0.0
-        } else {
-            MOST_BLANKED as f32 * Phase::TURN as f32 * self.inverse_step
-        };
+        self.multiples[..TONES].fill([0.0; 2]);
+        [cycle.in_phase, cycle.quadrature] = self.found[0];
+        cycle.upper[..TONES].copy_from_slice(&self.found[1..=TONES]);
+        cycle.mean = self.mean + ended.accelerations * inverse;
+        self.mean = cycle.mean;
+        cycle.noise = self.detector.noise();
+        let pending = &self.pending;
+        self.fold
+            .finish(pending.fold, pending.step, &mut cycle.folded);
+        self.energy.finish(&mut cycle.sectors);
+        let Readings {
+            samples,
+            low,
+            high,
+            saturated,
+        } = core::mem::replace(&mut self.readings, Readings::NONE);
+        (cycle.samples, cycle.saturated) = (samples, saturated);
+        (cycle.low, cycle.high) = (low, high);
+        before.heard.clear();
+        self.amplitude = pending.amplitude;
+        self.overtones[..TONES].copy_from_slice(&pending.overtones[..TONES]);
+        self.pace = self.next_pace;
     }
 
     /// The last whole cycle.
     #[must_use]
     pub fn cycle(&self) -> &Cycle {
-        &self.finished
+        &self.cycles[usize::from(self.whole & 1)]
     }
 
     /// What the drive is to do from the next cycle on, or at once if the command says so.
     pub fn command(&mut self, command: Command) {
         self.pending = command;
+        // Here and not where the cycle ends: that sample is the dearest.
+        self.next_pace = Pace::of(command.step, command.whole);
         if command.immediate {
             self.amplitude = command.amplitude;
             self.overtones = command.overtones;
@@ -481,7 +562,7 @@ mod tests {
         let mut signal = signal();
         let command = Command {
             amplitude: 0.5,
-            step: signal.step,
+            step: signal.pace.step,
             ..Command::default()
         };
         signal.command(command);
@@ -506,7 +587,7 @@ mod tests {
             }
             signal.command(Command {
                 amplitude: 0.5,
-                step: signal.step,
+                step: signal.pace.step,
                 immediate,
                 ..Command::default()
             });
