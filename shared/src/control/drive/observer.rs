@@ -3,7 +3,7 @@
 //! Parts of a twentieth of the track's mass take as much power as a drive of Q = 25 does without them (docs/theory-real-parts.md#t10.5). A
 //! hopper that opens changes that within some cycles, too fast for a loop that learns it over thirty. The observer goes along with the
 //! envelope, puts down what is missing to a load, and the output makes up for it in the next cycle: it must not wait for
-//! the phase's wrap ([`Command::immediate`](crate::control::Command)).
+//! the phase's wrap.
 
 /// How much of what a cycle's amplitude was off its prediction goes into the envelope, and, over what one cycle changes of
 /// it, into the load. With a gain told wrong by 0.7 to 1.4 the loop settles at Q 10 to 50; `the_amplitude_is_held_under_a_load_that_comes`

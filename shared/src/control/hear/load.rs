@@ -9,7 +9,7 @@ use core::f32::consts::{PI, TAU};
 use num_complex::Complex32 as Complex;
 
 use crate::arithmetic::{sine_cosine_single, square_root_single};
-use crate::control::angle::phase_of;
+use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::settings::Settings;
 
 /// Weight of a cycle in the power taken that corrects the amplitude, and in the one that weighs: what the parts take scatters from cycle
@@ -174,7 +174,7 @@ impl LoadMeter {
         let amplitude = square_root_single(found.norm_sqr());
         let (k, cosine) = (unit / amplitude, cosine_at(amplitude));
         // The output is held between samples, half of one late.
-        let held = PI * frequency * (1.0 / crate::control::SAMPLE_RATE as f32);
+        let held = PI * frequency * (1.0 / SAMPLE_RATE as f32);
         let natural = self.natural * self.natural / square;
         let (sine, along) = sine_cosine_single(phase_of(held));
         let lag = -(found.im * along + found.re * sine) / amplitude;
