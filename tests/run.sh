@@ -167,6 +167,6 @@ image "images of the application" --package kband-firmware --bins --target $thum
 step "test builds" 1200 cargo test --locked --no-run
 step "unit tests" 600 cargo test --locked --no-fail-fast --lib --bins --examples
 step "doc tests" 600 cargo test --locked --no-fail-fast --doc
-step "integration and emulated tests" 1200 cargo test --locked --no-fail-fast --test '*' -- --show-output
+step "integration and emulated tests" 1200 tests/programs.py
 RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --no-deps --lib
 finish

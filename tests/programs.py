@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""Runs the test programs of the workspace side by side: some of them wait for an emulated board more than they compute.
+
+    tests/programs.py            those of `cargo test --locked --test '*'`, each as cargo runs it; exit status 1 where one failed
+    tests/programs.py -p PACKAGE --test NAME    those that cargo is asked for so
+
+One after another, the longest of last time first, and beside them those that wait. Prints what each printed as it ends.
+"""
+
+import concurrent.futures
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
+TIMES = TARGET / "run/programs.json"
+# Programs that compute, at once: each has as many threads as there are cores.
+LANES = 1
+# Programs that wait, and how many of their tests do so at once.
+WAITING = {"board": 4, "live": 2}
+
+
+def programs():
+    """Name, source and file of every test program, and the folder that it runs in."""
+    command = ["cargo", "test", "--locked", "--no-run", "--message-format=json"]
+    command += sys.argv[1:] or ["--test", "*"]
+    built = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+    if built.returncode:
+        sys.exit(built.returncode)
+    for line in built.stdout.decode().splitlines():
+        said = json.loads(line)
+        if said.get("executable") and said["target"]["kind"] == ["test"]:
+            folder = pathlib.Path(said["manifest_path"]).parent
+            source = pathlib.Path(said["target"]["src_path"]).relative_to(folder)
+            yield said["target"]["name"], source, said["executable"], folder
+
+
+def main():
+    found = sorted(programs())
+    if not found:
+        sys.exit("no test program")
+    times = json.loads(TIMES.read_text()) if TIMES.is_file() else {}
+    cargo = dict(CARGO=shutil.which("cargo") or "cargo")
+
+    def run(program):
+        name, source, file, folder = program
+        environment = dict(os.environ, CARGO_MANIFEST_DIR=str(folder), **cargo)
+        if name in WAITING:
+            environment["RUST_TEST_THREADS"] = str(WAITING[name])
+        began = time.time()
+        ran = subprocess.run([file, "--show-output"], cwd=folder, env=environment, stdin=subprocess.DEVNULL,
+                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        times[name] = round(time.time() - began, 2)
+        text = ran.stdout.decode(errors="replace")
+        print(f"     Running {source} ({file})\n{text}", flush=True)
+        return None if ran.returncode == 0 else f"{name} (exit status {ran.returncode})"
+
+    slowest = sorted(found, key=lambda program: -times.get(program[0], 0.0))
+    waits, computes = (concurrent.futures.ThreadPoolExecutor(lanes) for lanes in (1, LANES))
+    ran = [(waits if program[0] in WAITING else computes).submit(run, program) for program in slowest]
+    failed = [future.result() for future in ran if future.result()]
+    TIMES.parent.mkdir(parents=True, exist_ok=True)
+    TIMES.write_text(json.dumps(times))
+    if failed:
+        sys.exit("test programs that failed: " + ", ".join(failed))
+    print(f"{len(found)} test programs passed")
+
+
+if __name__ == "__main__":
+    main()
