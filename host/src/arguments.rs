@@ -276,6 +276,31 @@ pub fn restitution(text: &str) -> Result<Restitution, String> {
     }
 }
 
+/// Parts of some restitution that scatters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lot {
+    /// Mean restitution of the parts, one or an interval.
+    pub restitution: Restitution,
+    /// Standard deviation of a part's restitution from impact to impact (symbol s), 0..=0.3.
+    pub scatter: f64,
+}
+
+/// A lot, `R,S` or `LO..HI,S`.
+pub fn lot(text: &str) -> Result<Lot, String> {
+    const ACCEPTED: &str = "accepted: R,S or LO..HI,S with restitutions in 0..1 and their scatter S in 0..0.3, such as \
+                            0.3,0.05 or 0.1..0.3,0.03";
+    let (restitution, scatter) = text.rsplit_once(',').ok_or(ACCEPTED)?;
+    let scatter = number(scatter.trim()).map_err(|_| ACCEPTED)?;
+    if !(0.0..=0.3).contains(&scatter) {
+        return Err(ACCEPTED.into());
+    }
+    let restitution = self::restitution(restitution).map_err(|_| ACCEPTED)?;
+    Ok(Lot {
+        restitution,
+        scatter,
+    })
+}
+
 /// Friction as one coefficient, or as that of sliding and that of sticking, `MU,MU_S`.
 pub fn friction(text: &str) -> Result<(f64, f64), String> {
     const ACCEPTED: &str =

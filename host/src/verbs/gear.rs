@@ -10,7 +10,7 @@ use kband::feeder::{Restitution, Track};
 use kband::impact::{Tone, Wave};
 use kband::regime::band;
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
+use crate::arguments::{self, Drawn, DriveArguments, Lot, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::simulate::Fidelity;
@@ -24,6 +24,7 @@ use survey::{Followed, Survey};
   kband gear --restitution 0.10..0.30 --scatter 0.03 --out gear.svg
   kband gear --restitution 0.5 --scatter 0.1 --largest-second-tone 0.25 --format json
   kband gear --table 20
+  kband gear --table 20 --lot 0.25..0.3,0.04
   kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
   kband gear --restitution 0.3 --scatter 0.05 --b 0.18..0.3 --frequency 50
 
@@ -72,6 +73,10 @@ pub struct Arguments {
         conflicts_with_all = ["restitution", "scatter", "order", "k", "b", "second_tone", "third_tone", "largest_second_tone",
             "quality", "parts", "runs", "periods", "seed"])]
     table: Option<usize>,
+
+    /// The table of this lot alone: its restitution, and the standard deviation of it from impact to impact.
+    #[arg(long, value_name = "R|LO..HI,S", value_parser = arguments::lot, requires = "table")]
+    lot: Option<Lot>,
 
     /// How finely the table's runs are simulated.
     #[arg(long, value_enum, default_value_t, requires = "table")]
@@ -125,7 +130,8 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 /// Finds where parts stay in gear.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Some(count) = arguments.table {
-        table::run(count, arguments.fidelity, desk)?.print(arguments.printed.format)?;
+        table::run(count, arguments.lot, arguments.fidelity, desk)?
+            .print(arguments.printed.format)?;
         return Ok(Exit::Done);
     }
     let output = arguments.drawn.output()?;

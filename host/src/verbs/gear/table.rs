@@ -6,6 +6,7 @@ use kband::impact::TangentialSettings;
 use kband::plant::Scene;
 use kband::transport::locked;
 
+use crate::arguments::Lot;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns};
@@ -38,6 +39,22 @@ const fn row(restitution: f32, scatter: f32, drives: &'static [[f32; 3]]) -> Row
     }
 }
 
+impl Row {
+    /// Of a lot on a drive of one tone and on one of two.
+    fn of(lot: Lot) -> Self {
+        let (low, high) = (lot.restitution.low() as f32, lot.restitution.high() as f32);
+        Self {
+            restitution: (low, high),
+            scatter: lot.scatter as f32,
+            parts: if low == high { 1 } else { SORT },
+            drives: &[ONE, TWO],
+        }
+    }
+}
+
+/// Parts of a sort.
+const SORT: u8 = 12;
+
 /// The lots, and what the drive affords.
 const ROWS: [Row; 7] = [
     row(0.2, 0.05, &[ONE, TWO]),
@@ -49,7 +66,7 @@ const ROWS: [Row; 7] = [
     Row {
         restitution: (0.1, 0.3),
         scatter: 0.03,
-        parts: 12,
+        parts: SORT,
         drives: &[ONE, TWO],
     },
 ];
@@ -57,8 +74,16 @@ const ROWS: [Row; 7] = [
 /// Time that each run lasts, in s.
 const DURATION: f64 = 60.0;
 
-/// Runs the built-in feeder with each lot, aiming for the middle of the band and for gear, `count` times each.
-pub(super) fn run(count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Printout, Refusal> {
+/// Runs the built-in feeder with each lot, or one that is given, aiming for the middle of the band and for gear, `count` times
+/// each.
+pub(super) fn run(
+    count: usize,
+    lot: Option<Lot>,
+    fidelity: Fidelity,
+    desk: &Desk,
+) -> Result<Printout, Refusal> {
+    let given = lot.map(|lot| [Row::of(lot)]);
+    let rows = given.as_ref().map_or(&ROWS[..], |row| &row[..]);
     let mut table = Table::new(&[
         columns::RESTITUTION.words(),
         columns::SCATTER,
@@ -78,7 +103,7 @@ pub(super) fn run(count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Print
         columns::SPEED.digits(4),
         columns::LOCK_SPEED.digits(4),
     ]);
-    for row in &ROWS {
+    for row in rows {
         let locked = std::iter::once((Target::Locked { order: 1 }, ONE));
         let gear = row.drives.iter();
         for (target, drive) in locked.chain(gear.map(|&drive| (Target::Gear { order: 1 }, drive))) {
