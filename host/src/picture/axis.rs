@@ -120,20 +120,31 @@ impl Axis {
         }
     }
 
-    /// Ticks with their labels, about `wanted` of them.
+    /// Ticks with their labels, about `wanted` of them, and three at least: between two a scale is guessed.
     pub(super) fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
+        let mut ticks = Vec::new();
+        for finer in 0..4 * FEWEST {
+            ticks = self.about(wanted.max(2) + finer);
+            if ticks.len() >= FEWEST {
+                break;
+            }
+        }
+        ticks
+    }
+
+    fn about(&self, wanted: usize) -> Vec<(f64, String)> {
         match self.division {
-            Division::Decimal => decimal(self.low, self.high, wanted.max(2)),
+            Division::Decimal => decimal(self.low, self.high, wanted),
             Division::Decades => {
-                let decades = decades(self.low, self.high, wanted.max(2));
-                // No axis is without numbers: a part of a decade has those of a straight scale.
-                if decades.len() < 2 {
-                    decimal(self.low, self.high, wanted.max(2))
+                let decades = decades(self.low, self.high, wanted);
+                // A part of a decade has the numbers of a straight scale.
+                if decades.len() < FEWEST {
+                    decimal(self.low, self.high, wanted)
                 } else {
                     decades
                 }
             }
-            Division::Pi => parts_of_pi(self.low, self.high, wanted.max(2)),
+            Division::Pi => parts_of_pi(self.low, self.high, wanted),
         }
     }
 
@@ -152,6 +163,9 @@ impl Axis {
             .collect()
     }
 }
+
+/// Labels that an axis has at least.
+const FEWEST: usize = 3;
 
 fn decimal(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     let rough = (high - low) / wanted as f64;
@@ -286,6 +300,9 @@ mod tests {
             ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
         );
         assert_eq!(labels(&axis(0.0, 2e7), 2), ["0", "1e7", "2e7"]);
+        // A panel of a column has room for few; two would leave the scale open.
+        assert_eq!(labels(&axis(0.0, 180.0), 3), ["0", "50", "100", "150"]);
+        assert_eq!(labels(&axis(0.0, 1.2), 2), ["0.0", "0.5", "1.0"]);
         let log = axis(1e-12, 1.0).logarithmic();
         assert_eq!(labels(&log, 4), ["10⁻¹²", "10⁻⁸", "10⁻⁴", "1"]);
         assert_eq!(log.part(1e-6), 0.5);

@@ -1,7 +1,7 @@
 //! Axes, grid, words above the plot and the ribbon.
 
 use super::style::{frame_of, swatch, text};
-use super::{LEFT, LINE, Panel, RIBBON, RIGHT, SMALL};
+use super::{LEFT, LINE, Panel, RIBBON, SMALL};
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::Theme;
@@ -41,9 +41,10 @@ impl Pixels<'_> {
         let mut placed = Vec::new();
         for (x, words, _) in marks {
             let width = font::width(words, SMALL, false);
-            let lowest = self.plot.left - 0.5 * LEFT;
-            let highest = (self.plot.right() + 0.5 * RIGHT - width).max(lowest);
-            let start = (self.across(*x) - 0.5 * width).clamp(lowest, highest);
+            // Only words that are wider than the panel stick out of it, to the left.
+            let last = (self.plot.right() - width).max(self.plot.left - 0.5 * LEFT);
+            let first = self.plot.left.min(last);
+            let start = (self.across(*x) - 0.5 * width).clamp(first, last);
             let free = ends.iter().position(|end| start > end + 8.0);
             let row = free.unwrap_or_else(|| {
                 ends.push(f64::NEG_INFINITY);
