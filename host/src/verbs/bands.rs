@@ -12,7 +12,7 @@ use kband::regime::reach::Reach;
 use crate::arguments::{self, Drawn, DriveArguments, Printed};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, Value, columns};
+use crate::report::{Column, Printout, Table, Value, columns};
 
 /// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
@@ -161,21 +161,60 @@ fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
     })
 }
 
+/// What a band is, to read, on any track.
+const READ: [Column; 9] = [
+    columns::ORDER,
+    columns::K2,
+    columns::K1,
+    columns::SETPOINT,
+    columns::MARGIN.digits(3),
+    columns::B.digits(4),
+    columns::B_RANGE.titled("b at k1..k2 (mm)"),
+    columns::THROW.digits(4),
+    columns::PEAK.digits(4),
+];
+
+/// The setpoint of a band: its k, its margin in per cent of b, and the track's largest acceleration there in g.
+struct Middle {
+    k: f64,
+    margin: f64,
+    peak: f64,
+}
+
+/// The cells under [`READ`] of a band from k2 to k1.
+fn read(order: u32, ends: Option<[f64; 2]>, middle: Option<&Middle>, track: &Track) -> Vec<Value> {
+    let millimetres = |k: f64| track.amplitude(k) * 1e3;
+    let range = ends.zip(middle).map(|([k2, k1], _)| {
+        Value::from(format!("{:.4}..{:.4}", millimetres(k1), millimetres(k2)))
+    });
+    vec![
+        order.into(),
+        ends.map(|[k2, _]| k2).into(),
+        ends.map(|[_, k1]| k1).into(),
+        middle.map_or(Value::from("no common band"), |middle| middle.k.into()),
+        middle.map(|middle| middle.margin).into(),
+        middle.map(|middle| millimetres(middle.k)).into(),
+        range.unwrap_or_else(|| "-".into()),
+        middle.map(|middle| throw_number(middle.k)).into(),
+        middle.map(|middle| middle.peak).into(),
+    ]
+}
+
+/// The parts, in a heading.
+fn who(lot: Restitution) -> String {
+    if lot.low() == lot.high() {
+        format!("R = {}", lot.low())
+    } else {
+        format!("R = {}..{}", lot.low(), lot.high())
+    }
+}
+
 fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout, Refusal> {
-    let mut read = Table::new(&[
-        columns::ORDER,
-        columns::K2,
-        columns::K1,
-        columns::SETPOINT,
-        columns::MARGIN.digits(3),
-        columns::B.digits(4),
-        columns::B_RANGE.titled("b at k1..k2 (mm)"),
-        columns::THROW.digits(4),
-        columns::PEAK.digits(4),
+    let more = [
         columns::CHAOS_EDGE.titled("chaos edge"),
         columns::REACHED_FROM_REST.titled("reached from rest"),
-    ])
-    .folded();
+    ];
+    let mut shown = Table::new(&[&READ[..], &more].concat()).folded();
     let mut full = Table::new(&[
         columns::ORDER,
         columns::K2,
@@ -214,23 +253,16 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout
             Some(Reach { highest: None, .. }) => "nowhere".to_string(),
             Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
         };
-        read.push([
-            row.order.into(),
-            row.k2.into(),
-            row.k1.into(),
-            setpoint.map_or(Value::from("no common band"), Value::from),
-            margins.map(|margins| 100.0 * margins.smallest()).into(),
-            b.into(),
-            if row.band.is_some() {
-                format!("{:.4}..{:.4}", millimetres(row.k1), millimetres(row.k2)).into()
-            } else {
-                Value::from("-")
-            },
-            throw.into(),
-            peak.into(),
-            row.first_chaos.map(|chaos| chaos.value).into(),
-            reached.into(),
-        ]);
+        let middle = setpoint.zip(margins).zip(peak);
+        let middle = middle.map(|((k, margins), peak)| Middle {
+            k,
+            margin: 100.0 * margins.smallest(),
+            peak,
+        });
+        let mut cells = read(row.order, Some([row.k2, row.k1]), middle.as_ref(), track);
+        cells.push(row.first_chaos.map(|chaos| chaos.value).into());
+        cells.push(reached.into());
+        shown.push_row(cells);
         full.push([
             row.order.into(),
             row.k2.into(),
@@ -260,14 +292,11 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout
         ]);
     }
     let lot = arguments.restitution;
-    let who = if lot.low() == lot.high() {
-        format!("R = {}", lot.low())
-    } else {
-        format!("R = {}..{}", lot.low(), lot.high())
-    };
-    let mut report = Printout::new(read).heading(format!(
-        "{who}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
-        arguments.drive.frequency, arguments.drive.incline
+    let mut report = Printout::new(shown).heading(format!(
+        "{}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
+        who(lot),
+        arguments.drive.frequency,
+        arguments.drive.incline
     ));
     for row in rows {
         if let Err(BandError::Empty(none)) = Band::common(lot, row.order) {

@@ -5,7 +5,9 @@ use kband::impact::Wave;
 use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
 use kband::transport::locked;
 
-use super::{AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along};
+use super::{
+    AMPLITUDE_RATIO, Arguments, Middle, PARTS, READ, TANGENTIAL_RESTITUTION, along, read, who,
+};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, Value, columns, number};
@@ -100,21 +102,12 @@ fn report(
     track: &Track,
     rows: &[Row],
 ) -> Result<Printout, Refusal> {
-    let mut read = Table::new(&[
-        columns::ORDER,
-        columns::K2,
-        columns::K1,
-        columns::SETPOINT,
-        columns::MARGIN.digits(3),
-        columns::B.digits(4),
-        columns::B_RANGE.titled("b at k1..k2 (mm)"),
-        columns::THROW.digits(4),
-        columns::PEAK.digits(4),
+    let more = [
         columns::ENDS,
         columns::REACHED_FROM_REST.titled("locks from rest"),
         columns::SPEEDS.titled("speed (mm/s)"),
-    ])
-    .folded();
+    ];
+    let mut shown = Table::new(&[&READ[..], &more].concat()).folded();
     let mut full = Table::new(&[
         columns::ORDER,
         columns::K2,
@@ -144,12 +137,7 @@ fn report(
     let millimetres = |k: f64| track.amplitude(k) * 1e3;
     for row in rows {
         let Some(band) = row.band else {
-            read.push([
-                row.order.into(),
-                Value::Missing,
-                Value::Missing,
-                Value::from("no common band"),
-            ]);
+            shown.push_row(read(row.order, None, None, track));
             full.push([
                 row.order.into(),
                 Value::Missing,
@@ -171,39 +159,27 @@ fn report(
                 number(high, 4)
             ),
         };
-        read.push([
-            row.order.into(),
-            band.low.k.into(),
-            band.high.k.into(),
-            setpoint.into(),
-            margin.into(),
-            millimetres(setpoint).into(),
-            format!(
-                "{:.4}..{:.4}",
-                millimetres(band.high.k),
-                millimetres(band.low.k)
-            )
-            .into(),
-            throw_number(setpoint).into(),
-            peak.into(),
-            format!(
-                "{}, {}",
-                name(band.low.bifurcation),
-                name(band.high.bifurcation)
-            )
-            .into(),
-            reached.into(),
-            if lot.low() == lot.high() {
-                number(speed(row.order, lot.low()), 4).into()
-            } else {
-                format!(
-                    "{}..{}",
-                    number(speed(row.order, lot.high()), 4),
-                    number(speed(row.order, lot.low()), 4)
-                )
-                .into()
-            },
-        ]);
+        let middle = Middle {
+            k: setpoint,
+            margin,
+            peak,
+        };
+        let mut cells = read(
+            row.order,
+            Some([band.low.k, band.high.k]),
+            Some(&middle),
+            track,
+        );
+        let ends = [band.low, band.high].map(|end| name(end.bifurcation));
+        cells.push(ends.join(", ").into());
+        cells.push(reached.into());
+        let [slow, fast] = [lot.high(), lot.low()].map(|r| number(speed(row.order, r), 4));
+        cells.push(if lot.low() == lot.high() {
+            slow.into()
+        } else {
+            format!("{slow}..{fast}").into()
+        });
+        shown.push_row(cells);
         full.push([
             row.order.into(),
             band.low.k.into(),
@@ -226,11 +202,6 @@ fn report(
             (1e-2 * margin * millimetres(setpoint)).into(),
         ]);
     }
-    let who = if lot.low() == lot.high() {
-        format!("R = {}", lot.low())
-    } else {
-        format!("R = {}..{}", lot.low(), lot.high())
-    };
     let (second, third) = (wave.second(), wave.third());
     let third = if third.amplitude > 0.0 {
         format!(", e3 = {}, th3 = {}", third.amplitude, third.angle)
@@ -238,11 +209,11 @@ fn report(
         String::new()
     };
     let json = full.to_json();
-    Printout::new(read)
+    Printout::new(shown)
         .heading(format!(
-            "{who}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
+            "{}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
              amplitude",
-            second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
+            who(lot), second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
         ))
         .note(format!(
             "The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone (eta \
