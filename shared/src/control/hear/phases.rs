@@ -95,7 +95,8 @@ impl PhaseStatistics {
     }
 
     /// How little the strikes where a lock has them alternate, 1 and less: flights that have doubled strike before and behind
-    /// the lock's phase in turn. Of parts that have doubled out of step with each other it tells nothing.
+    /// the lock's phase in turn. Of parts that have doubled out of step with each other it tells nothing, nor does anything else
+    /// that is heard of them (docs/theory-capture.md#t7.6).
     fn evenness(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
