@@ -99,21 +99,7 @@ impl Printout {
     /// Writes it in a format.
     pub fn write(&self, format: Format, out: &mut dyn Write) -> std::io::Result<()> {
         match format {
-            Format::Table => {
-                if !self.heading.is_empty() {
-                    writeln!(out, "{}\n", self.heading)?;
-                }
-                if !self.table.columns().is_empty() {
-                    out.write_all(self.table.to_text().as_bytes())?;
-                }
-                if !self.notes.is_empty() {
-                    writeln!(out)?;
-                }
-                for note in &self.notes {
-                    writeln!(out, "{note}")?;
-                }
-                Ok(())
-            }
+            Format::Table => out.write_all(self.to_text(None).as_bytes()),
             Format::Csv => match &self.csv {
                 Some((columns, write)) => CsvRows::begin(out, columns)
                     .and_then(|mut rows| write(&mut rows))
@@ -133,8 +119,32 @@ impl Printout {
         }
     }
 
+    /// The table to read, with heading and notes; on a screen no wider than that.
+    fn to_text(&self, screen: Option<usize>) -> String {
+        let within = |line: &str| screen.map_or(line.to_string(), |screen| wrapped(line, screen));
+        let mut parts = Vec::new();
+        if !self.heading.is_empty() {
+            parts.push(within(&self.heading) + "\n");
+        }
+        if !self.table.columns().is_empty() {
+            let table = match screen {
+                Some(_) => self.table.within(screen),
+                None => self.table.to_text(),
+            };
+            parts.push(table);
+        }
+        if !self.notes.is_empty() {
+            let notes: Vec<String> = self.notes.iter().map(|note| within(note) + "\n").collect();
+            parts.push(notes.concat());
+        }
+        parts.join("\n")
+    }
+
     /// Prints it on standard output.
     pub fn print(&self, format: Format) -> Result<(), Refusal> {
+        if let (Format::Table, Some(screen)) = (format, screen()) {
+            return print(&self.to_text(Some(screen)));
+        }
         let mut out = std::io::BufWriter::new(words());
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
     }
@@ -166,7 +176,40 @@ fn words() -> Box<dyn Write> {
 /// Prints a line or more on standard output; a reader that has gone away (`| head`) is no failure.
 pub fn print(text: &str) -> Result<(), Refusal> {
     let mut out = words();
+    let text = screen().map_or(text.into(), |screen| wrapped(text, screen));
     quiet_if_closed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
+}
+
+/// Columns of the terminal that words are printed on; none where they go elsewhere.
+fn screen() -> Option<usize> {
+    if file::takes_standard_output() {
+        return None;
+    }
+    #[cfg(unix)]
+    {
+        let out = std::io::stdout();
+        let size = rustix::termios::tcgetwinsize(&out).ok()?;
+        (size.ws_col >= NARROWEST).then_some(size.ws_col.into())
+    }
+    #[cfg(not(unix))]
+    None
+}
+
+/// Fewer columns than these are no screen to lay a table out on.
+#[cfg(unix)]
+const NARROWEST: u16 = 40;
+
+/// Sentences that are broken between words at a width; what is aligned by spaces stays.
+fn wrapped(text: &str, screen: usize) -> String {
+    let line = |line: &str| {
+        if line.trim().contains("  ") || line.starts_with(' ') {
+            line.to_string()
+        } else {
+            textwrap::fill(line, screen)
+        }
+    };
+    let lines: Vec<String> = text.split('\n').map(line).collect();
+    lines.join("\n")
 }
 
 fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {

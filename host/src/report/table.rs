@@ -169,6 +169,12 @@ impl Table {
     /// As aligned columns: words to the left, numbers to the right.
     #[must_use]
     pub fn to_text(&self) -> String {
+        self.within(self.folded.then_some(SCREEN))
+    }
+
+    /// The same, with the columns beyond a width below the others.
+    #[must_use]
+    pub(super) fn within(&self, screen: Option<usize>) -> String {
         let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::heading).collect()];
         for row in &self.rows {
             let cell = |(value, column): (&Value, &Column)| value.read(column.digits);
@@ -190,7 +196,9 @@ impl Table {
         for n in 0..widths.len() {
             let taken = |block: &Vec<usize>| block.iter().map(|&n| widths[n] + 2).sum::<usize>();
             match blocks.last_mut() {
-                Some(block) if !self.folded || taken(block) + widths[n] <= SCREEN => block.push(n),
+                Some(block) if screen.is_none_or(|screen| taken(block) + widths[n] <= screen) => {
+                    block.push(n);
+                }
                 // Each block says by the first column whose rows they are.
                 Some(_) => blocks.push(vec![0, n]),
                 None => blocks.push(vec![n]),

@@ -238,11 +238,20 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     }
     let asked = words.join(" ");
     let name = asked.trim().to_lowercase().replace('_', " ");
+    // As an option has it: --second-tone.
+    let spoken = name.trim_start_matches('-').replace('-', " ");
+    explained(asked.trim(), &name, example)
+        .or_else(|| explained(&spoken, &spoken, example))
+        .ok_or_else(|| unknown(asked.trim(), &name))
+}
+
+/// The same of a word as it was typed and in lower case, where something explains it.
+fn explained(asked: &str, name: &str, example: &Example) -> Option<String> {
     let mut parts: Vec<String> = Vec::new();
     let topic = TOPICS
         .iter()
-        .find(|topic| topic.name == name || topic.others.contains(&name.as_str()));
-    let rows = glossary(asked.trim(), &name);
+        .find(|topic| topic.name == name || topic.others.contains(&name));
+    let rows = glossary(asked, name);
     for word in &rows {
         parts.push(entry(word));
         let term = word.term.split(", ").next();
@@ -253,9 +262,9 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     {
         parts.extend(example.of(topic.name));
     }
-    parts.extend(manual::state(&name));
-    parts.extend(manual::event(&name));
-    parts.extend(manual::fault_or_limit(&name));
+    parts.extend(manual::state(name));
+    parts.extend(manual::event(name));
+    parts.extend(manual::fault_or_limit(name));
     match topic {
         Some(Topic { page, headings, .. }) => {
             let page = manual::page(page).unwrap_or_default();
@@ -268,13 +277,10 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
         None => parts.extend(rows.iter().filter_map(Word::section)),
     }
     if parts.is_empty() {
-        parts.extend(output(&name));
+        parts.extend(output(name));
     }
     parts.dedup();
-    if parts.is_empty() {
-        return Err(unknown(asked.trim(), &name));
-    }
-    Ok(parts.join("\n"))
+    (!parts.is_empty()).then(|| parts.join("\n"))
 }
 
 /// What a column or a field of the outputs holds.

@@ -100,9 +100,9 @@ verbs! {
     subcommand_required = false,
     after_help = "Every verb shows an example: kband help VERB
 
-Files: one that is named takes the place of an older one of its name; one that nobody named, as the picture
-of kband simulate, only of one that kband wrote; an input is never written over. A scene, rows and settings
-are read from standard input where the file is -, and an output that is named - is standard output; words go to
+Files: one that is named takes the place of an older one of its name; one that nobody named, as the picture \
+of kband simulate, only of one that kband wrote; an input is never written over. A scene, rows and settings \
+are read from standard input where the file is -, and an output that is named - is standard output; words go to \
 standard error then."
 )]
 struct CommandLine {
