@@ -18,6 +18,10 @@ pub enum Emulated {
     Running,
 }
 
+/// How the image that belongs to this desk is made.
+pub(super) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
+    --target thumbv7em-none-eabihf --bin virtual_feeder";
+
 /// Starts the emulator with its serial port on pipes, its settings kept in the file `flash` and its log
 /// written into the file `log`.
 pub fn start(
@@ -33,8 +37,7 @@ pub fn start(
                 "{}: there is no image for the emulated CPU",
                 image.display()
             ),
-            "cargo build -p kband-firmware --profile firmware --target thumbv7em-none-eabihf \
-             --bin virtual_feeder, or name it with --image",
+            format!("{BUILD}, or name it with --image"),
         ));
     }
     let found = |path: &Path| {

@@ -11,6 +11,7 @@ use kband::wire::{
     Target, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
+use super::emulator;
 use crate::refusal::Refusal;
 
 /// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
@@ -109,6 +110,18 @@ impl Link {
         self.unreadable
     }
 
+    /// How the board gets the firmware that belongs to this desk.
+    #[must_use]
+    pub fn fitting_firmware(&self) -> String {
+        match self.emulator {
+            Some(_) => format!(
+                "build the image that belongs to this desk, {}",
+                emulator::BUILD
+            ),
+            None => "flash the firmware that belongs to this desk (kband flash)".into(),
+        }
+    }
+
     /// Refused where the board speaks another version or schema than this desk.
     pub fn speaks_the_same(&self) -> Result<(), Refusal> {
         if self.speaks == (VERSION, SCHEMA) {
@@ -121,7 +134,7 @@ impl Link {
                  this desk speaks {VERSION}, {SCHEMA:08x}",
                 self.name
             ),
-            "flash the firmware that belongs to this desk (kband flash)",
+            self.fitting_firmware(),
         ))
     }
 

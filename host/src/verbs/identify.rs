@@ -46,7 +46,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     });
     if !fits {
         let report = Printout::new(table).note(format!(
-            "this desk speaks version {VERSION}, schema {SCHEMA:08x}: flash the firmware that belongs to it (kband flash)"
+            "this desk speaks version {VERSION}, schema {SCHEMA:08x}: {}",
+            link.fitting_firmware()
         ));
         report.json(&json)?.print(arguments.printed.format)?;
         return Ok(Exit::CheckFailed);
