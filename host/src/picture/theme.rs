@@ -113,7 +113,7 @@ impl Fill {
             (Self::Doubled, Theme::Light) => 0x6FC0EE,
             (Self::Periodic, Theme::Light) => 0x00916A,
             (Self::Chaotic, Theme::Light) => 0xE08A00,
-            (Self::Undecided, Theme::Light) => 0x9A4A80,
+            (Self::Undecided, Theme::Light) => 0x33102A,
             (Self::Fault, Theme::Light) => 0xB03A00,
             (Self::Rest, Theme::Dark) => 0x262C33,
             (Self::HopAndRest, Theme::Dark) => 0x59636E,
@@ -341,6 +341,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// What a printer without colour makes of them (luma of ITU-R BT.601): a twelfth of the way from black to white apart.
+    #[test]
+    fn regimes_differ_on_a_grey_print() {
+        let luma = |fill: Fill| {
+            let Colour {
+                red, green, blue, ..
+            } = fill.colour(Theme::Light);
+            0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue)
+        };
+        let mut lumas: Vec<f64> = Fill::ALL
+            .into_iter()
+            .filter(|fill| *fill != Fill::Fault)
+            .map(luma)
+            .collect();
+        lumas.sort_by(f64::total_cmp);
+        assert!(
+            lumas
+                .windows(2)
+                .all(|pair| pair[1] - pair[0] > 255.0 / 12.0),
+            "{lumas:?}"
+        );
     }
 
     #[test]

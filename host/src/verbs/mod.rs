@@ -98,7 +98,13 @@ verbs! {
     name = "kband",
     version = version(),
     subcommand_required = false,
-    after_help = "Every verb shows an example: kband help VERB
+    after_help = "Start here:
+  kband                                    a feeder that is built in: mm, g, mm/s, parts a minute
+  kband explain restitution                how it is measured: let a part drop
+  kband simulate --print-scene > my.toml   the built-in feeder, to be made yours
+  kband simulate my.toml                   what yours does
+  kband bands --restitution 0.2 --frequency 50   the mm at which parts lock
+Every verb shows an example: kband help VERB
 
 Files: one that is named takes the place of an older one of its name; one that nobody named, as the picture \
 of kband simulate, only of one that kband wrote; an input is never written over. A scene, rows and settings \

@@ -138,7 +138,14 @@ fn in_range(target: Target) -> Result<(), Refusal> {
 /// Refused where the board would refuse it, or its drive does not reach what it needs; why there is nothing to choose for it,
 /// where that is known at once. `settings` are the board's.
 fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
-    let controller = kband::control::Controller::build(settings, target, StartCause::Ordinary)?;
+    let built = kband::control::Controller::build(settings, target, StartCause::Ordinary);
+    let controller = built.map_err(|refused| match target {
+        Target::Amplitude(_) => Refusal::from(refused).then(format!(
+            "amplitude_limit is {} mm on this board: choose less, or change it (kband settings)",
+            settings.amplitude_limit
+        )),
+        _ => refused.into(),
+    })?;
     within_reach(&controller).map_err(|refused| {
         refused.then(
             "choose another target, or correct gain, output_maximum or the limits: kband settings",
