@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
-# Makes every number, table and picture of the manual anew that comes from a command: minutes on two cores.
+# Makes every number, table and picture of the manual anew that comes from a command: some 15 minutes of one core.
 #   docs/numbers.sh          writes them
 #   docs/numbers.sh --check  only says which are no longer what the commands say
 set -eu
 cd "$(dirname "$0")/.."
 accept=1
 [ "${1:-}" = --check ] && accept=0
-cargo build --release --quiet --bin kband
-export KBAND=$PWD/${CARGO_TARGET_DIR:-target}/release/kband
-KBAND_ACCEPT=$accept cargo test --quiet -p kband-host --test tables -- --include-ignored --test-threads 1
-KBAND_ACCEPT=$accept cargo test --quiet -p kband-host --test schemas
+export KBAND_ACCEPT=$accept
+# One after another: they write into the same pages.
+cargo test --quiet --release -p kband-host --test tables -- --include-ignored --test-threads 1
+cargo test --quiet -p kband --lib what_is_heard_of_the_margin
+cargo test --quiet -p kband-host --test schemas
 docs/pictures/draw.sh "$@"

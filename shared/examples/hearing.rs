@@ -2,7 +2,8 @@
 //! one part and for crowds (docs/theory-real-parts.md#t10.7).
 //!
 //! `cargo run --release -p kband --features unstable --example hearing RUNS SEED ROWS`, with ROWS one of `gear`, `set`, `check`
-//! and `all`. The amplitude told is off by up to 2 %, another one in each run.
+//! and `all`. The amplitude told is off by up to 2 %, another one in each run. The manual's tables are made of the same runs
+//! by its test of tables.
 
 use std::f64::consts::TAU;
 
@@ -17,7 +18,7 @@ const SETTLED: u32 = 250;
 
 /// A lot, what is wanted of it, and on which tracks.
 #[derive(Clone, Copy)]
-struct Row {
+pub struct Row {
     lot: [f32; 2],
     scatter: f32,
     /// k, or none: the controller's choice for gear, with a second tone of up to so much of the first.
@@ -115,7 +116,7 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
 }
 
 /// The rows of the table of gear; those that its constants were chosen with; those that were only looked at then.
-fn rows(which: &str) -> Vec<Row> {
+pub fn rows(which: &str) -> Vec<Row> {
     let row = |lot, scatter, k, second_tone, parts| Row {
         lot,
         scatter,
@@ -192,6 +193,69 @@ fn rows(which: &str) -> Vec<Row> {
     rows
 }
 
+/// What `runs` runs of each row come to.
+fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
+    rows.par_iter()
+        .map(|row| {
+            let mut known = None;
+            let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r, &mut known));
+            runs.collect()
+        })
+        .collect()
+}
+
+/// Mean over the runs in which a share was told of what was heard less what was true, its standard error, and the root of its
+/// mean square.
+fn apart(runs: &[Heard]) -> [f64; 3] {
+    let told = runs.iter().filter(|run| run.told > 0.0);
+    let count = told.clone().count().max(1) as f64;
+    let differences = told.map(|run| run.heard - run.truth);
+    let mean = differences.clone().sum::<f64>() / count;
+    let square = differences.map(|apart| apart * apart).sum::<f64>() / count;
+    let spread = ((square - mean * mean).max(0.0) / (count - 1.0).max(1.0)).sqrt();
+    [mean, spread, square.sqrt()]
+}
+
+/// The rows of the manual's table: a line for each lot, a column for each number of parts.
+pub fn table(rows: &[Row], runs: u64, seed: u64) -> Vec<String> {
+    let found = hear(rows, runs, seed);
+    let mut lines = Vec::new();
+    let mut first = 0;
+    for lot in rows.chunk_by(|a, b| (a.lot, a.scatter, a.k) == (b.lot, b.scatter, b.k)) {
+        let found = &found[first..first + lot.len()];
+        first += lot.len();
+        let Row {
+            lot: [low, high],
+            scatter,
+            k,
+            ..
+        } = lot[0];
+        let lot = if low == high {
+            low.to_string()
+        } else {
+            format!("{low}..{high}")
+        };
+        let truth = found[0].iter().map(|run| run.truth).sum::<f64>() / runs as f64;
+        let cells: Vec<String> = found
+            .iter()
+            .map(|runs| {
+                let [mean, spread, _] = apart(runs);
+                format!("{mean:+.3} ({spread:.3})")
+            })
+            .collect();
+        let errors = found.iter().flatten().filter(|run| run.told > 0.0);
+        let errors = errors.map(|run| run.error);
+        let least = errors.clone().fold(f64::INFINITY, f64::min);
+        let most = errors.fold(0.0, f64::max);
+        lines.push(format!(
+            "| {lot} | {scatter} | {} | {truth:.2} | {} | {least:.3}..{most:.3} |",
+            k.unwrap_or_default(),
+            cells.join(" | ")
+        ));
+    }
+    lines
+}
+
 fn main() {
     let mut given = std::env::args().skip(1);
     let mut number = |otherwise| {
@@ -200,14 +264,7 @@ fn main() {
     };
     let (runs, seed) = (number(4_u64), number(1_u64));
     let rows = rows(&given.next().unwrap_or_else(|| "all".into()));
-    let found: Vec<Vec<Heard>> = rows
-        .par_iter()
-        .map(|row| {
-            let mut known = None;
-            let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r, &mut known));
-            runs.collect()
-        })
-        .collect();
+    let found = hear(&rows, runs, seed);
     println!(
         "R         s     k      e     parts  true   heard  apart  +-     rms    error  told   least"
     );
@@ -216,13 +273,7 @@ fn main() {
         let mean = |of: &dyn Fn(&Heard) -> f64| runs.iter().map(of).sum::<f64>() / count;
         let told: Vec<_> = runs.iter().filter(|run| run.told > 0.0).collect();
         let of_told = told.len().max(1) as f64;
-        let apart = told.iter().map(|run| run.heard - run.truth).sum::<f64>() / of_told;
-        let square = told
-            .iter()
-            .map(|run| (run.heard - run.truth).powi(2))
-            .sum::<f64>()
-            / of_told;
-        let spread = ((square - apart * apart).max(0.0) / (of_told - 1.0).max(1.0)).sqrt();
+        let [apart, spread, rms] = apart(&runs);
         println!(
             "{:<9} {:<5} {:<6} {:<5} {:<5} {:6.3} {:6.3} {:+6.3} {:6.3} {:6.3} {:6.3} {:6.3} {:6.3}",
             format!("{}..{}", row.lot[0], row.lot[1]),
@@ -234,7 +285,7 @@ fn main() {
             told.iter().map(|run| run.heard).sum::<f64>() / of_told,
             apart,
             spread,
-            square.sqrt(),
+            rms,
             told.iter().map(|run| run.error).sum::<f64>() / of_told,
             mean(&|run| run.told),
             mean(&|run| run.least),

@@ -3,7 +3,9 @@
 //!
 //! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST FIDELITY`, with FIDELITY `envelope` or `waveform`.
 
-use kband::control::{Identification, Report, Settings, Target, Unidentified};
+use std::ops::Range;
+
+use kband::control::{Identification, Identified, Report, Settings, Target, Unidentified};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
 use rayon::prelude::*;
 
@@ -11,22 +13,30 @@ use rayon::prelude::*;
 const LONGEST: usize = 4100;
 
 /// A lot: restitution, scatter and number of its parts.
-type Lot = (f32, f32, usize);
+pub type Lot = (f32, f32, usize);
 
-fn heard(lot: Lot, seed: u64, waveform: bool) -> Identification {
+/// Frequency of the drive in Hz and decay time of the track's ringing in ms: those of the built-in feeder.
+pub const BUILT_IN: [f32; 2] = [50.0, 1.0];
+
+fn heard(lot: Lot, track: [f32; 2], seed: u64, waveform: bool) -> Identification {
     let (restitution, scatter, parts) = lot;
-    let scene = Scene {
+    let [frequency, decay] = track;
+    let mut scene = Scene {
         target: Target::Identify,
         parts: std::iter::repeat_n(restitution, parts).collect(),
         scatter: std::iter::repeat_n(scatter, parts).collect(),
         settings: Settings {
             restitution_low: 0.0,
             restitution_high: 0.9,
+            frequency,
+            resonance: frequency,
             ..Settings::default()
         },
         seed,
         ..Scene::default()
     };
+    scene.drive.resonance = frequency;
+    scene.sensor.ringing_decay = decay;
     let mut reports: Box<dyn Iterator<Item = Report>> = if waveform {
         let mut closed = ClosedLoop::build(&scene).expect("the lots are feeders");
         Box::new(std::iter::from_fn(move || Some(closed.cycle().report)))
@@ -45,6 +55,38 @@ fn heard(lot: Lot, seed: u64, waveform: bool) -> Identification {
         )
     })
     .expect("an identification ends")
+}
+
+/// The answers that were given, of so many runs from a seed on.
+pub fn answers(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> Vec<Identified> {
+    let runs = seeds.map(|seed| heard(lot, track, seed, waveform));
+    runs.filter_map(|run| match run {
+        Identification::Found(found) => Some(found),
+        _ => None,
+    })
+    .collect()
+}
+
+/// A cell of the manual's tables: how many of the runs were answered where not all of them were, and the largest error.
+///
+/// An answer that is off by more than three of the errors told is none, and is refused here.
+pub fn cell(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> String {
+    let runs = seeds.end - seeds.start;
+    let answers = answers(lot, track, seeds, waveform);
+    let mut largest = 0.0_f32;
+    for found in &answers {
+        let apart = (found.restitution - lot.0).abs();
+        assert!(
+            apart < 3.0 * found.deviation,
+            "{lot:?} {track:?}: {found:?}"
+        );
+        largest = largest.max(apart);
+    }
+    match answers.len() as u64 {
+        0 => "-".into(),
+        all if all == runs => format!("{largest:.4}"),
+        some => format!("{some} of {runs}: {largest:.4}"),
+    }
 }
 
 fn main() {
@@ -68,7 +110,7 @@ fn main() {
     let found: Vec<Vec<Identification>> = lots
         .par_iter()
         .map(|&lot| {
-            let runs = (first..first + seeds).map(|seed| heard(lot, seed, waveform));
+            let runs = (first..first + seeds).map(|seed| heard(lot, BUILT_IN, seed, waveform));
             runs.collect()
         })
         .collect();
@@ -98,7 +140,7 @@ fn main() {
             .zip(&answers)
             .map(|(apart, found)| apart / found.deviation);
         let wrong = errors.clone().filter(|errors| *errors > 3.0).count();
-        let mean = |of: fn(&&&kband::control::Identified) -> f32| {
+        let mean = |of: fn(&&&Identified) -> f32| {
             let sum: f32 = answers.iter().map(|found| of(&found)).sum();
             sum / answers.len().max(1) as f32
         };

@@ -1,6 +1,6 @@
 //! Which shape of the track keeps parts that scatter in gear for longest, under one peak acceleration.
 //!
-//! `cargo run --release -p kband --features analysis --example shapes [TRIES [R]]`, some minutes for the 4000 tries of the manual's table: random
+//! `cargo run --release -p kband --features analysis --example shapes [TRIES]`, some minutes for the 4000 tries of the manual's table: random
 //! shapes of one, two and three tones, the best of them moved about, and their shares of time in gear from fresh runs.
 
 use std::error::Error;
@@ -57,7 +57,14 @@ impl Random {
 }
 
 /// The best shape of so many tones under a peak acceleration.
-fn best(tones: usize, lot: [f64; 2], most: f64, tries: usize) -> Result<Shape, Box<dyn Error>> {
+///
+/// Of `tries` random ones the best are moved about so many times.
+fn best(
+    tones: usize,
+    lot: [f64; 2],
+    most: f64,
+    [tries, moves]: [usize; 2],
+) -> Result<Shape, Box<dyn Error>> {
     let mut random = Random(tones as u64);
     let mut found: Vec<(f64, Shape)> = Vec::new();
     while found.len() < tries {
@@ -83,8 +90,8 @@ fn best(tones: usize, lot: [f64; 2], most: f64, tries: usize) -> Result<Shape, B
     // Each moved about by ever less, judged by the same longer runs.
     for (value, shape) in &mut found {
         *value = share(*shape, lot, 2000, 32, 1000.0)?;
-        for n in 0..60 {
-            let reach = 0.06 * 0.96_f64.powi(n);
+        for n in 0..moves {
+            let reach = 0.06 * 0.96_f64.powi(n as i32);
             let moved = [1.0, 1.0, 4.0, 0.5, 8.0].map(|by| by * random.between(-reach, reach));
             let mut other = *shape;
             for place in 0..2 * tones - 1 {
@@ -108,36 +115,51 @@ fn best(tones: usize, lot: [f64; 2], most: f64, tries: usize) -> Result<Shape, B
         .ok_or_else(|| "no shape stays under this acceleration".into())
 }
 
+/// Restitution, its scatter, and the largest acceleration in g across the track.
+pub const LOTS: [[f64; 3]; 6] = [
+    [0.3, 0.10, 3.2],
+    [0.3, 0.10, 4.2],
+    [0.3, 0.15, 4.2],
+    [0.5, 0.10, 3.2],
+    [0.5, 0.10, 4.3],
+    [0.5, 0.15, 4.3],
+];
+
+/// The head of the table.
+pub const HEAD: &str =
+    "| R | s | at most | one tone: k | two tones: k, e, th | three tones: k, e, th, e3, th3 |";
+
+/// Moves of each of the best.
+pub const MOVES: usize = 60;
+
+/// The rows of the manual's table.
+pub fn table(lots: &[[f64; 3]], effort: [usize; 2]) -> Result<Vec<String>, Box<dyn Error>> {
+    let row = |&[restitution, deviation, most]: &[f64; 3]| {
+        let lot = [restitution, deviation];
+        let mut cells = format!("| {restitution} | {deviation:.2} | {most} g |");
+        for tones in 1..=3 {
+            let shape = best(tones, lot, most, effort)?;
+            let fresh = share(shape, lot, 9000, 64, 1000.0)?;
+            let places: Vec<String> = shape[..2 * tones - 1]
+                .iter()
+                .zip([3, 3, 2, 3, 2])
+                .map(|(value, digits)| format!("{value:.digits$}"))
+                .collect();
+            cells += &format!(" {fresh:.3}: {} |", places.join(", "));
+        }
+        Ok(cells)
+    };
+    lots.iter().map(row).collect()
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let tries = std::env::args()
         .nth(1)
         .map_or(Ok(200), |text| text.parse())?;
-    let only = std::env::args()
-        .nth(2)
-        .map(|text| text.parse())
-        .transpose()?;
-    println!("   R     s  peak/g  tones  share  at k, e, th, e3, th3");
-    for (restitution, deviation, most) in [
-        (0.3, 0.10, 3.2),
-        (0.3, 0.10, 4.2),
-        (0.3, 0.15, 4.2),
-        (0.5, 0.10, 3.2),
-        (0.5, 0.10, 4.3),
-        (0.5, 0.15, 4.3),
-    ] {
-        if only.is_some_and(|only: f64| only != restitution) {
-            continue;
-        }
-        for tones in 1..=3 {
-            let lot = [restitution, deviation];
-            let shape = best(tones, lot, most, tries)?;
-            let fresh = share(shape, lot, 9000, 64, 1000.0)?;
-            let [k, e, th, e3, th3] = shape;
-            println!(
-                "{restitution:4} {deviation:5} {most:7} {tones:6} {fresh:6.3}  {k:.3}, {e:.3}, {th:.2}, {e3:.3}, {th3:.2}; {:.2} g",
-                peak(shape)
-            );
-        }
+    println!("{HEAD}");
+    println!("|{}", "---|".repeat(HEAD.matches(" |").count()));
+    for row in table(&LOTS, [tries, MOVES])? {
+        println!("{row}");
     }
     Ok(())
 }

@@ -6,7 +6,12 @@
 //! all. They fall onto the track within a second, and are in gear where the controller brings them.
 
 use kband::control::{Report, Target};
+use kband::feeder::OutOfRange;
 use kband::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Noise, Scene};
+use rayon::prelude::*;
+
+/// The head of the table.
+pub const HEAD: &str = "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |";
 
 /// Seconds until the parts fall, until what is weighed counts, and in all.
 const TIMES: [f64; 3] = [2.0, 8.0, 28.0];
@@ -70,7 +75,7 @@ struct Weighed {
     cycles: f64,
 }
 
-fn run(scene: &Scene, waveform: bool) -> Result<Weighed, kband::feeder::OutOfRange> {
+fn run(scene: &Scene, waveform: bool) -> Result<Weighed, OutOfRange> {
     let mut all = Weighed::default();
     let mut began = None;
     let mut take = |moment: &Moment| {
@@ -105,50 +110,61 @@ fn run(scene: &Scene, waveform: bool) -> Result<Weighed, kband::feeder::OutOfRan
     Ok(all)
 }
 
+/// The rows of the manual's table.
+pub fn table(feeders: usize, seed: u64, waveform: bool) -> Result<Vec<String>, OutOfRange> {
+    let mut noise = Noise::new(seed);
+    let scenes: Vec<Scene> = (0..feeders).map(|_| feeder(&mut noise)).collect();
+    scenes
+        .par_iter()
+        .map(|scene| row(scene, waveform))
+        .collect()
+}
+
+fn row(scene: &Scene, waveform: bool) -> Result<String, OutOfRange> {
+    let found = run(scene, waveform)?;
+    let mass: f64 = scene.masses.iter().map(|mass| f64::from(*mass)).sum();
+    let flow = mass * found.speed / f64::from(scene.settings.track_length);
+    let settings = &scene.settings;
+    let percent = |told: f64, truth: f64| format!("{:+.1} %", (told / truth - 1.0) * 100.0);
+    let told = if found.told > 0.0 {
+        [
+            format!("{:.0}", found.mass),
+            percent(found.mass, mass),
+            format!("{:.1}", found.flow),
+            percent(found.flow, flow),
+        ]
+    } else {
+        ["-", "-", "-", "-"].map(String::from)
+    };
+    let [weighed, off, flows, away] = told;
+    Ok(format!(
+        "| {:.1} | {:.1} | {:.2} | {:.3} | {} | {:.1} % | {:.3} | {:.2} | {mass:.0} | {weighed} | {off} | {flow:.1} | {flows} | {away} |",
+        settings.frequency,
+        settings.quality,
+        0.5 * (settings.restitution_low + settings.restitution_high),
+        settings.scatter,
+        scene.parts.len(),
+        mass * 0.1 / f64::from(settings.track_mass),
+        found.gear,
+        found.told,
+    ))
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let feeders: usize = arguments.first().map_or(Ok(20), |text| text.parse())?;
     let seed: u64 = arguments.get(1).map_or(Ok(1), |text| text.parse())?;
     let waveform = arguments.get(2).is_none_or(|text| text == "waveform");
-    let mut noise = Noise::new(seed);
-    println!(
-        "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
-    for _ in 0..feeders {
-        let scene = feeder(&mut noise);
-        let found = run(&scene, waveform)?;
-        let mass: f64 = scene.masses.iter().map(|mass| f64::from(*mass)).sum();
-        let flow = mass * found.speed / f64::from(scene.settings.track_length);
-        let settings = &scene.settings;
-        let percent = |told: f64, truth: f64| format!("{:+.1} %", (told / truth - 1.0) * 100.0);
-        let told = if found.told > 0.0 {
-            [
-                format!("{:.0}", found.mass),
-                percent(found.mass, mass),
-                format!("{:.1}", found.flow),
-                percent(found.flow, flow),
-            ]
-        } else {
-            ["-", "-", "-", "-"].map(String::from)
-        };
-        let [weighed, off, flows, away] = told;
-        println!(
-            "| {:.1} | {:.1} | {:.2} | {:.3} | {} | {:.1} % | {:.3} | {:.2} | {mass:.0} | {weighed} | {off} | {flow:.1} | {flows} | {away} |",
-            settings.frequency,
-            settings.quality,
-            0.5 * (settings.restitution_low + settings.restitution_high),
-            settings.scatter,
-            scene.parts.len(),
-            mass * 0.1 / f64::from(settings.track_mass),
-            found.gear,
-            found.told,
-        );
+    println!("{HEAD}");
+    println!("|{}", "---|".repeat(HEAD.matches(" |").count()));
+    for row in table(feeders, seed, waveform)? {
+        println!("{row}");
     }
     Ok(())
 }
 
-#[cfg(test)]
+// Where another crate includes this file, it does not test it.
+#[cfg(all(test, feature = "plant"))]
 mod tests {
     use super::*;
 

@@ -1,17 +1,23 @@
 //! The tables of the manual are what the commands say.
 //!
 //! A table after `<!-- table: NAME -->` is made here from runs of `kband`. The test makes it anew and compares every
-//! row; `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes what it finds into the pages. A table after
-//! `<!-- reference: WHERE -->` holds values that were computed apart from the code, which the tests there compare with it;
-//! one after `<!-- run: COMMAND -->` takes longer than a test run may, and is made by that command alone; one after
-//! `<!-- test: NAME -->` is what that unit test prints.
+//! row; `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes what it finds into the pages.
+//!
+//! One after `<!-- long: NAME, SUM -->` takes longer than a test run may, and is made by the ignored test of that name. SUM is of
+//! its text and of what a little of the same way comes to. A test run makes that little anew: where it has become another, so may
+//! have the table, and where a number of the table was changed by hand, that is seen, too.
+//!
+//! One after `<!-- reference: WHERE -->` holds values that were computed apart from the code, which the tests there compare with
+//! it; one after `<!-- test: NAME -->` is compared by that unit test. `docs/numbers.sh` makes all of them anew, and the pictures.
+
+mod long;
+mod short;
 
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use kband_host::provenance;
-use kband_host::report::columns;
 use serde_json::Value;
 
 /// A table of the manual.
@@ -22,66 +28,13 @@ struct Table {
     rows: fn() -> Vec<String>,
 }
 
-const TABLES: &[Table] = &[
-    Table {
-        name: "columns",
-        page: "outputs.md",
-        head: "| name | unit | is |",
-        rows: || {
-            let column = |(name, unit, meaning): &(&str, &str, &str)| {
-                format!("| `{name}` | {unit} | {} |", meaning.trim_end_matches('.'))
-            };
-            columns::COLUMNS.iter().map(column).collect()
-        },
-    },
-    Table {
-        name: "paper, equations",
-        page: "paper.md",
-        head: "| eq | printed | holds | verdict | print off by |",
-        rows: || paper(|row| row.starts_with('('), |row| row["equation"].clone()),
-    },
-    Table {
-        name: "paper, claims",
-        page: "paper.md",
-        head: "| of | printed | holds | verdict | print off by |",
-        rows: || {
-            paper(
-                |row| matches!(row, "claim" | "example"),
-                |row| row["subject"].clone(),
-            )
-        },
-    },
-    Table {
-        name: "paper, findings",
-        page: "paper.md",
-        head: "| finding | holds |",
-        rows: findings,
-    },
-    Table {
-        name: "bands",
-        page: "theory-bands.md",
-        head: "| order | k2 | k1 |",
-        rows: bands,
-    },
-    Table {
-        name: "capture",
-        page: "theory-capture.md",
-        head: "| restitution | band alone | first kick | up to six kicks |",
-        rows: capture,
-    },
-    Table {
-        name: "friction",
-        page: "theory-real-parts.md",
-        head: "| 1/k | eta | mu | alpha (degrees) | R | regime | W | mm/s at 50 Hz |",
-        rows: friction,
-    },
-];
-
 /// What `kband` says in JSON.
 fn kband(words: &str) -> Value {
     let output = Command::new(env!("CARGO_BIN_EXE_kband"))
         .args(words.split_whitespace())
         .args(["--format", "json"])
+        // Where simulate puts the picture that nobody asked for.
+        .current_dir(env!("CARGO_TARGET_TMPDIR"))
         .stdin(Stdio::null())
         .output()
         .expect("kband starts");
@@ -92,6 +45,10 @@ fn kband(words: &str) -> Value {
 
 fn list(value: &Value) -> &[Value] {
     value.as_array().expect("a list")
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().expect("a number")
 }
 
 /// A text as a cell.
@@ -118,120 +75,19 @@ fn percent(value: f64) -> String {
     format!("{tenths} %")
 }
 
-fn paper(of: fn(&str) -> bool, name: fn(&Value) -> Value) -> Vec<String> {
-    list(&kband("paper"))
-        .iter()
-        .filter(|row| row["equation"].as_str().is_some_and(of))
-        .map(|row| {
-            let agrees = row["verdict"] == "agrees";
-            let off = match &row["printed_error"] {
-                off if agrees || off.is_null() => String::new(),
-                off => digits(off, 2),
-            };
-            format!(
-                "| {} | {} | {} | {} | {off} |",
-                words(&name(row)),
-                words(&row["printed"]),
-                words(&row["recomputed"]),
-                words(&row["verdict"])
-            )
-        })
-        .collect()
-}
-
-fn findings() -> Vec<String> {
-    list(&kband("paper"))
-        .iter()
-        .filter(|row| row["equation"] == "finding")
-        .map(|row| {
-            format!(
-                "| {} | {} |",
-                words(&row["subject"]),
-                words(&row["recomputed"])
-            )
-        })
-        .collect()
-}
-
-fn bands() -> Vec<String> {
-    let found = kband("bands --restitution 0.2");
-    list(&found)
-        .iter()
-        .map(|row| {
-            let of = |key: &str| format!("{:.6}", row[key].as_f64().expect("a band"));
-            format!("| {} | {} | {} |", row["order"], of("k2"), of("k1"))
-        })
-        .collect()
-}
-
-fn capture() -> Vec<String> {
-    [
-        "0.18..0.22",
-        "0.28..0.32",
-        "0.38..0.42",
-        "0.48..0.52",
-        "0.55..0.60",
-        "0.65..0.70",
-    ]
-    .into_iter()
-    .map(|lot| {
-        let found = kband(&format!("capture --restitution {lot} --runs 1000 --seed 1"));
-        let share = |value: &Value| percent(value.as_f64().expect("a share"));
-        let kicks = list(&found["captured"]);
-        format!(
-            "| {lot} | {} | {} | {} |",
-            share(&found["captured_alone"]),
-            share(&kicks[0]),
-            share(&kicks[kicks.len() - 1])
-        )
-    })
-    .collect()
-}
-
-fn friction() -> Vec<String> {
-    let cases = [
-        (0.6, "1.7320508", 0.8, 3, 0.2),
-        (0.9, "1.7320508", 0.8, 3, 0.2),
-        (1.0, "1.7320508", 0.3, 0, 0.2),
-        (0.9, "2", 0.2, 0, 0.2),
-        (1.2, "1.5", 0.3, 3, 0.0),
-        (1.2, "1.5", 0.3, 3, 0.2),
-        (2.0, "1.5", 0.3, 3, 0.2),
-        (2.0, "1.5", 0.1, 3, 0.2),
-    ];
-    cases
-        .into_iter()
-        .map(|(throw, eta, mu, incline, restitution)| {
-            let found = kband(&format!(
-                "transport --throw {throw} --amplitude-ratio {eta} --friction {mu} --incline {incline} \
-                 --restitution {restitution}"
-            ));
-            let row = &list(&found["rows"])[0];
-            format!(
-                "| {throw} | {eta} | {mu} | {incline} | {restitution} | {} | {} | {} |",
-                words(&row["regime"]),
-                digits(&row["velocity"], 6),
-                digits(&row["speed"], 5)
-            )
-        })
-        .collect()
-}
-
 fn page(name: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "..", "docs", name]
         .iter()
         .collect()
 }
 
-fn marker(name: &str) -> String {
-    format!("<!-- table: {name} -->\n")
-}
-
-/// A page and where in it the table of this name stands.
-fn found(table: &Table) -> (String, std::ops::Range<usize>) {
+/// A page, and where in it a table stands under its marker, of which the text begins so.
+fn found(table: &Table, marker: &str) -> (String, std::ops::Range<usize>) {
     let text = fs::read_to_string(page(table.page)).expect("the page is read");
-    let marker = marker(table.name);
-    let start = text.find(&marker).map(|at| at + marker.len());
+    let start = text.find(marker).and_then(|at| {
+        let end = text[at..].find('\n')?;
+        Some(at + end + 1)
+    });
     let start = start.unwrap_or_else(|| panic!("{} has no {marker}", table.page));
     let length: usize = text[start..]
         .split_inclusive('\n')
@@ -241,38 +97,112 @@ fn found(table: &Table) -> (String, std::ops::Range<usize>) {
     (text, start..start + length)
 }
 
+/// A table as it is to be printed.
+fn made(table: &Table) -> String {
+    let columns = table.head.matches(" |").count();
+    let rule = format!("|{}", "---|".repeat(columns));
+    format!("{}\n{rule}\n{}\n", table.head, (table.rows)().join("\n"))
+}
+
+/// The lines in which a table as it is printed is not as it was made.
+fn apart(made: &str, printed: &str) -> String {
+    let mut lines = Vec::new();
+    let mut printed = printed.lines();
+    for now in made.lines() {
+        let before = printed.next().unwrap_or("nothing");
+        if now != before {
+            lines.push(format!("  printed {before}\n  now     {now}\n"));
+        }
+    }
+    lines.extend(printed.map(|line| format!("  printed {line}\n  now     nothing\n")));
+    lines.concat()
+}
+
+fn accepts() -> bool {
+    std::env::var_os("KBAND_ACCEPT").is_some_and(|value| value == "1")
+}
+
 #[test]
 fn every_table_is_what_the_commands_say() {
-    let accept = std::env::var_os("KBAND_ACCEPT").is_some_and(|value| value == "1");
     let mut wrong = Vec::new();
-    for table in TABLES {
-        let columns = table.head.matches(" |").count();
-        let rule = format!("|{}", "---|".repeat(columns));
-        let made = format!("{}\n{rule}\n{}\n", table.head, (table.rows)().join("\n"));
-        let (mut text, place) = found(table);
+    for table in short::TABLES {
+        let made = made(table);
+        let (mut text, place) = found(table, &short_marker(table.name));
         if text[place.clone()] == made {
             continue;
         }
-        if accept {
+        if accepts() {
             text.replace_range(place, &made);
             fs::write(page(table.page), text).expect("the page is written");
         } else {
-            let apart = made
-                .lines()
-                .zip(text[place].lines())
-                .filter(|(now, printed)| now != printed)
-                .map(|(now, printed)| format!("  printed {printed}\n  now     {now}\n"));
-            let apart: String = apart.collect();
+            let apart = apart(&made, &text[place]);
             wrong.push(format!("{}: {}\n{apart}", table.page, table.name));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+fn short_marker(name: &str) -> String {
+    format!("<!-- table: {name} -->\n")
+}
+
+fn long_marker(name: &str) -> String {
+    format!("<!-- long: {name}, ")
+}
+
+/// Of a long table as it is printed, and of its little (FNV-1a, 32 bits).
+fn sum(printed: &str, little: &[String]) -> String {
+    let mut sum: u32 = 0x811c_9dc5;
+    for byte in printed
+        .bytes()
+        .chain(little.iter().flat_map(|row| row.bytes()))
+    {
+        sum = (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+    }
+    format!("{sum:08x}")
+}
+
+#[test]
+fn no_long_table_is_of_an_older_kband() {
+    let mut older = Vec::new();
+    for long::Long { table, little } in long::TABLES {
+        let marker = long_marker(table.name);
+        let (text, place) = found(table, &marker);
+        let sum = sum(&text[place], &little());
+        if !text.contains(&format!("{marker}{sum} -->\n")) {
+            older.push(format!("{}: {} (now {sum})", table.page, table.name));
+        }
+    }
+    assert!(
+        older.is_empty(),
+        "docs/numbers.sh makes these tables anew, in minutes: {older:#?}"
+    );
+}
+
+/// Makes a long table whole.
+fn whole(name: &str) {
+    let long::Long { table, little } = long::TABLES
+        .iter()
+        .find(|long| long.table.name == name)
+        .expect("a long table");
+    let marker = long_marker(name);
+    let made = made(table);
+    let (mut text, place) = found(table, &marker);
+    if accepts() {
+        let line = text[..place.start - 1].rfind('\n').map_or(0, |at| at + 1);
+        let told = format!("{marker}{} -->\n{made}", sum(&made, &little()));
+        text.replace_range(line..place.end, &told);
+        fs::write(page(table.page), text).expect("the page is written");
+    } else {
+        let apart = apart(&made, &text[place]);
+        assert!(apart.is_empty(), "{}: {name}\n{apart}", table.page);
+    }
+}
+
 /// Decimals from which on a table is one of numbers.
 const NUMBERS: usize = 8;
 
-/// Pages whose numbers are of physics.
+/// Pages whose numbers are of runs.
 fn theory() -> impl Iterator<Item = (String, String)> {
     let docs = page("");
     fs::read_dir(docs)
@@ -280,7 +210,8 @@ fn theory() -> impl Iterator<Item = (String, String)> {
         .flatten()
         .filter_map(|entry| {
             let name = entry.file_name().into_string().ok()?;
-            let of_physics = name.starts_with("theory-") || name == "paper.md";
+            let of_physics = name.starts_with("theory-")
+                || ["paper.md", "commissioning.md"].contains(&name.as_str());
             (of_physics && name.ends_with(".md"))
                 .then(|| (name, fs::read_to_string(entry.path()).expect("a page")))
         })
@@ -302,11 +233,14 @@ fn every_table_of_numbers_says_where_they_are_from() {
                 .filter(|w| w[0].is_ascii_digit() && w[1] == b'.' && w[2].is_ascii_digit())
                 .count();
             let said = lines[n - 1];
-            let known = TABLES
+            let short = short::TABLES
                 .iter()
-                .any(|table| table.page == name && format!("{said}\n") == marker(table.name));
-            let elsewhere = ["<!-- reference: ", "<!-- run: ", "<!-- test: "];
-            let told = known || elsewhere.iter().any(|kind| said.starts_with(kind));
+                .any(|table| table.page == name && format!("{said}\n") == short_marker(table.name));
+            let long = long::TABLES.iter().any(|long::Long { table, .. }| {
+                table.page == name && said.starts_with(&long_marker(table.name))
+            });
+            let elsewhere = ["<!-- reference: ", "<!-- test: "];
+            let told = short || long || elsewhere.iter().any(|kind| said.starts_with(kind));
             if decimals >= NUMBERS && !told {
                 silent.push(format!("{name}:{}", n + 1));
             }

@@ -23,6 +23,7 @@ pub struct GearMargin {
 #[cfg(all(test, feature = "plant"))]
 mod tests {
     use core::f64::consts::TAU;
+    use std::string::String;
 
     use super::GearMargin;
     use crate::control::drive::{Shape, UpperTone};
@@ -140,8 +141,74 @@ mod tests {
         (truth, last, told)
     }
 
+    /// Both parts of a row of the manual's table: what is true and what was told, of one part and of six.
+    fn row(lot: &Lot, found: &[(Truth, GearMargin); 2]) -> String {
+        let [low, high] = lot.restitution;
+        let restitution = if low == high {
+            std::format!("{low}")
+        } else {
+            std::format!("{low}..{high}")
+        };
+        let [ratio, angle] = lot.tone;
+        let tone = if ratio > 0.0 {
+            std::format!("{ratio}, {angle}")
+        } else {
+            "-".into()
+        };
+        let each = |of: &dyn Fn(&Truth, &GearMargin) -> std::string::String| {
+            found
+                .each_ref()
+                .map(|(truth, told)| of(truth, told))
+                .join(" | ")
+        };
+        // No sign before a zero.
+        let signed = |value: f64, digits: usize| {
+            let shown = std::format!("{value:+.digits$}");
+            let is_zero = shown.trim_start_matches(['+', '-', '0', '.']).is_empty();
+            if is_zero { shown[1..].into() } else { shown }
+        };
+        std::format!(
+            "| {restitution} | {:.2} | {} | {tone} | {} | {:.2} | {} | {:.3} | {} |",
+            lot.scatter,
+            lot.k,
+            each(&|truth, told| std::format!(
+                "{} ({:.3})",
+                signed(f64::from(told.restitution) - truth.restitution, 3),
+                told.error
+            )),
+            found[0].0.trace,
+            each(&|truth, told| signed(f64::from(told.trace) - truth.trace, 2)),
+            found[0].1.scatter,
+            each(&|truth, told| std::format!(
+                "{:.0} of {:.0}",
+                told.to_loss,
+                truth.cycles / truth.losses.max(1.0)
+            )),
+        )
+    }
+
+    /// The table of the manual is that of these rows; `KBAND_ACCEPT=1` writes it.
+    fn print(rows: &[String]) {
+        const MARKER: &str = "<!-- test: what_is_heard_of_the_margin_is_the_plant_s_own -->\n";
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/theory-real-parts.md");
+        let page = std::fs::read_to_string(path).unwrap();
+        let (before, after) = page.split_once(MARKER).unwrap();
+        let mut lines = after.split_inclusive('\n');
+        let head: String = lines.by_ref().take(2).collect();
+        let printed = lines.take_while(|line| line.starts_with('|'));
+        let printed: String = printed.collect();
+        let made = rows.join("\n") + "\n";
+        if printed != made && std::env::var_os("KBAND_ACCEPT").is_some_and(|accept| accept == "1") {
+            let rest = &after[head.len() + printed.len()..];
+            std::fs::write(path, [before, MARKER, &head, &made, rest].concat()).unwrap();
+        } else {
+            assert_eq!(printed, made);
+        }
+    }
+
     #[test]
     fn what_is_heard_of_the_margin_is_the_plant_s_own() {
+        let mut rows = std::vec::Vec::new();
         for (restitution, scatter, k, tone) in [
             ([0.2, 0.2], 0.05, 0.403, [0.0, 0.0]),
             ([0.3, 0.3], 0.05, 0.4438, [0.0, 0.0]),
@@ -154,15 +221,15 @@ mod tests {
             ([0.3, 0.3], 0.10, 0.39, [0.17, 2.65]),
             ([0.5, 0.5], 0.10, 0.59, [0.23, 2.65]),
         ] {
-            for parts in [1, 6] {
-                let lot = Lot {
-                    restitution,
-                    scatter,
-                    parts,
-                    k,
-                    tone,
-                };
-                let (truth, told, cycles) = listen(&lot, 3);
+            let lot = |parts| Lot {
+                restitution,
+                scatter,
+                parts,
+                k,
+                tone,
+            };
+            let found = [1, 6].map(|parts| {
+                let (truth, told, cycles) = listen(&lot(parts), 3);
                 let what =
                     std::format!("{restitution:?} {scatter} {tone:?} {parts}: {truth:?} {told:?}");
                 assert!(cycles > 2400, "{what}: told in {cycles} cycles");
@@ -190,7 +257,10 @@ mod tests {
                         || to_loss < longest * most && longest < to_loss * most,
                     "{what}"
                 );
-            }
+                (truth, told)
+            });
+            rows.push(row(&lot(1), &found));
         }
+        print(&rows);
     }
 }
