@@ -120,6 +120,7 @@ const DESK: &[(&str, &[&str])] = &[
 /// The same of an emulated board.
 const BOARD: &[(&str, &[&str])] = &[
     ("identify", &["identify"]),
+    ("monitor", &["monitor --every 5 --rows 8"]),
     ("settings", &["settings list"]),
     ("status", &["status", "target k 0.43"]),
 ];
@@ -146,7 +147,7 @@ const NULLABLE: [(&str, &str); 18] = [
     ("phase_heard", "number"),
 ];
 
-fn run(folder: &Path, words: &str, more: &[&str]) -> Vec<u8> {
+fn run(folder: &Path, words: &str, more: &[&str], format: &str) -> Vec<u8> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kband"));
     if words.starts_with("bench") {
         // Without the emulator, which counts for half a minute: what it counts is null then.
@@ -155,7 +156,7 @@ fn run(folder: &Path, words: &str, more: &[&str]) -> Vec<u8> {
     let output = command
         .args(words.split_whitespace())
         .args(more)
-        .args(["--format", "json"])
+        .args(["--format", format])
         .current_dir(folder)
         .stdin(Stdio::null())
         .output()
@@ -241,6 +242,19 @@ fn inferred(name: &str, values: &[&Value]) -> Value {
     schema.into()
 }
 
+/// Adds to a schema the columns of a CSV that no row had a value in: numbers all.
+fn with_columns(schema: &mut Value, csv: &str) {
+    let mut lines = csv.lines().filter(|line| !line.starts_with('#'));
+    let header = lines.next().expect("a header");
+    for column in header.split(',') {
+        let name = column.split(" (").next().unwrap_or_default();
+        let property = &mut schema["properties"][name];
+        if property.is_null() {
+            *property = inferred(name, &[&json!(0.5)]);
+        }
+    }
+}
+
 /// Where a value breaks a schema of the words that [`inferred`] writes.
 fn broken(value: &Value, schema: &Value, at: &str, found: &mut Vec<String>) {
     let kinds: Vec<&str> = match &schema["type"] {
@@ -311,7 +325,7 @@ fn check(folder: &Path, results: &[(&str, &[&str])], more: &[&str]) {
         // Each line of what runs on is a document.
         let mut documents: Vec<(&str, Value)> = Vec::new();
         for words in *commands {
-            let printed = run(folder, words, more);
+            let printed = run(folder, words, more, "json");
             for document in serde_json::Deserializer::from_slice(&printed).into_iter() {
                 let document = document.unwrap_or_else(|error| panic!("{words}: {error}"));
                 documents.push((words, document));
@@ -326,6 +340,11 @@ fn check(folder: &Path, results: &[(&str, &[&str])], more: &[&str]) {
                     .map(|(_, document)| document)
                     .collect::<Vec<_>>(),
             );
+            if *name == "monitor" {
+                // Its lines leave out what there is none of; the CSV has a column for it.
+                let csv = run(folder, commands[0], more, "csv");
+                with_columns(&mut schema, &String::from_utf8(csv).unwrap());
+            }
             let own = json!({"$schema": "http://json-schema.org/draft-07/schema#", "title": format!("kband {name}")});
             let mut whole = own.as_object().unwrap().clone();
             whole.extend(std::mem::take(schema.as_object_mut().unwrap()));
