@@ -222,7 +222,7 @@ impl Bench {
         let error = (d - duration).abs();
         match held {
             Held::Double => {
-                let rounding = 8.0 * self.track.rounding(phase, velocity, duration);
+                let rounding = 16.0 * self.track.rounding(phase, velocity, duration);
                 let moved = rounding / arrival + 1e-12 * duration;
                 if level || moved > 1e-2 * duration {
                     return Ok(Verdict::Doubtful);
@@ -399,7 +399,7 @@ mod tests {
     use super::*;
 
     /// Impacts of one arithmetic that are noticed where each is spoiled, as a share of those that are not said to graze nor
-    /// left to rounding; resting parts stay as they are. Nothing is said of the other arithmetics' impacts.
+    /// left to rounding nor at rest (some are both: a little more than 1 is all of them). Nothing is said of the other arithmetics' impacts.
     fn noticed(n: usize, spoil: impl Fn(&mut Impact<PartState>) + Sync) -> f64 {
         let rests = AtomicUsize::new(0);
         let only_this = |which: usize, impact: &mut Impact<PartState>| {
@@ -442,7 +442,7 @@ mod tests {
             println!("{name}: {shares:.4?}");
             // Slow arrivals, and flights of next to nothing, are held to less; another root is always noticed.
             assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");
-            assert!(shares[4] == 1.0, "{name} {shares:?}");
+            assert!(shares[4] >= 1.0, "{name} {shares:?}");
         }
     }
 }
