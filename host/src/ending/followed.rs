@@ -120,8 +120,9 @@ impl Row {
             self.count += 1;
             return;
         }
-        let order = (flight / TAU).round();
-        (self.order, self.period) = (order as u32, order * TAU);
+        // The nearest whole number of turns, without the platform's rounding.
+        self.order = (flight * (1.0 / TAU) + 0.5) as u32;
+        self.period = f64::from(self.order) * TAU;
         self.count = usize::from(gear::is_in_gear(flight, self.period));
     }
 }

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, NoScatter, Printed};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FILLS, FOLLOWED};
+use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns, number};
@@ -163,14 +163,19 @@ pub(super) fn ends(
 ) -> Result<Vec<Regime>, Refusal> {
     Map::state(0.0, top)?;
     let starts = Starts { side, top };
-    let rows = desk.map("basins", side, |row| {
-        let start = |column| PartState {
-            phase: starts.phase(column),
-            velocity: starts.velocity(row),
+    // Long enough that the last orbits, which fly in registers that are not full, are few; and short enough for any number
+    // of threads.
+    let rows = (side * side / 64).max(TOGETHER).div_ceil(side);
+    let ends = desk.map("basins", side.div_ceil(rows), |task| {
+        let all = task * rows..side.min((task + 1) * rows);
+        let start = |n| PartState {
+            phase: starts.phase(n % side),
+            velocity: starts.velocity(n / side),
         };
-        endings.of_all(&(0..side).map(start).collect::<Vec<_>>())
+        let starts: Vec<_> = (all.start * side..all.end * side).map(start).collect();
+        endings.of_all(&starts)
     })?;
-    Ok(rows.into_iter().flatten().collect())
+    Ok(ends.into_iter().flatten().collect())
 }
 
 /// k, which clap has seen to be given in one way or the other.
