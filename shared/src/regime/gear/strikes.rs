@@ -166,16 +166,15 @@ impl StrikeProfiler {
     }
 
     fn step(&mut self) {
-        let Some(mut rider) = self.rider.take() else {
+        let Some(rider) = &mut self.rider else {
             self.begin();
             return;
         };
         self.impacts += 1;
-        let surface = self.surface;
         let mut struck = None;
-        let over = rider.step_heard(&surface, |heard| struck = Some(heard));
+        let over = rider.step_heard(&self.surface, |heard| struck = Some(heard));
         if let Some(heard) = struck {
-            let speed = heard.speed(&surface);
+            let speed = heard.speed(&self.surface);
             let place = (heard.phase.bits() >> 26) as u8;
             let landed = heard.rested && {
                 let landing = *self.profile.landing.get_or_insert(heard.phase);
@@ -198,7 +197,7 @@ impl StrikeProfiler {
                 self.waiting = 0;
                 self.count_in(strike);
                 let group = self.group();
-                self.profile.bends[group] += heard.bend(&surface);
+                self.profile.bends[group] += heard.bend(&self.surface);
                 self.bent[group] += 1.0;
             } else if self.is_row(strike.turns) && self.waiting < self.row.len() {
                 self.row[self.waiting] = strike;
@@ -211,14 +210,13 @@ impl StrikeProfiler {
             // What ended is the time that it is followed for, not its gear.
             self.was_in = false;
             self.lose();
-            let all = rider.time() as f32 * (1.0 / Phase::TURN as f32);
+            let time = self.rider.take().map_or(0, |rider| rider.time());
+            let all = time as f32 * (1.0 / Phase::TURN as f32);
             let group = self.group();
             self.profile.periods[0][group] += self.turns;
             self.profile.periods[1][group] += (all - self.turns).max(0.0);
             self.turns = 0.0;
-            return;
         }
-        self.rider = Some(rider);
     }
 
     /// Group of the part under way.
