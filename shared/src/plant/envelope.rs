@@ -343,11 +343,15 @@ impl EnvelopePlant {
                     if part.lies() {
                         lying = Some(next);
                     }
-                    // Strikes for which there is no room are not remembered.
-                    let _ = self.strikes.push(Strike {
-                        part: index as u8,
-                        ..strike
-                    });
+                    // All that is heard of a strike is what is kept of it: where there is no room, the loudest are.
+                    let part = index as u8;
+                    if let Err(more) = self.strikes.push(Strike { part, ..strike }) {
+                        let kept = self.strikes.iter_mut();
+                        let quietest = kept.min_by(|one, other| one.speed.total_cmp(&other.speed));
+                        if let Some(quietest) = quietest.filter(|one| one.speed < more.speed) {
+                            *quietest = more;
+                        }
+                    }
                 }
             }
             if let (Some(load), Some(since)) = (&mut load, lying) {
