@@ -37,6 +37,15 @@ impl Desk {
         })
     }
 
+    /// The same desk with another number of threads: the wish to stop is one.
+    pub fn with_threads(&self, threads: usize) -> Result<Self, Refusal> {
+        let desk = Self::new(Some(threads))?;
+        Ok(Self {
+            stop: Arc::clone(&self.stop),
+            ..desk
+        })
+    }
+
     /// Ctrl-C (and SIGTERM) from now on ask the work to stop; a second one stops at once.
     pub fn listen_for_interruption(&self) {
         let stop = Arc::clone(&self.stop);
@@ -80,6 +89,17 @@ impl Desk {
         });
         progress.finish();
         results
+    }
+
+    /// Like [`Desk::map`] without a bar, for work whose result nobody reads.
+    pub fn quietly(&self, count: usize, work: impl Fn(usize) + Sync + Send) -> Result<(), Refusal> {
+        self.pool.install(|| {
+            (0..count).into_par_iter().try_for_each(|n| {
+                self.go_on()?;
+                work(n);
+                Ok(())
+            })
+        })
     }
 
     /// Like [`Desk::map`] for work that can itself refuse; the first refusal in order is returned.

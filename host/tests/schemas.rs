@@ -30,6 +30,14 @@ const DESK: &[(&str, &[&str])] = &[
         ],
     ),
     ("bench", &["bench --rounds 1 --launches 512"]),
+    (
+        "bench-scaling",
+        &["bench --show scaling --rounds 1 --impacts 1000"],
+    ),
+    (
+        "bench-verbs",
+        &["bench --show verbs --rounds 1 --only cascade"],
+    ),
     ("basins", &["basins --k 0.43 --restitution 0.2 --grid 4"]),
     (
         "capture",

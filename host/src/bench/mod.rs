@@ -7,9 +7,11 @@
 pub mod bracket;
 pub mod contest;
 pub mod instructions;
+pub mod scaling;
 pub mod scene;
 pub mod skips;
 pub mod textbook;
+pub mod verbs;
 pub mod waves;
 pub mod workload;
 

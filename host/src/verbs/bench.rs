@@ -1,10 +1,13 @@
-//! `kband bench`: run time against error of every arithmetic.
+//! `kband bench`: run time against error of every arithmetic, and what users wait for.
+
+mod scaled;
+mod waited;
 
 use crate::arguments::{self, Drawn, Printed};
 use crate::bench::contest::{Contestant, LAUNCHES, contestants};
 use crate::bench::instructions::{self, Count};
 use crate::bench::workload::Workload;
-use crate::bench::{Measurement, median, scene, skips, waves};
+use crate::bench::{Measurement, median, scaling, scene, skips, waves};
 use crate::desk::{Desk, Progress};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
@@ -17,6 +20,8 @@ use crate::report::{Printout, Table, columns, number};
   kband bench --format json
   kband bench --out time-against-error.svg
   kband bench --on qemu
+  kband bench --show verbs --only diagram
+  kband bench --show scaling --impacts 100000000 --out scaling.svg
 
 All kernels take turns in one run on one core, of 4096 launches (batch of 16384); the median of \
 the turns counts. The errors are those of the phase of the next impact. Workloads: high \
@@ -30,13 +35,25 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = On::Desk)]
     on: On,
 
-    /// How often each kernel goes through its launches.
-    #[arg(long, value_name = "N", default_value = "11", value_parser = arguments::count(1, 1000))]
-    rounds: usize,
+    /// What is measured.
+    #[arg(long, value_enum, default_value_t = Show::Kernels)]
+    show: Show,
 
-    /// Launches of each workload.
-    #[arg(long, value_name = "N", default_value = "16384", value_parser = arguments::count(512, 1_000_000))]
-    launches: usize,
+    /// How often everything is measured [default: 11, of verbs 3].
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, 1000))]
+    rounds: Option<usize>,
+
+    /// Launches of each workload [default: 16384].
+    #[arg(long, value_name = "N", value_parser = arguments::count(512, 1_000_000))]
+    launches: Option<usize>,
+
+    /// With --show verbs: only the commands of this verb.
+    #[arg(long, value_name = "VERB")]
+    only: Option<String>,
+
+    /// With --show scaling: most impacts that are made at once [default: 1e7].
+    #[arg(long, value_name = "N", value_parser = arguments::count(scaling::LEAST, 1_000_000_000))]
+    impacts: Option<usize>,
 
     #[command(flatten)]
     printed: Printed,
@@ -44,6 +61,9 @@ pub struct Arguments {
     #[command(flatten)]
     drawn: Drawn,
 }
+
+/// How often each kernel goes through its launches.
+const ROUNDS: usize = 11;
 
 /// What is measured on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -54,11 +74,77 @@ enum On {
     Qemu,
 }
 
+/// What is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Show {
+    /// Run time against error of every arithmetic.
+    Kernels,
+    /// What users wait for: whole commands, with one thread and with two.
+    Verbs,
+    /// The cost of an impact by how many are made, with one thread and with two.
+    Scaling,
+}
+
+impl Arguments {
+    fn rounds(&self, default: usize) -> usize {
+        self.rounds.unwrap_or(default)
+    }
+
+    /// An option that what is shown makes nothing of is refused.
+    fn check(&self) -> Result<(), Refusal> {
+        let without = |given: bool, option: &str, with: &str| {
+            if given {
+                Err(Refusal::new(
+                    format!("{option} has no effect here"),
+                    format!("leave it out, or take {with}"),
+                ))
+            } else {
+                Ok(())
+            }
+        };
+        let (kernels, scaling) = (self.show == Show::Kernels, self.show == Show::Scaling);
+        let qemu = self.on == On::Qemu;
+        without(qemu && !kernels, "--on qemu", "--show kernels")?;
+        without(qemu && self.rounds.is_some(), "--rounds", "--on desk")?;
+        without(
+            self.launches.is_some() && (qemu || !kernels),
+            "--launches",
+            "--show kernels --on desk",
+        )?;
+        without(
+            self.impacts.is_some() && !scaling,
+            "--impacts",
+            "--show scaling",
+        )?;
+        without(
+            self.only.is_some() && self.show != Show::Verbs,
+            "--only",
+            "--show verbs",
+        )?;
+        let drawn = self.drawn.out.is_some();
+        without(drawn && qemu, "--out", "--on desk")?;
+        without(
+            drawn && self.show == Show::Verbs,
+            "--out",
+            "--show kernels or scaling",
+        )
+    }
+}
+
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    arguments.check()?;
     if arguments.on == On::Qemu {
         return count(arguments);
     }
+    match arguments.show {
+        Show::Kernels => kernels(arguments, desk),
+        Show::Verbs => waited::run(arguments, desk),
+        Show::Scaling => scaled::run(arguments, desk),
+    }
+}
+
+fn kernels(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
     let mut lines = Vec::new();
     let progress = Progress::new("bench", Workload::ALL.len() as u64 + 2);
@@ -66,10 +152,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         lines.extend(measure(workload, arguments, desk)?);
         progress.advance(1);
     }
-    let skips = skips::lines(arguments.rounds);
+    let skips = skips::lines(arguments.rounds(ROUNDS));
     progress.advance(1);
     desk.go_on()?;
-    let scenes = scene::lines(arguments.rounds);
+    let scenes = scene::lines(arguments.rounds(ROUNDS));
     progress.finish();
     let (counts, missing) = instructions::counts();
 
@@ -192,15 +278,16 @@ fn measure(
     arguments: &Arguments,
     desk: &Desk,
 ) -> Result<Vec<Measurement>, Refusal> {
-    let launches = workload.launches(arguments.launches);
+    let count = arguments.launches.unwrap_or(16_384);
+    let launches = workload.launches(count);
     let mut contestants = contestants(workload, &launches);
-    contestants.extend(waves::contestants(workload, arguments.launches));
+    contestants.extend(waves::contestants(workload, count));
     // Of each turn the median of the rounds, of a workload the mean of its turns.
     let mut times: Vec<Vec<Vec<f64>>> = contestants
         .iter()
         .map(|contestant| vec![Vec::new(); contestant.turns().max(1)])
         .collect();
-    for turn in 0..arguments.rounds * launches.len().div_ceil(LAUNCHES) {
+    for turn in 0..arguments.rounds(ROUNDS) * launches.len().div_ceil(LAUNCHES) {
         for (contestant, times) in contestants.iter_mut().zip(&mut times) {
             desk.go_on()?;
             let turns = times.len();

@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Other programs on the launches of `kband bench`, one after the other on one core: CSV of kernel, workload, ns an impact.
+# What is not installed is left out, and said: numba and heyoka of PYTHON (python3), a C++ compiler with Boost.
+#   host/benches/peers/compare.sh
+#   PYTHON=venv/bin/python host/benches/peers/compare.sh
+set -eu
+cd "$(dirname "$0")"
+python=${PYTHON:-python3}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+export PYTHONDONTWRITEBYTECODE=1
+echo "kernel,workload,impact_time (ns)"
+if "$python" -c "import numba" 2>"$work/why"; then
+    "$python" textbook.py
+else
+    echo "numba left out: $(tail -n 1 "$work/why")" >&2
+fi
+if "$python" -c "import heyoka" 2>"$work/why"; then
+    "$python" event.py
+else
+    echo "heyoka left out: $(tail -n 1 "$work/why")" >&2
+fi
+if ${CXX:-c++} -std=c++17 -O3 -march=native -o "$work/toms748" toms748.cpp 2>"$work/why"; then
+    "$work/toms748"
+else
+    echo "C++ left out: $(head -n 1 "$work/why")" >&2
+fi
