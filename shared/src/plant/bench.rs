@@ -71,6 +71,12 @@ impl Bench {
         &self.plant
     }
 
+    /// Has the parts weigh so much of the track's mass in all.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, total: f64) {
+        self.plant.heap(total);
+    }
+
     /// Time since the start in s.
     #[must_use]
     pub fn time(&self) -> f64 {

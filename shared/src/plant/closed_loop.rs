@@ -66,6 +66,12 @@ impl ClosedLoop {
         })
     }
 
+    /// Has the parts weigh so much of the track's mass in all.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, total: f64) {
+        self.bench.heap(total);
+    }
+
     /// Runs to the end of the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
         self.cycle_shown(|_| ())

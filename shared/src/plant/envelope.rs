@@ -594,6 +594,14 @@ impl EnvelopePlant {
         self.watched = watched;
     }
 
+    /// Has the parts weigh so much of the track's mass in all.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, total: f64) {
+        if let Some(load) = &mut self.load {
+            load.heap(total);
+        }
+    }
+
     /// Normal amplitude of the track now, in m.
     #[must_use]
     pub fn amplitude(&self) -> f64 {

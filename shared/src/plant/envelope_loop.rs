@@ -145,6 +145,12 @@ impl EnvelopeLoop {
         self.plant.watch_displacement(watched);
     }
 
+    /// Has the parts weigh so much of the track's mass in all.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, total: f64) {
+        self.plant.heap(total);
+    }
+
     /// The controller.
     #[must_use]
     pub fn controller(&self) -> &Controller {

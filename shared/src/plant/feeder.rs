@@ -374,6 +374,15 @@ impl Plant {
         self.hopper.dump(self.time, turns);
     }
 
+    /// Has the parts weigh so much of the track's mass in all.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, total: f64) {
+        let sum: f64 = self.massive.iter().map(MassivePart::share).sum();
+        for part in &mut self.massive {
+            part.heap(part.share() * total / sum);
+        }
+    }
+
     /// Mass in kg that is on the track, over that of the track.
     #[must_use]
     pub fn load(&self) -> f64 {

@@ -51,6 +51,15 @@ impl TrackLoad {
         self.shares.get(part).copied().unwrap_or(0.0)
     }
 
+    /// Has the parts weigh so much of the track's mass in all.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, total: f64) {
+        let sum: f64 = self.shares.iter().sum();
+        for share in &mut self.shares {
+            *share *= total / sum;
+        }
+    }
+
     /// Begins a cycle at an angular frequency in rad/s; the push of the one before.
     pub fn begin(&mut self, angular: f64) -> Complex {
         self.angular = angular;

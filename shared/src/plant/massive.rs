@@ -136,6 +136,12 @@ impl MassivePart {
         self.share
     }
 
+    /// Has it weigh another share of the track's mass.
+    #[cfg(test)]
+    pub(super) fn heap(&mut self, share: f64) {
+        self.share = share;
+    }
+
     /// Whether it lies on the track.
     #[must_use]
     pub fn lies(&self) -> bool {

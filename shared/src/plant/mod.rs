@@ -19,6 +19,8 @@ mod envelope;
 mod envelope_loop;
 mod feeder;
 #[cfg(test)]
+mod heaps;
+#[cfg(test)]
 mod held;
 mod hopper;
 mod law;

@@ -333,6 +333,7 @@ impl Controller {
             restitution: one.map(|margin| margin.restitution),
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
             sine: self.selection.shape().is_sine(),
+            concentration: phases.concentration(),
             rate: phases.rate(),
             stands: self.machine.kick().is_none()
                 && self.machine.running()

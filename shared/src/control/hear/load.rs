@@ -57,6 +57,8 @@ pub struct Weighed {
     pub normal_gravity: f32,
     /// Share of the parts' time in gear, 0..=1.
     pub in_gear: f32,
+    /// Concentration of the track's phases at the impacts, 0..1.
+    pub concentration: f32,
     /// Order of that gear (symbol r).
     pub order: u8,
     /// Restitution of the parts as heard; `None`: the lot's as told.
@@ -148,6 +150,7 @@ impl LoadMeter {
             frequency,
             normal_gravity,
             in_gear,
+            concentration,
             order,
             ..
         } = *seen;
@@ -157,10 +160,11 @@ impl LoadMeter {
         // What would be b at k = 1.
         let unit = normal_gravity / square;
         let corrected = |share: f32, amplitude: f32, cosine: f32| {
-            // Twice the weight, against the cosine of the phase since the impact, at the track's phase.
+            // Twice the weight, against the cosine of the phase since the impact, at the track's phase; whether the parts are heard to be in gear does
+            // not matter, how far they strike at one phase does.
             let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
             let direction = motion * (1.0 / amplitude);
-            motion + direction * Complex::new(sine, cosine) * (2.0 * share * unit * in_gear)
+            motion + direction * Complex::new(sine, cosine) * (2.0 * share * unit * concentration)
         };
         let bare = square_root_single(motion.norm_sqr());
         if bare < 1e-3 * unit {
@@ -275,6 +279,7 @@ mod tests {
             frequency: 50.0,
             normal_gravity,
             in_gear: 1.0,
+            concentration: 1.0,
             order: 1,
             restitution: None,
             cosine: None,
