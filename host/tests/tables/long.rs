@@ -61,10 +61,10 @@ long_tables! {
         weighing::table(1, 1, true).expect("feeders");
     share_heard_of_the_chosen_lots: "share heard, lots chosen with", "theory-real-parts.md", HEARD,
         hearing::table(&hearing::rows("set"), 6, 1),
-        hearing::table(&hearing::rows("set")[5..6], 1, 1);
+        hearing::table(&hearing::rows("set")[5..10], 1, 1);
     share_heard_of_the_other_lots: "share heard, other lots", "theory-real-parts.md", HEARD,
         hearing::table(&hearing::rows("check"), 6, 77),
-        hearing::table(&hearing::rows("check")[1..2], 1, 77);
+        hearing::table(&hearing::rows("check")[5..10], 1, 77);
     gear_of_order_two: "gear of order 2", "theory-real-parts.md",
         "| R | s | one tone: map | plan | two tones: map, at k, e, th | plan, at k, e, th |",
         order_two(&[("0.2", "0.05"), ("0.3", "0.03"), ("0.4", "0.05"), ("0.6", "0.05")], "--largest-second-tone 0.3 --runs 12"),
