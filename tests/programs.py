@@ -19,8 +19,8 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 TIMES = TARGET / "run/programs.json"
-# Programs that compute, at once: each has as many threads as there are cores.
-LANES = 1
+# Programs that compute, at once: each has as many threads as there are cores, and ends on one of them.
+LANES = 2
 # Programs that wait, and how many of their tests do so at once.
 WAITING = {"board": 4, "live": 2}
 
