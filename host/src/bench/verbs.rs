@@ -1,8 +1,7 @@
 //! What users wait for: whole commands, with one thread and with two.
 
 use std::env;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
@@ -11,7 +10,7 @@ use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
 /// A command, and what it makes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
     /// Its words, as a user types them after `kband`.
     pub words: &'static str,
@@ -67,16 +66,16 @@ pub const WORKS: [Work; 8] = [
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Waited {
     /// The command.
-    pub words: &'static str,
-    /// What it makes, and how many of them.
-    pub makes: (&'static str, u32),
+    pub work: Work,
     /// Median time in s of its runs, by threads.
     pub seconds: [f64; 2],
 }
 
 /// Runs each command so many times, with one thread and with two in turns; times from start to end, as a user waits.
 pub fn waited(works: &[Work], rounds: usize, desk: &Desk) -> Result<Vec<Waited>, Refusal> {
-    let folder = Folder::new()?;
+    // Where the commands write what they write unasked; it goes when they are done.
+    let folder = tempfile::tempdir()
+        .map_err(|error| Refusal::file(&env::temp_dir(), &error, "set TMPDIR to another folder"))?;
     let progress = Progress::new("bench", (rounds * works.len()) as u64);
     let mut times = vec![[const { Vec::new() }; 2]; works.len()];
     for _ in 0..rounds {
@@ -92,9 +91,8 @@ pub fn waited(works: &[Work], rounds: usize, desk: &Desk) -> Result<Vec<Waited>,
     Ok(works
         .iter()
         .zip(times)
-        .map(|(work, times)| Waited {
-            words: work.words,
-            makes: work.makes,
+        .map(|(&work, times)| Waited {
+            work,
             seconds: times.map(median),
         })
         .collect())
@@ -124,28 +122,5 @@ fn run(words: &str, threads: &str, folder: &Path) -> Result<f64, Refusal> {
         Ok(seconds)
     } else {
         Err(failed(status.to_string()))
-    }
-}
-
-/// Where the commands write what they write unasked; it goes when they are done.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Result<Self, Refusal> {
-        let path = env::temp_dir().join(format!("kband-bench-{}", std::process::id()));
-        fs::create_dir_all(&path)
-            .map_err(|error| Refusal::file(&path, &error, "set TMPDIR to another folder"))?;
-        Ok(Self(path))
-    }
-
-    fn path(&self) -> &Path {
-        &self.0
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // What cannot be removed stays in the system's folder for such.
-        let _ = fs::remove_dir_all(&self.0);
     }
 }

@@ -89,51 +89,10 @@ impl Arguments {
     fn rounds(&self, default: usize) -> usize {
         self.rounds.unwrap_or(default)
     }
-
-    /// An option that what is shown makes nothing of is refused.
-    fn check(&self) -> Result<(), Refusal> {
-        let without = |given: bool, option: &str, with: &str| {
-            if given {
-                Err(Refusal::new(
-                    format!("{option} has no effect here"),
-                    format!("leave it out, or take {with}"),
-                ))
-            } else {
-                Ok(())
-            }
-        };
-        let (kernels, scaling) = (self.show == Show::Kernels, self.show == Show::Scaling);
-        let qemu = self.on == On::Qemu;
-        without(qemu && !kernels, "--on qemu", "--show kernels")?;
-        without(qemu && self.rounds.is_some(), "--rounds", "--on desk")?;
-        without(
-            self.launches.is_some() && (qemu || !kernels),
-            "--launches",
-            "--show kernels --on desk",
-        )?;
-        without(
-            self.impacts.is_some() && !scaling,
-            "--impacts",
-            "--show scaling",
-        )?;
-        without(
-            self.only.is_some() && self.show != Show::Verbs,
-            "--only",
-            "--show verbs",
-        )?;
-        let drawn = self.drawn.out.is_some();
-        without(drawn && qemu, "--out", "--on desk")?;
-        without(
-            drawn && self.show == Show::Verbs,
-            "--out",
-            "--show kernels or scaling",
-        )
-    }
 }
 
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    arguments.check()?;
     if arguments.on == On::Qemu {
         return count(arguments);
     }

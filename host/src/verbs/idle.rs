@@ -40,6 +40,34 @@ const IDLE: &[Idle] = &[
         why: "instructions are counted once, and have no picture",
     },
     Idle {
+        verb: "bench",
+        case: |given| given.is("show", "verbs") || given.is("show", "scaling"),
+        said: "with --show verbs and --show scaling",
+        options: &["on", "launches"],
+        why: "they are of --show kernels",
+    },
+    Idle {
+        verb: "bench",
+        case: |given| given.is("show", "verbs"),
+        said: "with --show verbs",
+        options: &["out", "theme", "width", "font-size"],
+        why: "whole commands are timed, and have no picture",
+    },
+    Idle {
+        verb: "bench",
+        case: |given| !given.is("show", "verbs"),
+        said: "without --show verbs",
+        options: &["only"],
+        why: "nothing else runs whole commands",
+    },
+    Idle {
+        verb: "bench",
+        case: |given| !given.is("show", "scaling"),
+        said: "without --show scaling",
+        options: &["impacts"],
+        why: "nothing else goes by how many impacts are made",
+    },
+    Idle {
         verb: "transport",
         case: |given| given.is("show", "return"),
         said: "with --show return",
@@ -236,7 +264,7 @@ mod tests {
             let of = of.unwrap_or_else(|| panic!("{} has no --{option}", verb.get_name()));
             match option {
                 "starts" if verb.get_name() == "diagram" => "rest",
-                "starts" | "impacts" => "500",
+                "starts" | "impacts" => "5000",
                 "launches" => "1000",
                 "phase-lead" | "incline" => "2",
                 "restitution"
@@ -267,6 +295,9 @@ mod tests {
                 "with --phase and --velocity" => &["--phase 0.5 --velocity 0.4"],
                 "with --print-scene and --schema" => &["--print-scene", "--schema"],
                 "with --on" | "with --on qemu" => &["--on qemu"],
+                "with --show verbs and --show scaling" => &["--show verbs", "--show scaling"],
+                "with --show verbs" | "without --show scaling" => &["--show verbs"],
+                "without --show verbs" => &["--show scaling"],
                 "without --b" => &["--k 0.4"],
                 other => panic!("no example of {other}"),
             };
@@ -278,6 +309,8 @@ mod tests {
             };
             let otherwise = match idle.said {
                 "without --b" => " --b 0.2",
+                "without --show verbs" => " --show verbs",
+                "without --show scaling" => " --show scaling",
                 _ => "",
             };
             for option in idle.options {

@@ -22,9 +22,9 @@ pub(super) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         None => verbs::WORKS.to_vec(),
     };
     for one in verbs::waited(&works, arguments.rounds(3), desk)? {
-        let ([alone, two], (makes, count)) = (one.seconds, one.makes);
+        let ([alone, two], (makes, count)) = (one.seconds, one.work.makes);
         table.push([
-            one.words.into(),
+            one.work.words.into(),
             alone.into(),
             two.into(),
             (alone / two).into(),

@@ -30,8 +30,8 @@ const MOST: f32 = 0.5;
 
 /// What is on the track.
 ///
-/// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.6 % at most and
-/// the mass by 5.9 %, too high by some 3 % for every tenth of the track's mass (docs/theory-real-parts.md#t10.5).
+/// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.8 % at most and
+/// the mass by 5.8 %, too high by some 3 % for every tenth of the track's mass (docs/theory-real-parts.md#t10.5).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Mass of the parts in g (symbol m).
