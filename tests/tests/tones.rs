@@ -261,6 +261,30 @@ fn a_launch_from_a_level_push_is_said_to_graze_in_f32() {
     assert!(!impact.grazes && impact.flight > 126.0, "{impact:?}");
 }
 
+/// Three rad after these launches the ball is 20 below a track that it met after one: where integers tell no more of a height
+/// than that it is beyond 2, it is no impact. Found by seed 20261123.
+#[test]
+fn far_below_the_track_is_no_impact() {
+    let tone = |amplitude, angle| Tone { amplitude, angle };
+    let tones = [
+        tone(0.465_302_712_749_689_8, 1.064_788_136_562_704),
+        tone(0.384_812_791_133_299_5, 3.562_136_650_295_28),
+    ];
+    let expected = WaveMap::on_tones(tones, 4.0, 0.5).unwrap();
+    let hybrid = WaveHybrid::on_tones(tones, 4.0, 0.5).unwrap();
+    for velocity in [1e-7, 1e-5, 1e-3, 0.05, 0.067_344] {
+        let start = WaveHybrid::state(3.246_681_335_778_079_3, velocity).unwrap();
+        let (impact, truth) = (
+            hybrid.impact(start),
+            expected.impact(WaveHybrid::observe(start)),
+        );
+        assert!(
+            (impact.flight - truth.flight).abs() < 1e-8,
+            "{velocity}: {impact:?} {truth:?}"
+        );
+    }
+}
+
 /// Launches within a few steps of where the track throws the part: of the very last step before a hump too.
 fn thrown_at_the_edge_in<K: WaveKernel>() {
     let mut random = Random::new(27);

@@ -1,7 +1,8 @@
 //! Random and adversarial launches in every arithmetic against the oracle, for as long as asked.
 
+use std::collections::HashMap;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use kband_tests::soak::{Tally, replay, soak};
 use kband_tests::states::{Kind, Launch};
@@ -10,8 +11,8 @@ use kband_tests::tones;
 const USAGE: &str = "usage: soak [--tones] [--threads N] [MILLIONS [SEED]]
        soak --replay K RESTITUTION PHASE VELOCITY";
 
-/// Wrong impacts that are printed.
-const PRINTED: u64 = 40;
+/// Wrong impacts of one arithmetic or kind that are printed: one cause can have thousands, and another a single one.
+const PRINTED: u32 = 40;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -83,11 +84,15 @@ fn rounds(millions: f64, kinds: usize) -> (u64, u64) {
     (rounds as u64, count as u64)
 }
 
-/// Prints the first wrong impacts.
+/// Prints the first wrong impacts of each arithmetic or kind, which begins what is told of them.
 fn printer() -> impl Fn(&str) + Sync {
-    let printed = AtomicU64::new(0);
+    let printed = Mutex::new(HashMap::<String, u32>::new());
     move |cause: &str| {
-        if printed.fetch_add(1, Ordering::Relaxed) < PRINTED {
+        let of = cause.split_whitespace().next().unwrap_or_default();
+        let mut printed = printed.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = printed.entry(of.into()).or_default();
+        *count += 1;
+        if *count <= PRINTED {
             println!("{cause}");
         }
     }

@@ -63,7 +63,7 @@ pub(super) trait Track {
 /// A flight as its kernel knows it.
 pub(crate) trait Flight {
     /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
-    /// precision of the kernel.
+    /// precision of the kernel. A height of 2 or -2 may stand for any beyond.
     fn local(&self, node: i32) -> Local;
     /// Flights below this many rad keep more digits in the deflated form than on a node.
     const SHORT: f32;

@@ -41,6 +41,9 @@ const CURVED: f32 = 0.1;
 /// many launches near the top of the track are flagged.
 const MOVED: f32 = 2e-3;
 
+/// A height beyond which a kernel may know no more than its sign ([`Flight::local`]): no step from there ends at an impact.
+const FAR: f32 = 2.0;
+
 /// A bracket narrower than this, in rad, is the root; between 1e-5 and 1e-3 nothing changes.
 const NARROW: f32 = 1e-4;
 
@@ -164,7 +167,8 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
             }
         }
         let mut next = time + step;
-        let found = square > 0.0 && next >= low - SLACK && next <= high + SLACK;
+        let far = abs(height) >= FAR;
+        let found = !far && square > 0.0 && next >= low - SLACK && next <= high + SLACK;
         if !found {
             next = 0.5 * (low + high);
             step = next - time;
