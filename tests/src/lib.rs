@@ -1,12 +1,14 @@
 //! What the cross-crate tests share: the machines that programs run on, launches that try a kernel and the
 //! oracle that judges it.
 
+pub mod bench;
 pub mod broken;
 pub mod certificate;
 pub mod day;
 pub mod desk;
 pub mod footprint;
 pub mod oracle;
+pub mod proof;
 pub mod soak;
 pub mod states;
 pub mod tones;

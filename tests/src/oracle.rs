@@ -23,20 +23,26 @@ pub struct Flight {
 #[must_use]
 pub fn gap(k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
     let (s, c) = phase.sin_cos();
-    let (half_sine, _) = (0.5 * d).sin_cos();
-    let middle = phase + 0.5 * d;
+    gap_from([s, c], k, phase, velocity, d)
+}
+
+/// The same where sine and cosine of the phase are known.
+#[must_use]
+pub fn gap_from([s, c]: [f64; 2], k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
+    let half_sine = (0.5 * d).sin();
+    let (middle_sine, middle_cosine) = (phase + 0.5 * d).sin_cos();
     let height = if d < 0.5 {
         d * (velocity + d * (s * versine(d) - 0.5 * k + d * c * sagitta(d)))
     } else {
-        (velocity + c) * d - 0.5 * k * d * d - 2.0 * middle.cos() * half_sine
+        (velocity + c) * d - 0.5 * k * d * d - 2.0 * middle_cosine * half_sine
     };
     let slope = if d < 0.5 {
         velocity + d * (s - k + d * (c * versine(d) - s * d * sagitta(d)))
     } else {
-        velocity - k * d + 2.0 * middle.sin() * half_sine
+        velocity - k * d + 2.0 * middle_sine * half_sine
     };
     let curvature = if d < 0.5 {
-        (s - k) + 2.0 * middle.cos() * half_sine
+        (s - k) + 2.0 * middle_cosine * half_sine
     } else {
         (phase + d).sin() - k
     };
@@ -47,6 +53,12 @@ pub fn gap(k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
 #[must_use]
 pub fn rounding(k: f64, phase: f64, velocity: f64, d: f64) -> f64 {
     let (s, c) = phase.sin_cos();
+    rounding_from([s, c], k, velocity, d)
+}
+
+/// The same where sine and cosine of the phase are known.
+#[must_use]
+pub fn rounding_from([s, c]: [f64; 2], k: f64, velocity: f64, d: f64) -> f64 {
     let terms = if d < 0.5 {
         d * (velocity + d * ((s - k).abs() + k + s.abs() + d * c.abs()))
     } else {

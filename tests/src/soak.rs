@@ -6,17 +6,22 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
+use kband::arithmetic::Phase;
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Kernel, Map};
 
+use crate::bench::{Bench, Judged};
 use crate::states::{Kind, Launch, Random};
-use crate::verdict::{Verdict, judge_all};
+use crate::verdict::Verdict;
 
 /// How often the watch looks at the threads, and how often it may find one at the same launch before its
 /// search counts as endless: two minutes, in which the watch itself ran, of a machine that may be busy or
 /// asleep.
 const WATCH: Duration = Duration::from_millis(5);
 const PATIENCE: u32 = 24_000;
+
+/// Launches from one track: to set it up in every arithmetic takes as long as to judge one of them.
+const TOGETHER: usize = 8;
+const _: () = assert!(LANES.is_multiple_of(TOGETHER));
 
 /// What a soak saw of one kind of launch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,16 +52,43 @@ impl Tally {
     }
 }
 
+/// The launch of a step that all arithmetics hold, of 2^-32 of a turn and 2^-26 or f32: its first impact is proven once for
+/// all. One that would be at rest so stays what it is.
+fn held_by_all(launch: &Launch) -> Launch {
+    let velocity = (launch.velocity * 67_108_864.0).round() / 67_108_864.0;
+    if velocity == 0.0 {
+        return *launch;
+    }
+    Launch {
+        phase: Phase::from_radians(launch.phase).radians(),
+        velocity: f64::from(velocity as f32),
+        ..*launch
+    }
+}
+
 /// The launches of block `number` of a kind: always the same for the same seed.
 fn launches(kind: Kind, seed: u64, number: u64) -> Vec<Launch> {
     let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
     let mut random = Random::new(seeds.bits());
-    (0..LANES).map(|_| kind.draw(&mut random)).collect()
+    let mut launches = Vec::with_capacity(LANES);
+    while launches.len() < LANES {
+        let first = kind.draw(&mut random);
+        launches.push(first);
+        for beside in 1..TOGETHER {
+            let launch = kind.draw_beside(&mut random, &first);
+            launches.push(if beside % 2 == 0 {
+                launch
+            } else {
+                held_by_all(&launch)
+            });
+        }
+    }
+    launches
 }
 
 /// Judges one launch; a panic of a kernel is an error as well.
-fn judged(launch: &Launch) -> Result<Verdict, String> {
-    catch_unwind(AssertUnwindSafe(|| judge_all(launch)))
+fn judged(bench: &Bench, launch: &Launch) -> Result<Judged, String> {
+    catch_unwind(AssertUnwindSafe(|| bench.judge(launch)))
         .unwrap_or_else(|_| Err("a kernel panicked".into()))
         .map_err(|cause| format!("{launch:?}\n    {cause}"))
 }
@@ -65,28 +97,30 @@ fn judged(launch: &Launch) -> Result<Verdict, String> {
 fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl Fn(&str)) -> Tally {
     let mut tally = Tally::default();
     let launches = launches(kind, seed, number);
+    let tracks = launches.iter().step_by(TOGETHER);
+    let benches: Vec<Bench> = tracks
+        .map(|first| Bench::build(first.k, first.restitution))
+        .collect();
     let mut lanes = Block::new();
     for (lane, launch) in launches.iter().enumerate() {
-        if let Ok(map) = Map::build(launch.k, launch.restitution) {
+        if let Some(map) = benches[lane / TOGETHER].map() {
             // There is a lane for every launch.
-            let _ = lanes.put(lane, &map, launch.state());
+            let _ = lanes.put(lane, map, launch.state());
         }
     }
     lanes.advance(1);
     for (lane, launch) in launches.iter().enumerate() {
         current.store(lane, Ordering::Relaxed);
         tally.launches += 1;
-        let mut verdict = judged(launch);
-        if let (Some(lane), Ok(map)) =
-            (lanes.impact(lane), Map::build(launch.k, launch.restitution))
-        {
-            let alone = map.impact(launch.state());
-            if lane != alone && lane.flight > 0.0 {
-                verdict = Err(format!(
+        let verdict = judged(&benches[lane / TOGETHER], launch).and_then(|judged| {
+            let alone = judged.impact;
+            match lanes.impact(lane) {
+                Some(lane) if lane != alone && lane.flight > 0.0 => Err(format!(
                     "{launch:?}\n    batch gave {lane:?}, f64 {alone:?}"
-                ));
+                )),
+                _ => Ok(judged.verdict),
             }
-        }
+        });
         match verdict {
             Ok(Verdict::First(deviation)) => tally.worst = tally.worst.max(deviation),
             Ok(Verdict::Flagged) => tally.flagged += 1,
@@ -196,7 +230,7 @@ pub fn replay(launch: &Launch) -> Result<String, String> {
     let _ = writeln!(text, "{launch:?}");
     let truth = crate::oracle::first_impact(launch.k, launch.phase, launch.velocity);
     let _ = writeln!(text, "oracle {truth:?}");
-    judged(launch)
-        .map(|verdict| format!("{text}{verdict:?}"))
+    judged(&Bench::build(launch.k, launch.restitution), launch)
+        .map(|judged| format!("{text}{:?}", judged.verdict))
         .map_err(|cause| format!("{text}{cause}"))
 }

@@ -101,19 +101,30 @@ impl Kind {
 
     /// A random launch of this kind.
     pub fn draw(self, random: &mut Random) -> Launch {
+        self.drawn(random, None)
+    }
+
+    /// A random launch of this kind from the track of `first`, which is of this kind as well.
+    pub fn draw_beside(self, random: &mut Random, first: &Launch) -> Launch {
+        self.drawn(random, Some(first))
+    }
+
+    fn drawn(self, random: &mut Random, beside: Option<&Launch>) -> Launch {
+        let track =
+            |k, restitution| beside.map_or((k, restitution), |first| (first.k, first.restitution));
         let restitution = match random.bits() % 8 {
             0 => 0.0,
             1 => 1.0,
             _ => random.between(0.0, 1.0),
         };
-        let mut k = random.between(0.02, 0.98);
+        let (mut k, restitution) = track(random.between(0.02, 0.98), restitution);
         let mut phase = random.between(0.0, TAU);
         let velocity = match self {
             Self::High => random.between(0.0, 20.0),
             Self::Low => random.between(0.0, 3.0),
             Self::Chatter => random.scale(1e-30, 3.0),
             Self::Edge => {
-                k = random.between(0.005, 1.0);
+                k = track(random.between(0.005, 1.0), restitution).0;
                 let edge = if random.sign() > 0.0 {
                     k.asin()
                 } else {
@@ -127,7 +138,7 @@ impl Kind {
                 }
             }
             Self::Grazing => {
-                k = random.between(0.005, 0.98);
+                k = track(random.between(0.005, 0.98), restitution).0;
                 return grazing(random, k, restitution);
             }
             Self::Wrap => {
@@ -140,11 +151,11 @@ impl Kind {
                 random.scale(1e-30, 20.0)
             }
             Self::Wide => {
-                k = random.scale(0.005, 3.0);
+                k = track(random.scale(0.005, 3.0), restitution).0;
                 random.scale(1e-30, 100.0)
             }
             Self::Flat => {
-                k = 1.0 + random.sign() * random.scale(1e-16, 1e-2);
+                k = track(1.0 + random.sign() * random.scale(1e-16, 1e-2), restitution).0;
                 if random.sign() > 0.0 {
                     phase = FRAC_PI_2 + random.sign() * random.scale(1e-16, 1e-1);
                 }

@@ -20,7 +20,8 @@ fn every_impact_is_the_first() {
     assert!(tallies.iter().all(|(_, tally)| tally.launches >= 8_000));
 }
 
-/// What soaks have found, each in one arithmetic: the approach stopped far from any root, or at a later one.
+/// What soaks have found, each in one arithmetic: the approach stopped far from any root, or at a later one, or a number had no place for
+/// it.
 #[test]
 fn launches_that_went_astray_once_do_not_again() {
     for [k, restitution, phase, velocity] in [
@@ -53,6 +54,18 @@ fn launches_that_went_astray_once_do_not_again() {
             0.10066063358845945,
             1.0178831069881449,
             0.011780376227499037,
+        ],
+        [
+            0.48935913750061094,
+            0.5855877714514119,
+            4.71238928467165,
+            1.4103816747665405,
+        ],
+        [
+            1.0047419683691856,
+            0.31668494559680804,
+            1.570796005425027,
+            0.007366143586215442,
         ],
     ] {
         let launch = Launch {

@@ -42,9 +42,10 @@ impl Track {
         sums
     }
 
-    /// Bounds of S and of its first four derivatives.
-    fn sums(&self) -> [f64; 5] {
-        let mut sums = [0.0; 5];
+    /// Bounds of S and of its first five derivatives.
+    #[must_use]
+    pub fn sums(&self) -> [f64; 6] {
+        let mut sums = [0.0; 6];
         for (q, e, _) in self.tones {
             let mut term = e;
             for sum in &mut sums {
@@ -117,7 +118,7 @@ impl Track {
     #[must_use]
     fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
         let velocity = launched.velocity;
-        let [reach, fastest, _, jerk, bound] = self.sums();
+        let [reach, fastest, _, jerk, bound, _] = self.sums();
         let [height, speed, push, surge] = launched.track();
         let launch = velocity + speed;
         let leaving = launch * launch - 2.0 * self.k * (reach - height);
@@ -159,7 +160,7 @@ impl Track {
     /// The first impact after a launch that is not at rest, by stepping.
     #[must_use]
     pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
-        let [reach, fastest, _, _, bound] = self.sums();
+        let [reach, fastest, _, _, bound, _] = self.sums();
         let launched = self.launched(phase, velocity);
         let [height, speed, push, surge] = launched.track();
         let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
@@ -173,22 +174,25 @@ impl Track {
         if launch > 0.0 && leaving >= fastest * fastest {
             d = d.max((launch + leaving.sqrt()) / self.k * (1.0 - 1e-15));
         }
-        let (mut clearance, mut shrinking) = (f64::INFINITY, f64::INFINITY);
+        // How near the bound comes to 0 within a step, over the rounding of what it bounds.
+        let near =
+            |from: f64, [at, least]: [f64; 2]| least / self.rounding(phase, velocity, from + at);
+        let mut clearance = lowest([velocity, quotient[1], quotient[2], -bound / 24.0, 0.0], d)
+            .map_or(f64::INFINITY, |[at, least]| near(0.0, [at, at * least]));
         for n in 0..40_000 {
             let at = launched.gap(d);
             let rounding = self.rounding(phase, velocity, d);
             if at[0] <= 0.0 {
                 break;
             }
-            let h = clear_from(at, bound);
+            let terms = onward(at, bound);
+            let h = clear_for(terms, STRIDE);
             if h <= 2e-16 * d || (n > 400 && h < 1e-6 * d && at[0] < rounding) {
                 break;
             }
-            // Steps that shrink and grow again passed a near touch.
-            if h > shrinking {
-                clearance = clearance.min(at[0] / rounding);
+            if let Some(lowest) = lowest(terms, h) {
+                clearance = clearance.min(near(d, lowest));
             }
-            shrinking = h;
             d += h;
         }
         Flight {
@@ -261,6 +265,37 @@ fn clear_of_launch([u, v, a]: [f64; 3], bound: f64, stride: f64) -> f64 {
 }
 
 /// How long it stays positive from where the gap and its derivatives are these, at least.
-fn clear_from([u, v, a, b]: [f64; 4], bound: f64) -> f64 {
-    clear_for([u, v, 0.5 * a, b / 6.0, bound / 24.0], STRIDE)
+fn clear_from(at: [f64; 4], bound: f64) -> f64 {
+    clear_for(onward(at, bound), STRIDE)
+}
+
+/// The terms of what it is above from there on, as [`clear_for`] takes them.
+fn onward([u, v, a, b]: [f64; 4], bound: f64) -> [f64; 5] {
+    [u, v, 0.5 * a, b / 6.0, bound / 24.0]
+}
+
+/// Where between 0 and `end` `u + v x + a x^2 + b x^3 - w x^4` is lowest, and how low, if it rises again from there.
+fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
+    const PIECES: u32 = 16;
+    let rise = |x: f64| v + x * (2.0 * a + x * (3.0 * b - 4.0 * w * x));
+    let mut least: Option<[f64; 2]> = None;
+    for n in 0..PIECES {
+        let [mut low, mut high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
+        if rise(low) >= 0.0 || rise(high) < 0.0 {
+            continue;
+        }
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if rise(middle) < 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let value = u + low * (v + low * (a + low * (b - w * low)));
+        if least.is_none_or(|[_, least]| value < least) {
+            least = Some([low, value]);
+        }
+    }
+    least
 }

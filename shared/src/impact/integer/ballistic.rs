@@ -92,7 +92,8 @@ impl Anchored<28> for Ballistic<'_> {
     fn motion(&self, node: i32, base: Fixed<30>) -> Motion {
         let [sine, cosine] = node::FIXED[(node & 255) as usize];
         Motion {
-            below: (sine - base).to(),
+            // From one end of the stroke to the other it is 2, for which there is no place.
+            below: sine.saturating_add(-base).to(),
             speed: cosine.to(),
             curvature: self.constants.k.to::<13>() - sine.to(),
         }

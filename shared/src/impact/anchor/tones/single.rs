@@ -20,6 +20,9 @@ use crate::impact::wave::Tone;
 /// The impact map in f32 on a track of two or three tones (`f32-tones`); of one tone it is [`Single`], bit for
 /// bit.
 ///
+/// Its last step, of up to 0.02 rad, leaves a thousandth of itself, and more where the track's third derivative is high over the speed of
+/// arrival: such an impact is a few 1e-5 rad off.
+///
 /// It is set up in f32 and integers, for the planner on a board: about 6 000 instructions of a Cortex-M4F, where an impact
 /// takes some 400, and 200 bytes.
 ///

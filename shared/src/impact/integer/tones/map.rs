@@ -26,6 +26,10 @@ use crate::impact::wave::Tone;
 /// | 0..3 | 3.7e-9 | 7.1e-8 | 1.1e-6 | 9.9e-7 |
 /// | 3e-7..3, logarithmic | 1.3e-9 | 1.7e-7 | 4.2e-6 | 5.7e-7 |
 ///
+/// A third tone bends the track more within a node's reach than the expansion about it takes in: the speed of arrival is then off by up
+/// to `S e/3200 + 1.6e-8 S'` of the largest derivatives of S, with a last step e of at most 2.4e-4 rad below a speed of 0.25, twice that
+/// below 1, four times below 4 and twelve times beyond: with tones of 0.5, 1e-5 below a speed of 1 and 5e-5 beyond 4.
+///
 /// No wrong impact among them, nor among 40 000 hard launches on random tracks of two and three tones. About 3100
 /// instructions an impact on a Cortex-M0 in gear, 4100 on launches up to velocity 3; it is set up in 530 000, for the
 /// edges of the humps are found in f32.

@@ -1,0 +1,111 @@
+//! When the first impact after a launch is, found out once for all arithmetics that hold this very launch.
+
+use crate::states::Launch;
+use crate::{certificate, oracle};
+
+/// A launch, with sine and cosine of its phase.
+#[derive(Clone, Copy, Debug)]
+pub struct Launched {
+    launch: Launch,
+    track: [f64; 2],
+}
+
+impl Launched {
+    /// From a launch.
+    #[must_use]
+    pub fn of(launch: Launch) -> Self {
+        let (sine, cosine) = launch.phase.sin_cos();
+        Self {
+            launch,
+            track: [sine, cosine],
+        }
+    }
+
+    /// The launch.
+    #[must_use]
+    pub fn launch(&self) -> &Launch {
+        &self.launch
+    }
+
+    /// The gap and its first two derivatives `d` after it.
+    #[must_use]
+    pub fn gap(&self, d: f64) -> [f64; 3] {
+        let Launch {
+            k, phase, velocity, ..
+        } = self.launch;
+        oracle::gap_from(self.track, k, phase, velocity, d)
+    }
+
+    /// Rounding error of that gap.
+    #[must_use]
+    pub fn rounding(&self, d: f64) -> f64 {
+        oracle::rounding_from(self.track, self.launch.k, self.launch.velocity, d)
+    }
+
+    /// How much harder than k the track pushes there.
+    #[must_use]
+    pub fn excess(&self) -> f64 {
+        self.track[0] - self.launch.k
+    }
+
+    /// How far it is from where the push passes k, in rad.
+    #[must_use]
+    pub fn from_edge(&self) -> f64 {
+        (self.excess() / self.track[1]).abs()
+    }
+}
+
+/// When the first impact after a launch is.
+pub struct Proof {
+    /// The launch.
+    pub launched: Launched,
+    /// As the map in f64 has it.
+    told: f64,
+    /// That, where it is soon proven, once that was tried.
+    soon: Option<Option<f64>>,
+    first: Option<f64>,
+}
+
+impl Proof {
+    /// Of a launch that ends as `told`, which is tried first.
+    #[must_use]
+    pub fn of(launch: Launch, told: f64) -> Self {
+        Self {
+            launched: Launched::of(launch),
+            told,
+            soon: None,
+            first: None,
+        }
+    }
+
+    /// When it is, where what was told is soon proven.
+    pub fn soon(&mut self) -> Option<f64> {
+        if self.soon.is_none() {
+            self.soon = Some(self.proven());
+        }
+        self.soon.flatten()
+    }
+
+    fn proven(&self) -> Option<f64> {
+        let Launch {
+            k, phase, velocity, ..
+        } = *self.launched.launch();
+        let d = self.told;
+        let [height, slope, curvature] = self.launched.gap(d);
+        let noise = self.launched.rounding(d);
+        let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;
+        (simple && height.abs() <= 16.0 * noise && certificate::is_first(k, phase, velocity, d))
+            .then_some(d)
+    }
+
+    /// When it is: as told, or else by the oracle.
+    pub fn first(&mut self) -> f64 {
+        let Launch {
+            k, phase, velocity, ..
+        } = *self.launched.launch();
+        let soon = self.soon();
+        *self.first.get_or_insert_with(|| {
+            soon.unwrap_or_else(|| oracle::first_impact(k, phase, velocity).duration)
+        })
+    }
+}
