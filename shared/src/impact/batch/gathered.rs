@@ -7,7 +7,7 @@ use super::stages::{ROOM, Stages};
 use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::double::first::hard;
 use crate::impact::double::launch::Launch;
-use crate::impact::double::step::Near;
+use crate::impact::double::step::{Landing, Near};
 use crate::impact::double::{low, short, tall};
 
 /// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
@@ -40,7 +40,7 @@ pub(super) fn advance<L: Lane>(
         if count == 0 {
             return;
         }
-        let [talls, shorts, _, lows] = ends;
+        let [talls, shorts, onces, lows] = ends;
         for n in 0..talls {
             let close = tall::approach(&stages.track::<L>(n), &stages.crossing(n));
             stages.put_close(n, &close);
@@ -62,18 +62,25 @@ pub(super) fn advance<L: Lane>(
                 search_for::<L>(columns, grazing, stages, n, certain, *register);
             }
         }
+        let mut open = Open::NONE;
         for (n, register) in (shorts..lows).zip(&registers[shorts..]) {
+            let stretch = stages.stretch::<L>(n);
             let (landing, certain) = low::landing(
                 &stages.track::<L>(n),
                 &stages.launch(n),
-                &stages.stretch(n),
+                &stretch,
                 &stages.close(n),
             );
             stages.put_landing(n, &landing);
-            if L::any(!certain) {
+            if n >= onces && L::any(!stretch.certain) {
+                open.add(n, L::bits(!stretch.certain), *register);
+            }
+            if L::any(!certain & stretch.certain) {
+                let certain = certain | !stretch.certain;
                 search_for::<L>(columns, grazing, stages, n, certain, *register);
             }
         }
+        open.land::<L>(columns, grazing, stages);
         for (n, &register) in registers[..count].iter().enumerate() {
             let (lanes, _) = register;
             let restitution: L = columns.restitution(lanes);
@@ -81,6 +88,77 @@ pub(super) fn advance<L: Lane>(
             let after = Launch::new(landing.phase, restitution * landing.arrival);
             columns.land(lanes, landing.flight, &after);
             next.sort(resting, &stages.track(n), restitution, &after, register);
+        }
+    }
+}
+
+/// Lanes of low flights that may clear a hump by little, gathered from their registers: there are few in each.
+struct Open {
+    lanes: [u8; ROOM + WIDEST],
+    /// The register of each, its place there, and how many lanes of that register count.
+    places: [[u8; 3]; ROOM],
+    count: usize,
+}
+
+impl Open {
+    const NONE: Self = Self {
+        lanes: [0; ROOM + WIDEST],
+        places: [[0; 3]; ROOM],
+        count: 0,
+    };
+
+    /// Adds those of register `n` whose bits are set.
+    fn add(&mut self, n: usize, bits: u32, (lanes, count): ([u8; WIDEST], usize)) {
+        for (m, lane) in lanes.into_iter().enumerate().take(count) {
+            if bits >> m & 1 == 1
+                && let Some(place) = self.places.get_mut(self.count)
+            {
+                *place = [n as u8, m as u8, count as u8];
+                self.lanes[self.count] = lane;
+                self.count += 1;
+            }
+        }
+    }
+
+    /// Their landings.
+    #[inline(always)]
+    fn land<L: Lane>(&self, columns: &Columns, grazing: &mut Set, stages: &mut Stages) {
+        for at in (0..self.count).step_by(L::WIDTH) {
+            let places = &self.places[at..self.count.min(at + L::WIDTH)];
+            let mut lanes = [self.lanes[at]; WIDEST];
+            lanes[..places.len()].copy_from_slice(&self.lanes[at..at + places.len()]);
+            let (landing, certain) = low::over::<L>(&columns.track(lanes), &columns.launch(lanes));
+            let certain = L::bits(certain);
+            let [flight, phase, arrival] =
+                [landing.flight, landing.phase, landing.arrival].map(L::to_array);
+            for (m, (lane, place)) in lanes.into_iter().zip(places).enumerate() {
+                let landing = if certain >> m & 1 == 1 {
+                    Landing {
+                        flight: flight[m],
+                        phase: phase[m],
+                        arrival: arrival[m],
+                    }
+                } else {
+                    let all = [lane; WIDEST];
+                    let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
+                    grazing.put(lane.into(), grazes);
+                    landing
+                };
+                let [n, m, count] = place.map(usize::from);
+                replace::<L>(stages, n, m, count, &landing);
+            }
+        }
+    }
+}
+
+/// Puts the landing of lane `m` of register `n`, of which `count` lanes count.
+#[inline(always)]
+fn replace<L: Lane>(stages: &mut Stages, n: usize, m: usize, count: usize, landing: &Landing<f64>) {
+    stages.replace_landing::<L>(n, m, landing);
+    if m + 1 == count {
+        // The rest of the register repeats the last lane.
+        for m in count..L::WIDTH {
+            stages.replace_landing::<L>(n, m, landing);
         }
     }
 }
@@ -121,13 +199,7 @@ fn search_for<L: Lane>(
         if certain >> m & 1 == 0 {
             let all = [lane; WIDEST];
             let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
-            stages.replace_landing::<L>(n, m, &landing);
-            if m + 1 == count {
-                // The rest of the register repeats the last lane.
-                for m in count..L::WIDTH {
-                    stages.replace_landing::<L>(n, m, &landing);
-                }
-            }
+            replace::<L>(stages, n, m, count, &landing);
             grazing.put(lane.into(), grazes);
         }
     }
