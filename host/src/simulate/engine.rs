@@ -1,9 +1,11 @@
 //! What a scene runs on: samples, the envelope, or a board.
 
+use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use kband::control::{Chaos, Controller, Events, GearPlanned, Planned, State};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
+use kband::regime::gear::StrikeCount;
 
 use crate::board::BoardLoop;
 use crate::refusal::Refusal;
@@ -233,12 +235,14 @@ pub(super) struct Plans {
     kicks: Vec<Planned>,
     chaos: Vec<Chaos>,
     gear: Vec<GearPlanned>,
+    strikes: VecDeque<StrikeCount>,
 }
 
 static PLANS: Mutex<Plans> = Mutex::new(Plans {
     kicks: Vec::new(),
     chaos: Vec::new(),
     gear: Vec::new(),
+    strikes: VecDeque::new(),
 });
 
 impl Plans {
@@ -254,6 +258,33 @@ impl Plans {
             || controller.gear_asked().is_some()
         {
             Self::spare(controller);
+        }
+        if controller.strikes_asked().is_some() {
+            Self::count(controller);
+        }
+    }
+
+    /// Tells a controller of the strikes that it is counting. They are counted here once for each question, whoever asks.
+    #[cold]
+    fn count(controller: &mut Controller) {
+        let Some(asked) = controller.strikes_asked().copied() else {
+            return;
+        };
+        let known = |plans: &Self| {
+            let mut counts = plans.strikes.iter().rev();
+            counts.find(|count| count.settings == asked).copied()
+        };
+        let count = known(&Self::all());
+        let Some(count) = count.or_else(|| StrikeCount::of(asked).ok()) else {
+            return;
+        };
+        controller.strikes_known(&count);
+        let mut plans = Self::all();
+        if known(&plans).is_none() {
+            if plans.strikes.len() == KEPT {
+                plans.strikes.pop_front();
+            }
+            plans.strikes.push_back(count);
         }
     }
 
@@ -286,7 +317,9 @@ impl Plans {
         if planned.is_none() && found.is_none() && geared.is_none() {
             return;
         }
-        let Self { kicks, chaos, gear } = &mut *Self::all();
+        let Self {
+            kicks, chaos, gear, ..
+        } = &mut *Self::all();
         if let Some(geared) = geared
             && gear.len() < KEPT
             && !gear.iter().any(|plan| plan.settings == geared.settings)

@@ -3,7 +3,7 @@
 use super::Controller;
 use crate::control::aim::{Chaos, ChaosSearch, GearPlanned, GearSearch, Planned};
 use crate::regime::capture::PlanSettings;
-use crate::regime::gear::{GearPlan, GearPlanSettings};
+use crate::regime::gear::{GearPlan, GearPlanSettings, StrikeCount, StrikeSettings};
 
 impl Controller {
     /// The kicks that [`Controller::plan_step`] is searching for; `None` where there is nothing to search.
@@ -46,6 +46,17 @@ impl Controller {
     #[must_use]
     pub fn gear(&self) -> Option<GearPlan> {
         self.selection.gear_plan().copied()
+    }
+
+    /// The strikes that [`Controller::plan_step`] is counting; `None` where there is nothing to count.
+    #[must_use]
+    pub fn strikes_asked(&self) -> Option<&StrikeSettings> {
+        self.listener.share.asked()
+    }
+
+    /// Spares the count that [`Controller::strikes_asked`] tells of, where it was made elsewhere.
+    pub fn strikes_known(&mut self, count: &StrikeCount) {
+        self.listener.share.know(count);
     }
 
     /// The lot whose chaos [`Controller::plan_step`] is searching for; `None` where there is nothing to search.

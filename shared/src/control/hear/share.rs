@@ -12,7 +12,9 @@ use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::drive::{Shape, UPPER};
 use crate::feeder::Restitution;
-use crate::regime::gear::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
+use crate::regime::gear::{
+    GROUPS, PLACES, StrikeCount, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE,
+};
 
 /// Drive cycles that the energy heard is remembered for: five seconds at 50 Hz.
 const MEMORY: f32 = 256.0;
@@ -26,6 +28,8 @@ const SLICE: u32 = 64;
 /// Change of k and of the tones above the first, as shares of it, after which the profiles are other ones. At 0.0001 two
 /// tests fail, at 0.3 none does.
 const MOVED: f32 = 0.01;
+/// Steps of the tones that profiles are counted of: with those of [`rounded`] two feeders that hardly differ ask for one count.
+const STEP_OF_TONES: f32 = 1.0 / 1024.0;
 /// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track. The search goes on from
 /// it: from 0.05 to 1.5 ms every test passes, at 5 ms `both_fidelities_hear_the_same` fails.
 const RINGS: f32 = 0.5e-3;
@@ -213,6 +217,18 @@ impl ShareHearing {
         self.profiler.as_ref()?.profile()
     }
 
+    /// What strikes are being counted of; `None` where none are, and once they are counted or known.
+    pub fn asked(&self) -> Option<&StrikeSettings> {
+        self.profiler.as_ref()?.asked()
+    }
+
+    /// Spares that count ([`StrikeProfiler::know`]).
+    pub fn know(&mut self, count: &StrikeCount) {
+        if let Some(profiler) = &mut self.profiler {
+            profiler.know(count);
+        }
+    }
+
     /// Takes a cycle.
     pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
         if !tuned.stands {
@@ -279,8 +295,10 @@ impl ShareHearing {
             }
         }
         self.fitting = None;
-        self.profiled = self.tones;
-        let tones = self.tones.map(|[straight, across]| {
+        self.profiled = self
+            .tones
+            .map(|tone| tone.map(|part| STEP_OF_TONES * libm::roundf(part / STEP_OF_TONES)));
+        let tones = self.profiled.map(|[straight, across]| {
             let ratio = libm::sqrtf(straight * straight + across * across);
             if ratio < 1e-3 {
                 [0.0; 2]
@@ -293,7 +311,7 @@ impl ShareHearing {
             restitution,
             scatter,
             order,
-            k: self.k,
+            k: rounded(self.k),
             tones,
         })
         .ok();
@@ -464,6 +482,12 @@ impl ShareHearing {
 
 /// `sin x / x` of the angle of a sector: what its width leaves of a swing at the doubled phase.
 const SQUEEZED: f32 = 0.993_6;
+
+/// A k of eight binary places: 0.2 % off at most, where [`MOVED`] is five times that.
+fn rounded(k: f32) -> f32 {
+    const STEP: u32 = 1 << 15;
+    f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
+}
 
 /// What a fit tells of the share; `None` where nothing is heard, or next to nothing is told.
 fn told(found: &Mixture, profile: &StrikeProfile) -> Option<GearShare> {

@@ -79,6 +79,31 @@ impl StrikeProfile {
     }
 }
 
+/// Strikes counted to the end: of what, in how many steps, and what came of it.
+///
+/// Two counts of the same take as many steps and find the same, so that one that is told need not count
+/// ([`Controller::strikes_known`](crate::control::Controller::strikes_known)).
+#[derive(Clone, Copy, Debug)]
+pub struct StrikeCount {
+    /// What was counted.
+    pub settings: StrikeSettings,
+    steps: u32,
+    profile: StrikeProfile,
+}
+
+impl StrikeCount {
+    /// Counts to the end.
+    pub fn of(settings: StrikeSettings) -> Result<Self, OutOfRange> {
+        let mut profiler = StrikeProfiler::new(settings)?;
+        while profiler.advance(u32::MAX) {}
+        Ok(Self {
+            settings,
+            steps: profiler.steps,
+            profile: profiler.profile,
+        })
+    }
+}
+
 /// A strike that is not known yet to be in gear.
 #[derive(Clone, Copy, Debug, Default)]
 struct Waiting {
@@ -97,6 +122,9 @@ pub struct StrikeProfiler {
     rider: Option<Rider>,
     part: u32,
     impacts: u32,
+    /// Steps taken, and those after which a count that was told of ends.
+    steps: u32,
+    known: Option<u32>,
     row: [Waiting; ROW as usize],
     waiting: usize,
     was_in: bool,
@@ -117,6 +145,8 @@ impl StrikeProfiler {
             rider: None,
             part: 0,
             impacts: 0,
+            steps: 0,
+            known: None,
             row: [Waiting::default(); ROW as usize],
             waiting: 0,
             was_in: false,
@@ -154,13 +184,36 @@ impl StrikeProfiler {
         (self.part > PARTS).then_some(&self.profile)
     }
 
+    /// What is being counted; `None` once it is counted or known.
+    #[must_use]
+    pub fn asked(&self) -> Option<&StrikeSettings> {
+        Some(&self.settings).filter(|_| self.part <= PARTS && self.known.is_none())
+    }
+
+    /// Spares the count, if it is this one: the same is then found after as many steps.
+    pub fn know(&mut self, count: &StrikeCount) {
+        if self.asked() == Some(&count.settings) {
+            self.profile = count.profile;
+            self.known = Some(count.steps);
+        }
+    }
+
     /// Follows the parts for so many impacts; whether more are to be done.
     pub fn advance(&mut self, impacts: u32) -> bool {
+        if let Some(last) = self.known {
+            let left = last.saturating_sub(self.steps);
+            self.steps += left.min(impacts);
+            if self.steps == last {
+                self.part = PARTS + 1;
+            }
+            return impacts <= left;
+        }
         for _ in 0..impacts {
             if self.part > PARTS {
                 return false;
             }
             self.step();
+            self.steps += 1;
         }
         true
     }
@@ -340,5 +393,53 @@ impl StrikeProfiler {
             half = Phase::from_bits(half.bits() >> 1);
         }
         Some((phase, restitution * turns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_count_that_is_told_of_ends_as_one_s_own() {
+        let settings = StrikeSettings {
+            restitution: Restitution::interval(0.28, 0.32).unwrap(),
+            scatter: 0.05,
+            order: 1,
+            k: 0.4438,
+            tones: [[0.0; 2]; 2],
+        };
+        let count = StrikeCount::of(settings).unwrap();
+        // Slices that the count is a multiple of, and that it is none of; told at the begin and later.
+        let factor = (2..64)
+            .find(|n| count.steps.is_multiple_of(*n))
+            .unwrap_or(1);
+        for (slice, after) in [(64, 0), (64, 3), (factor, 1), (count.steps - 1, 0)] {
+            let mut own = StrikeProfiler::new(settings).unwrap();
+            let mut told = own;
+            for round in 0_u32.. {
+                if round == after {
+                    assert_eq!(told.asked(), Some(&settings));
+                    told.know(&count);
+                    assert_eq!(told.asked(), None);
+                }
+                let more = own.advance(slice);
+                assert_eq!(told.advance(slice), more, "{slice} {round}");
+                assert_eq!(own.profile().is_some(), told.profile().is_some());
+                if !more {
+                    break;
+                }
+            }
+            let [own, told] = [own, told].map(|of| std::format!("{:?}", of.profile().unwrap()));
+            assert_eq!(own, told);
+        }
+        // Of another k nothing is taken.
+        let mut other = StrikeProfiler::new(StrikeSettings {
+            k: 0.45,
+            ..settings
+        })
+        .unwrap();
+        other.know(&count);
+        assert!(other.asked().is_some());
     }
 }
