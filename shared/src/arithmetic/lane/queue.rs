@@ -39,6 +39,18 @@ impl Queue {
         }
     }
 
+    /// Leaves those out that are not kept.
+    #[cfg(any(test, feature = "analysis"))]
+    pub fn retain(&mut self, keeps: impl Fn(usize) -> bool) {
+        let mut kept = 0;
+        for n in 0..self.count.min(COLUMN) {
+            let lane = self.lanes[n];
+            self.lanes[kept] = lane;
+            kept += usize::from(keeps(lane.into()));
+        }
+        self.count = kept;
+    }
+
     /// Takes over the last lanes of another queue, which fill no register of `width` there, where they have room in the
     /// last one here.
     #[cfg(target_arch = "x86_64")]

@@ -26,15 +26,6 @@ impl Set {
         }
     }
 
-    /// What is in this set and not in the other.
-    pub fn without(&self, other: &Self) -> Self {
-        let mut rest = *self;
-        for (word, other) in rest.0.iter_mut().zip(&other.0) {
-            *word &= !other;
-        }
-        rest
-    }
-
     /// The `width` lanes from a multiple of it on, one bit each.
     #[inline(always)]
     pub fn bits(&self, at: usize, width: usize) -> u32 {
@@ -63,6 +54,12 @@ impl Flags {
     pub fn put(&mut self, lanes: [u8; WIDEST], width: usize, bits: u32) {
         for (n, lane) in lanes.into_iter().enumerate().take(width) {
             self.0[usize::from(lane)] = (bits >> n & 1) as u8;
+        }
+    }
+
+    pub fn clear(&mut self, lane: usize) {
+        if let Some(flag) = self.0.get_mut(lane) {
+            *flag = 0;
         }
     }
 

@@ -61,8 +61,8 @@ pub struct Block {
     turned: bool,
     /// Lanes that are in no plan yet, and of which no more than the state is known.
     fresh: Set,
-    /// Whether every other lane is where it belongs.
-    sorted: bool,
+    /// Lanes that are planned though their orbit is gone.
+    gone: Set,
     /// Lanes that are to be planned.
     unsorted: Queue,
     stages: Stages,
@@ -98,7 +98,7 @@ impl Block {
             plans: [Plan::EMPTY; 2],
             turned: false,
             fresh: Set::EMPTY,
-            sorted: true,
+            gone: Set::EMPTY,
             unsorted: Queue::EMPTY,
             stages: Stages::EMPTY,
         }
@@ -140,9 +140,15 @@ impl Block {
         self.withdraw(lane);
     }
 
-    /// Takes a lane out. One that flies stands in a queue, which only sorting anew mends.
+    /// Takes a lane out. One that flies stands in a plan, which it leaves before the next impact.
     fn withdraw(&mut self, lane: usize) {
-        self.sorted &= self.resting.contains(lane) || !self.filled.contains(lane);
+        let planned = self.filled.contains(lane)
+            && !self.resting.contains(lane)
+            && !self.fresh.contains(lane);
+        if planned {
+            self.gone.put(lane, true);
+        }
+        self.fresh.put(lane, false);
         self.filled.put(lane, false);
         self.resting.put(lane, false);
     }
@@ -190,10 +196,9 @@ impl Block {
 
     /// Takes every orbit that does not rest this many impacts further.
     pub fn advance(&mut self, impacts: u32) {
-        if !self.sorted {
-            self.plans[usize::from(self.turned)].clear();
-            self.fresh = self.filled.without(&self.resting);
-            self.sorted = true;
+        if self.gone != Set::EMPTY {
+            self.plans[usize::from(self.turned)].leave_out(&self.gone);
+            self.gone = Set::EMPTY;
         }
         match self.simd {
             #[cfg(target_arch = "x86_64")]

@@ -40,6 +40,16 @@ impl Plan {
         }
     }
 
+    /// Leaves out lanes whose orbits are gone.
+    pub fn leave_out(&mut self, gone: &Set) {
+        for lane in gone.iter() {
+            self.tall.clear(lane);
+        }
+        for queue in &mut self.queues {
+            queue.retain(|lane| !gone.contains(lane));
+        }
+    }
+
     /// Plans the flights of some lanes, the first `count` of a register; those that rest are added to
     /// `resting` instead.
     #[inline(always)]
