@@ -3,6 +3,7 @@
 mod followed;
 mod gears;
 mod memory;
+mod to_rest;
 mod together;
 
 use std::collections::BTreeSet;
@@ -16,6 +17,7 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 
 pub use gears::{Gears, InGear};
+use to_rest::ToRest;
 pub use together::of_each;
 
 use crate::picture::Fill;
@@ -30,6 +32,9 @@ pub const TOGETHER: usize = 4096;
 /// Impacts for which a part from rest is followed until it rests again: one orbit for all that rest once, so that it may
 /// be a long one.
 const RELAUNCHED: usize = 200_000;
+
+/// Starts on one track from which on it pays to know beforehand where parts come to rest.
+const MANY: usize = 64;
 
 /// Orders of gear in which chaos is told.
 const ORDERS: usize = 8;
@@ -103,6 +108,8 @@ pub struct Endings {
     impacts: usize,
     /// Whether irregular flights in gear stay there, by order from 1.
     held: [OnceLock<bool>; ORDERS],
+    /// Where its parts come to rest for certain, once many of them are asked of.
+    to_rest: OnceLock<Box<ToRest>>,
 }
 
 impl Endings {
@@ -142,6 +149,7 @@ impl Endings {
             after_rest: Regime::Rest,
             impacts,
             held: Default::default(),
+            to_rest: OnceLock::new(),
         })
     }
 
@@ -174,14 +182,25 @@ impl Endings {
     /// Where a part that starts just after an impact ends.
     #[must_use]
     pub fn of(&self, start: PartState) -> Regime {
-        self.of_all(&[start])[0]
+        self.of_all([start].into_iter())[0]
     }
 
     /// Where parts that start just after an impact end, in the order of their starts.
     #[must_use]
-    pub fn of_all(&self, starts: &[PartState]) -> Vec<Regime> {
-        let starts: Vec<_> = starts.iter().map(|start| (0, *start)).collect();
-        of_each(slice::from_ref(self), &starts)
+    pub fn of_all(&self, starts: impl ExactSizeIterator<Item = PartState>) -> Vec<Regime> {
+        if starts.len() >= MANY {
+            self.to_rest
+                .get_or_init(|| Box::new(ToRest::new(self.map.k(), self.map.restitution())));
+        }
+        of_each(slice::from_ref(self), starts.map(|start| (0, start)))
+    }
+
+    /// Whether a part launched so is known to come to rest before it is thrown off again.
+    #[inline]
+    fn comes_to_rest(&self, state: PartState) -> bool {
+        self.to_rest
+            .get()
+            .is_some_and(|to_rest| to_rest.is_certain(state))
     }
 
     /// Whether irregular flights in gear of an order stay there.
@@ -254,7 +273,11 @@ mod tests {
                 })
                 .collect();
             let alone: Vec<Regime> = starts.iter().map(|start| endings.of(*start)).collect();
-            assert_eq!(endings.of_all(&starts), alone, "{k} {restitution}");
+            assert_eq!(
+                endings.of_all(starts.iter().copied()),
+                alone,
+                "{k} {restitution}"
+            );
         }
     }
 

@@ -15,16 +15,20 @@ const AT_THE_LOCK: f64 = 1e-5;
 /// Impacts after which an orbit that did not close is judged by its last ones, again and again.
 const WEIGHED: usize = 6000;
 
-/// An orbit on its way to its ending.
+/// An orbit on its way to its ending. What every impact asks for stands first and together.
 pub(super) struct Followed {
     count: usize,
-    /// Impacts after which it is given up.
-    limit: usize,
+    /// Impacts after which more is looked at than where the orbit is.
+    look_next: usize,
+    /// Since its first launch, in rad.
+    time: f64,
+    kept: Kept,
+    keep_next: usize,
     /// Impacts after which its last ones are weighed next.
     weigh_next: usize,
+    /// Impacts after which it is given up.
+    limit: usize,
     row: Row,
-    keep_next: usize,
-    kept: Kept,
     /// The last impacts, once there are not many left.
     memory: Memory,
 }
@@ -32,19 +36,36 @@ pub(super) struct Followed {
 impl Followed {
     pub(super) fn new(limit: usize) -> Self {
         Self {
-            count: 0,
-            limit,
             weigh_next: WEIGHED.min(limit),
-            row: Row::default(),
+            ..Self::weighed_at(limit)
+        }
+    }
+
+    /// One that is judged no earlier than when it is given up.
+    pub(super) fn weighed_at(limit: usize) -> Self {
+        Self {
+            count: 0,
+            look_next: 1,
+            time: 0.0,
+            kept: Kept::NONE,
             keep_next: 16,
-            kept: Kept::default(),
+            weigh_next: limit,
+            limit,
+            row: Row::default(),
             memory: Memory::default(),
         }
     }
 
+    /// Time since its first launch, in rad.
+    pub(super) fn time(&self) -> f64 {
+        self.time
+    }
+
     /// Takes the next impact, and says what is known of the ending.
+    #[inline]
     pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
         self.count += 1;
+        self.time += impact.flight;
         if let Some(lock) = endings.lock_after(impact.flight)
             && (impact.next.velocity - lock.state().velocity).abs() < AT_THE_LOCK
             && lock.distance(impact.next) < AT_THE_LOCK
@@ -53,24 +74,44 @@ impl Followed {
                 order: lock.order(),
             });
         }
-        if let Some((impacts, time)) = self.kept.returned(impact.next, impact.flight) {
-            return Said::Ends(named(impacts, (time / TAU).round() as u32));
+        if endings.comes_to_rest(impact.next) {
+            return Said::Rests;
         }
-        self.row.take(impact.flight);
+        if let Some((impacts, time)) = self.kept.returned(impact.next, self.count, self.time) {
+            return Said::Ends(named(impacts as u32, (time / TAU).round() as u32));
+        }
+        if self.count < self.look_next {
+            return Said::GoesOn;
+        }
+        self.look(endings, impact)
+    }
+
+    /// What else an impact asks for, now and then.
+    #[inline(never)]
+    fn look(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
+        if self.count + 2 * MEMORY > self.weigh_next {
+            self.row.take(impact.flight);
+        }
         if self.count + MEMORY > self.weigh_next {
             self.memory.take(impact.flight);
         }
         if self.count == self.keep_next {
             self.kept = Kept {
-                state: Some(impact.next),
-                ..Kept::default()
+                state: impact.next,
+                count: self.count,
+                time: self.time,
+                first: None,
             };
             self.keep_next *= 2;
         }
-        if self.count == self.weigh_next {
-            return self.weighed(endings);
-        }
-        Said::GoesOn
+        let said = if self.count == self.weigh_next {
+            self.weighed(endings)
+        } else {
+            Said::GoesOn
+        };
+        let row_begins = (self.weigh_next + 1).saturating_sub(2 * MEMORY);
+        self.look_next = self.keep_next.min(row_begins.max(self.count + 1));
+        said
     }
 
     /// What it is, as far as its last impacts tell. What repeats nothing is chaos where flights in its gear are known to
@@ -89,6 +130,7 @@ impl Followed {
             return Said::Ends(end);
         }
         self.weigh_next = (self.count + WEIGHED).min(self.limit);
+        self.look_next = self.count + 1;
         self.memory = Memory::default();
         Said::GoesOn
     }
@@ -99,6 +141,8 @@ impl Followed {
 pub(super) enum Said {
     /// Nothing yet.
     GoesOn,
+    /// It comes to rest before it is thrown off again.
+    Rests,
     /// Whether flights stay in the gear of this order must be known first; then it is weighed again.
     Asks(u32),
     /// It is known.
@@ -142,36 +186,47 @@ fn named(impacts: u32, cycles: u32) -> Regime {
 
 /// A state kept to see whether the orbit comes back to it; it is replaced at powers of two of the count
 /// of impacts, so that it leaves the transient behind (Brent).
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Kept {
-    state: Option<PartState>,
-    impacts: u32,
+    state: PartState,
+    /// Impacts up to it.
+    count: usize,
+    /// Time up to it, in rad.
     time: f64,
     /// Impacts and time of the first return.
-    first: Option<(u32, f64)>,
+    first: Option<(usize, f64)>,
 }
 
 impl Kept {
-    /// Impacts and time of one period, once `state` came back twice to the last bits after the same
-    /// number of impacts; once can happen by chance in chaos.
-    fn returned(&mut self, state: PartState, flight: f64) -> Option<(u32, f64)> {
-        let kept = self.state?;
-        self.impacts += 1;
-        self.time += flight;
-        if !near(kept, state) {
+    /// No orbit comes near to it.
+    const NONE: Self = Self {
+        state: PartState {
+            phase: f64::NAN,
+            velocity: f64::NAN,
+        },
+        count: 0,
+        time: 0.0,
+        first: None,
+    };
+
+    /// Impacts and time of one period, once the state, after `count` impacts and `time`, came back twice to the last bits
+    /// after the same number of impacts; once can happen by chance in chaos.
+    #[inline]
+    fn returned(&mut self, state: PartState, count: usize, time: f64) -> Option<(usize, f64)> {
+        if !near(self.state, state) {
             return None;
         }
         match self.first {
-            Some((impacts, time)) if self.impacts == 2 * impacts => Some((impacts, time)),
-            Some(_) => None,
+            Some((impacts, time)) => (count - self.count == 2 * impacts).then_some((impacts, time)),
             None => {
-                self.first = Some((self.impacts, self.time));
+                self.first = Some((count - self.count, time - self.time));
                 None
             }
         }
     }
 }
 
+#[inline]
 fn near(a: PartState, b: PartState) -> bool {
     const LAST_BITS: f64 = 1e-9;
     let apart = (a.phase - b.phase).abs();

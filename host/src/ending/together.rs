@@ -22,11 +22,14 @@ const SETTLING: usize = 1000;
 
 /// Where parts end that start just after an impact, each on one of `tracks` by its number.
 #[must_use]
-pub fn of_each(tracks: &[Endings], starts: &[(usize, PartState)]) -> Vec<Regime> {
+pub fn of_each(
+    tracks: &[Endings],
+    starts: impl ExactSizeIterator<Item = (usize, PartState)>,
+) -> Vec<Regime> {
     let mut ends = vec![Regime::Undecided; starts.len()];
-    let asked = starts.iter().enumerate().map(|(answer, (track, start))| {
-        let followed = Followed::new(tracks[*track].impacts);
-        (*start, Asked::new(answer, *track, followed))
+    let asked = starts.enumerate().map(|(answer, (track, start))| {
+        let followed = Followed::new(tracks[track].impacts);
+        (start, Asked::new(answer, track, followed))
     });
     follow(tracks, asked, &mut ends, |asked, _| {
         tracks[asked.track].after_rest
@@ -56,7 +59,7 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
         }
     }
     follow(tracks, thrown.into_iter(), &mut ends, |asked, last| {
-        let cycles = (asked.time + until_lift_off(&tracks[asked.track].map, last)) / TAU;
+        let cycles = (asked.followed.time() + until_lift_off(&tracks[asked.track].map, last)) / TAU;
         Regime::HopAndRest {
             cycles: cycles.round() as u32,
         }
@@ -83,8 +86,6 @@ struct Asked {
     answer: usize,
     track: usize,
     followed: Followed,
-    /// Since its first launch, in rad.
-    time: f64,
     said: Said,
 }
 
@@ -94,15 +95,17 @@ impl Asked {
             answer,
             track,
             followed,
-            time: 0.0,
             said: Said::GoesOn,
         }
     }
 
     fn goes_on(&mut self, endings: &Endings, impact: &Impact<PartState>) -> bool {
-        self.time += impact.flight;
-        self.said = self.followed.take(endings, impact);
-        matches!(self.said, Said::GoesOn)
+        let said = self.followed.take(endings, impact);
+        if said == Said::GoesOn {
+            return true;
+        }
+        self.said = said;
+        false
     }
 }
 
@@ -122,7 +125,7 @@ fn follow(
             |asked, impact| asked.goes_on(&tracks[asked.track], impact),
             |asked, last| match asked.said {
                 Said::Ends(end) => ends[asked.answer] = end,
-                Said::GoesOn => ends[asked.answer] = rested(&asked, last),
+                Said::GoesOn | Said::Rests => ends[asked.answer] = rested(&asked, last),
                 Said::Asks(_) => waiting.push((last, asked)),
             },
         );
@@ -294,6 +297,7 @@ mod tests {
                 OrbitEvent::Impact(impact) => match followed.take(endings, &impact) {
                     Said::Ends(end) => return Some(end),
                     Said::GoesOn => {}
+                    Said::Rests => return None,
                     Said::Asks(order) => {
                         let map = &endings.map;
                         let period = TAU * f64::from(order);
@@ -331,7 +335,7 @@ mod tests {
             velocity: 0.9,
         };
         let starts: Vec<(usize, PartState)> = (0..places.len()).map(|n| (n, start)).collect();
-        let ends = of_each(&together, &starts);
+        let ends = of_each(&together, starts.into_iter());
         let mut chaotic = 0;
         for (n, (k, restitution)) in places.into_iter().enumerate() {
             let mut one = Endings::unrested(k, restitution, 1500).unwrap();

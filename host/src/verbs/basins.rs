@@ -172,8 +172,7 @@ pub(super) fn ends(
             phase: starts.phase(n % side),
             velocity: starts.velocity(n / side),
         };
-        let starts: Vec<_> = (all.start * side..all.end * side).map(start).collect();
-        endings.of_all(&starts)
+        endings.of_all((all.start * side..all.end * side).map(start))
     })?;
     Ok(ends.into_iter().flatten().collect())
 }

@@ -220,7 +220,7 @@ impl Flown<'_> {
                 let last = branches.iter().filter_map(|(_, branch)| branch[*n].last);
                 asked.extend(last.map(|last| (track, last)));
             }
-            let mut found = ending::of_each(&endings, &asked).into_iter();
+            let mut found = ending::of_each(&endings, asked.into_iter()).into_iter();
             let of_column = |(track, n): (usize, &usize)| -> Vec<Regime> {
                 let from_rest = endings[track].from_rest();
                 let of = |(_, branch): &(_, Vec<Column>)| match branch[*n].last {

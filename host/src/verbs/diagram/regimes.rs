@@ -42,8 +42,7 @@ impl Map {
             let tracks: Vec<_> = places_of.iter().map(|n| places[*n]).collect();
             let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
             let starts = endings.iter().map(|track| start(track.map(), 1));
-            let starts: Vec<_> = starts.enumerate().collect();
-            let from_lock = ending::of_each(&endings, &starts).into_iter();
+            let from_lock = ending::of_each(&endings, starts.enumerate()).into_iter();
             Ok(endings
                 .iter()
                 .map(Endings::from_rest)

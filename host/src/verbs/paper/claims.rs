@@ -158,7 +158,7 @@ fn between() -> Result<Vec<Row>, Refusal> {
         for n in 0..30 {
             let k = birth + (1.0 - birth) * (f64::from(n) + 0.5) / 30.0;
             let endings = Endings::new(k, restitution, 4000)?;
-            let mut found = endings.of_all(&starts(k, restitution, 6)?);
+            let mut found = endings.of_all(starts(k, restitution, 6)?.into_iter());
             found.push(endings.from_rest());
             for regime in found {
                 other.see(match regime {
