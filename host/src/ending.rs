@@ -3,6 +3,7 @@
 mod followed;
 mod gears;
 mod memory;
+mod seen;
 mod to_rest;
 mod together;
 
@@ -17,6 +18,7 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 
 pub use gears::{Gears, InGear};
+pub use seen::{SEEN, Seen};
 use to_rest::ToRest;
 pub use together::of_each;
 
@@ -45,6 +47,15 @@ pub fn told(regime: Regime, followed: usize) -> String {
     match regime {
         Regime::Undecided => format!("undecided after {followed} impacts"),
         other => name(other),
+    }
+}
+
+/// What a regime is called where it is told over so many impacts, and nothing is known of those that follow.
+#[must_use]
+pub fn told_over(regime: Regime, impacts: usize) -> String {
+    match regime {
+        Regime::Chaotic => format!("chaotic over {impacts} impacts"),
+        other => told(other, impacts),
     }
 }
 
@@ -129,6 +140,15 @@ impl Endings {
             endings.after_rest = end;
         }
         Ok(all)
+    }
+
+    /// The endings as far as they are [`Seen`]: chaos is what looks like it, and where a part from rest ends is not asked.
+    pub fn seen(k: f64, restitution: f64) -> Result<Self, Refusal> {
+        let one = Self::unrested(k, restitution, 0)?;
+        for order in 1..=ORDERS {
+            one.set_held(order as u32, true);
+        }
+        Ok(one)
     }
 
     /// The endings before it is known where a part from rest ends.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Ended, Impact, Kernel, Map, Observer, Orbit, PartState, Scatter};
+use kband::impact::{Ended, Impact, Map, Observer, Orbit, PartState, Scatter};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
@@ -11,7 +11,7 @@ use super::column::{self, Impacts, Keep};
 use super::over::Over;
 use super::{Arguments, ColumnStart, Show};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FOLLOWED, Gears, InGear, TOGETHER};
+use crate::ending::{self, Endings, Gears, InGear};
 use crate::picture::Fill;
 use crate::refusal::Refusal;
 
@@ -44,8 +44,8 @@ pub(super) struct Struck {
 /// What a column is.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Ending {
-    /// It ends in a regime.
-    Regime(Regime),
+    /// It is of a regime, told over so many impacts.
+    Regime(Regime, usize),
     /// Its restitution scatters, and it is in gear for a share of the time.
     InGear(Option<InGear>),
 }
@@ -55,7 +55,7 @@ impl Ending {
     fn is_one_with(self, other: Self) -> bool {
         let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
         match (self, other) {
-            (Self::Regime(one), Self::Regime(other)) => one == other,
+            (Self::Regime(one, _), Self::Regime(other, _)) => one == other,
             (Self::InGear(one), Self::InGear(other)) => one.map(tenth) == other.map(tenth),
             _ => false,
         }
@@ -63,7 +63,7 @@ impl Ending {
 
     pub(super) fn name(self) -> String {
         match self {
-            Self::Regime(regime) => ending::told(regime, FOLLOWED),
+            Self::Regime(regime, impacts) => ending::told_over(regime, impacts),
             Self::InGear(Some(gear)) => {
                 format!("in gear about {:.1}, r = {}", gear.share, gear.order)
             }
@@ -74,7 +74,7 @@ impl Ending {
     /// Its fill; what scatters has none.
     pub(super) fn fill(self) -> Option<Fill> {
         match self {
-            Self::Regime(regime) => Some(ending::fill(regime)),
+            Self::Regime(regime, _) => Some(ending::fill(regime)),
             Self::InGear(_) => None,
         }
     }
@@ -103,15 +103,15 @@ impl Flown<'_> {
     }
 
     /// All branches: a followed one is one task, as each column needs the one before it; those from rest
-    /// are a task each column. Where they end is found of many columns side by side.
+    /// are a task each column.
     pub(super) fn follow(
         &self,
         starts: &[ColumnStart],
         desk: &Desk,
     ) -> Result<Vec<Branch>, Refusal> {
         let columns = self.tracks.len();
-        let build = |(k, restitution): &(f64, f64)| Map::build(*k, *restitution);
-        let maps: Vec<Map> = self.tracks.iter().map(build).collect::<Result<_, _>>()?;
+        let build = |(k, restitution): &(f64, f64)| Endings::seen(*k, *restitution);
+        let tracks: Vec<Endings> = self.tracks.iter().map(build).collect::<Result<_, _>>()?;
         let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
         for start in starts {
             match start {
@@ -121,7 +121,7 @@ impl Flown<'_> {
         }
         // The long ones first.
         tasks.sort_by_key(|(start, _)| *start == ColumnStart::Rest);
-        let work = |task: usize| -> Result<Vec<Column>, Refusal> {
+        let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
             let (start, column) = tasks[task];
             let mut order: Vec<usize> = (0..columns).collect();
             match start {
@@ -133,7 +133,7 @@ impl Flown<'_> {
             let mut state = None;
             for column in &order {
                 desk.go_on()?;
-                flown.push(self.column(start, *column, &maps[*column], &mut state)?);
+                flown.push(self.column(start, *column, &tracks[*column], &mut state)?);
             }
             if start == ColumnStart::Down {
                 flown.reverse();
@@ -141,36 +141,39 @@ impl Flown<'_> {
             Ok(flown)
         };
         let results = desk.try_map("diagram", tasks.len(), work)?;
-        let mut branches: Vec<(ColumnStart, Vec<Column>)> =
-            starts.iter().map(|start| (*start, Vec::new())).collect();
+        let none = |start: &ColumnStart| Branch {
+            start: *start,
+            columns: Vec::new(),
+        };
+        let mut branches: Vec<Branch> = starts.iter().map(none).collect();
         for ((start, _), columns) in tasks.iter().zip(results) {
-            if let Some((_, branch)) = branches.iter_mut().find(|(of, _)| of == start) {
-                branch.extend(columns);
+            if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
+                branch.columns.extend(columns);
             }
         }
-        self.ended(branches, desk)
+        Ok(branches)
     }
 
     fn column(
         &self,
         start: ColumnStart,
         column: usize,
-        map: &Map,
+        endings: &Endings,
         state: &mut Option<PartState>,
-    ) -> Result<Column, Refusal> {
+    ) -> Result<Struck, Refusal> {
         let Arguments {
             settle, impacts, ..
         } = *self.arguments;
+        let map = endings.map();
         let stream = (column as u64) << 2 | start as u64;
         let scatter = self.arguments.scatter.stream(map.restitution(), stream)?;
         if let Some(scatter) = scatter {
             return self.column_in_gear(map, state, scatter);
         }
-        let (states, period, count) = column::flown(map, state, settle, impacts);
-        Ok(Column {
-            impacts: self.impacts(states, period, count),
-            last: state.filter(|_| start != ColumnStart::Rest),
-            gear: None,
+        let flown = column::flown(endings, state, settle, impacts);
+        Ok(Struck {
+            impacts: self.impacts(flown.states, flown.period, flown.count),
+            ending: Ending::Regime(flown.regime, column::told_over(settle, impacts)),
         })
     }
 
@@ -180,7 +183,7 @@ impl Flown<'_> {
         map: &Map,
         state: &mut Option<PartState>,
         scatter: Scatter,
-    ) -> Result<Column, Refusal> {
+    ) -> Result<Struck, Refusal> {
         let (settle, impacts) = (self.arguments.settle, self.arguments.impacts);
         let orbit = match *state {
             Some(state) => Orbit::new(map, state),
@@ -196,67 +199,11 @@ impl Flown<'_> {
         let rests = ended == Ended::RestsForEver;
         *state = (!rests).then(|| orbit.state());
         let count = struck.0.len();
-        Ok(Column {
+        Ok(Struck {
             impacts: self.impacts(struck.0, None, count),
-            last: *state,
-            gear: Some(gears.longest().filter(|_| !rests)),
+            ending: Ending::InGear(gears.longest().filter(|_| !rests)),
         })
     }
-
-    /// The branches with where each column ends: asked of where it was left, or of rest.
-    fn ended(
-        &self,
-        branches: Vec<(ColumnStart, Vec<Column>)>,
-        desk: &Desk,
-    ) -> Result<Vec<Branch>, Refusal> {
-        let constant = self.arguments.scatter.scatter == 0.0;
-        let columns = if constant { self.tracks.len() } else { 0 };
-        // Regular and irregular columns stand next to their like: each task gets some of all.
-        let regimes = desk.spread("endings", columns, TOGETHER, |columns| {
-            let tracks: Vec<_> = columns.iter().map(|n| self.tracks[*n]).collect();
-            let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
-            let mut asked = Vec::new();
-            for (track, n) in columns.iter().enumerate() {
-                let last = branches.iter().filter_map(|(_, branch)| branch[*n].last);
-                asked.extend(last.map(|last| (track, last)));
-            }
-            let mut found = ending::of_each(&endings, asked.into_iter()).into_iter();
-            let of_column = |(track, n): (usize, &usize)| -> Vec<Regime> {
-                let from_rest = endings[track].from_rest();
-                let of = |(_, branch): &(_, Vec<Column>)| match branch[*n].last {
-                    Some(_) => found.next().unwrap_or(Regime::Undecided),
-                    None => from_rest,
-                };
-                branches.iter().map(of).collect()
-            };
-            Ok(columns.iter().enumerate().map(of_column).collect())
-        })?;
-        let branches = branches.into_iter().enumerate();
-        Ok(branches
-            .map(|(branch, (start, columns))| {
-                let struck = columns.into_iter().enumerate().map(|(n, column)| Struck {
-                    impacts: column.impacts,
-                    ending: match column.gear {
-                        Some(gear) => Ending::InGear(gear),
-                        None => Ending::Regime(regimes[n][branch]),
-                    },
-                });
-                Branch {
-                    start,
-                    columns: struck.collect(),
-                }
-            })
-            .collect())
-    }
-}
-
-/// A column that was flown.
-struct Column {
-    impacts: Impacts,
-    /// Where a followed one was left.
-    last: Option<PartState>,
-    /// In which gear it is where its restitution scatters.
-    gear: Option<Option<InGear>>,
 }
 
 /// The states just after the impacts.

@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use kband::impact::{Map, Orbit, OrbitEvent, PartState};
+use kband::impact::{Impact, Orbit, OrbitEvent, PartState};
+use kband::regime::classify::Regime;
+
+use crate::ending::{Endings, SEEN, Seen};
 
 /// What of the impacts is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,41 +101,59 @@ fn heights_of(
         .collect()
 }
 
-/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`, as the first of them, the
-/// number of the last that repeat, and how many they are; `state` is left where they end, `None` where the part rests for
-/// ever. An orbit that is back at a state to the last bit repeats what followed it, so that nothing is flown twice.
+/// The impacts of one column that were flown, and what they are.
+pub(super) struct Flown {
+    /// The first of them.
+    pub(super) states: Vec<PartState>,
+    /// How many of the last of these repeat.
+    pub(super) period: Option<usize>,
+    /// How many all of them are.
+    pub(super) count: usize,
+    /// The regime, told over [`told_over`] impacts.
+    pub(super) regime: Regime,
+}
+
+/// Impacts that the regime of a column is told over, where so many settle and are drawn.
+pub(super) fn told_over(settle: usize, impacts: usize) -> usize {
+    (settle + impacts).max(SEEN)
+}
+
+/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`; `state` is left where
+/// they end, `None` where the part rests for ever. An orbit that is back at a state to the last bit repeats what followed
+/// it, so that nothing is flown twice; what the column is is told from the same impacts.
 pub(super) fn flown(
-    map: &Map,
+    endings: &Endings,
     state: &mut Option<PartState>,
     settle: usize,
     impacts: usize,
-) -> (Vec<PartState>, Option<usize>, usize) {
-    let orbit = match *state {
-        Some(state) => Orbit::new(map, state),
-        None => Orbit::from_rest(map),
+) -> Flown {
+    let mut orbit = match *state {
+        Some(state) => Orbit::new(endings.map(), state),
+        None => Orbit::from_rest(endings.map()),
     };
-    let landings = orbit.filter_map(|event| match event {
-        OrbitEvent::Impact(impact) => Some(impact.next),
-        _ => None,
-    });
+    let mut seen = Seen::new(endings, told_over(settle, impacts));
     let total = settle + impacts;
-    let mut struck = Vec::new();
+    let mut struck = Vec::with_capacity(impacts.min(SEEN));
     // A state kept at powers of two of the count leaves every transient behind (Brent).
     let (mut kept, mut kept_at): (Option<PartState>, usize) = (None, 0);
     let mut period = None;
-    let mut cycle: Vec<PartState> = Vec::new();
+    let mut cycle: Vec<Impact<PartState>> = Vec::new();
     let mut count = 0;
-    for landed in landings {
+    for event in orbit.by_ref() {
+        seen.take(&event);
+        let OrbitEvent::Impact(impact) = event else {
+            continue;
+        };
+        let landed = impact.next;
         count += 1;
         if count > settle {
             struck.push(landed);
         }
         if count == total {
-            *state = Some(landed);
-            return (struck, None, impacts);
+            break;
         }
         if let Some(period) = period {
-            cycle.push(landed);
+            cycle.push(impact);
             if cycle.len() == period {
                 break;
             }
@@ -142,28 +163,60 @@ pub(super) fn flown(
             (kept, kept_at) = (Some(landed), count);
         }
     }
-    let Some(period) = period.filter(|period| cycle.len() == *period) else {
-        // It rests for ever.
-        *state = None;
-        let count = struck.len();
-        return (struck, None, count);
+    let closed = period.filter(|period| cycle.len() == *period);
+    let regime = match closed {
+        // It is seen again and again.
+        Some(_) => {
+            let mut again = cycle.iter().cycle();
+            while seen.ending().is_none()
+                && let Some(impact) = again.next()
+            {
+                seen.impact(impact);
+            }
+            seen.ending()
+        }
+        // What is drawn may be less than what it takes to tell.
+        None => {
+            while seen.ending().is_none()
+                && let Some(event) = orbit.next()
+            {
+                seen.take(&event);
+            }
+            seen.ending()
+        }
+    };
+    let regime = regime.unwrap_or(Regime::Rest);
+    let Some(period) = closed else {
+        // All are flown, or it rests for ever.
+        *state = struck.last().copied().filter(|_| count == total);
+        return Flown {
+            count: struck.len(),
+            states: struck,
+            period: None,
+            regime,
+        };
     };
     // Impact n beyond `count` is that of the cycle which follows its last.
-    let mut beyond = (count.max(settle)..total).map(|n| cycle[(n - count) % period]);
+    let mut beyond = (count.max(settle)..total).map(|n| cycle[(n - count) % period].next);
     while struck.len() < period {
         match beyond.next() {
             Some(landed) => struck.push(landed),
             None => break,
         }
     }
-    *state = Some(cycle[(total - 1 - count) % period]);
-    let repeats = (struck.len() < impacts).then_some(period);
-    (struck, repeats, impacts)
+    *state = Some(cycle[(total - 1 - count) % period].next);
+    let period = (struck.len() < impacts).then_some(period);
+    Flown {
+        states: struck,
+        period,
+        count: impacts,
+        regime,
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use kband::impact::Kernel;
+    use kband::impact::Map;
 
     use super::*;
 
@@ -190,7 +243,8 @@ mod tests {
         // Locked, doubled, chaotic, hops and rests, rests for ever.
         for n in 0..120 {
             let k = 0.3 + 0.0061 * f64::from(n);
-            let map = Map::build(k, 0.2).unwrap();
+            let endings = Endings::seen(k, 0.2).unwrap();
+            let map = endings.map();
             for (from, settle, impacts) in [
                 (None, 0, 400),
                 (Some(start), 0, 400),
@@ -198,10 +252,15 @@ mod tests {
                 (None, 500, 3),
                 (Some(start), 37, 1),
             ] {
-                let all = each_flown(&map, from, settle + impacts);
+                let all = each_flown(map, from, settle + impacts);
                 let wanted = all.get(settle..).unwrap_or(&[]);
                 let mut state = from;
-                let (states, period, count) = flown(&map, &mut state, settle, impacts);
+                let Flown {
+                    states,
+                    period,
+                    count,
+                    ..
+                } = flown(&endings, &mut state, settle, impacts);
                 repeated += usize::from(period.is_some());
                 assert_eq!(count, wanted.len(), "{k} {settle}");
                 let last = wanted.last().copied();

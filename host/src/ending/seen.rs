@@ -1,0 +1,115 @@
+//! What an orbit is, told over the impacts that are flown of it anyway.
+
+use std::f64::consts::TAU;
+
+use kband::impact::{Impact, OrbitEvent, PartState};
+use kband::regime::classify::Regime;
+
+use super::Endings;
+use super::followed::{Followed, Said};
+
+/// Impacts that a class is told over at least, where fewer are asked for: three times what a verdict on chaos weighs.
+pub const SEEN: usize = 1500;
+
+/// An orbit that is watched, event by event.
+pub struct Seen<'a> {
+    endings: &'a Endings,
+    followed: Followed,
+    /// Impacts that are left to it.
+    left: usize,
+    /// Since it began, in rad.
+    time: f64,
+    /// When it was last thrown off.
+    thrown: Option<f64>,
+    ending: Option<Regime>,
+}
+
+impl<'a> Seen<'a> {
+    /// On a track of [`Endings::seen`], over so many impacts.
+    #[must_use]
+    pub fn new(endings: &'a Endings, impacts: usize) -> Self {
+        Self {
+            endings,
+            followed: Followed::weighed_at(impacts),
+            left: impacts,
+            time: 0.0,
+            thrown: None,
+            ending: None,
+        }
+    }
+
+    /// What it is; none as long as that is open and impacts are left.
+    #[must_use]
+    pub fn ending(&self) -> Option<Regime> {
+        self.ending
+            .or((self.left == 0).then_some(Regime::Undecided))
+    }
+
+    /// Takes the next event.
+    pub fn take(&mut self, event: &OrbitEvent) {
+        match event {
+            OrbitEvent::Impact(impact) => self.impact(impact),
+            OrbitEvent::Rest { chatter, .. } => {
+                self.time += chatter;
+                // Nothing is left of its past.
+                self.followed = Followed::weighed_at(self.left);
+            }
+            OrbitEvent::LiftOff { wait, .. } => {
+                self.time += wait;
+                if let (None, Some(thrown)) = (self.ending, self.thrown) {
+                    // It rests once and again: all that are thrown off fly alike.
+                    let cycles = ((self.time - thrown) / TAU).round() as u32;
+                    self.ending = Some(Regime::HopAndRest { cycles });
+                }
+                self.thrown = Some(self.time);
+            }
+        }
+    }
+
+    /// Takes an impact.
+    #[inline]
+    pub fn impact(&mut self, impact: &Impact<PartState>) {
+        if self.ending.is_some() || self.left == 0 {
+            return;
+        }
+        self.left -= 1;
+        self.time += impact.flight;
+        if let Said::Ends(end) = self.followed.take(self.endings, impact) {
+            self.ending = Some(end);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::Orbit;
+
+    use super::*;
+    use crate::ending::FOLLOWED;
+
+    #[test]
+    fn what_is_seen_to_end_ends_so() {
+        let places: Vec<(f64, f64)> = (0..60)
+            .map(|n| 0.31 + 0.012 * f64::from(n))
+            .flat_map(|k| [(k, 0.2), (k, 0.6)])
+            .collect();
+        let followed = Endings::of_tracks(&places, FOLLOWED).unwrap();
+        let mut open = 0;
+        for ((k, restitution), followed) in places.into_iter().zip(followed) {
+            let endings = Endings::seen(k, restitution).unwrap();
+            let mut seen = Seen::new(&endings, SEEN);
+            for event in Orbit::from_rest(endings.map()) {
+                seen.take(&event);
+                if seen.ending().is_some() {
+                    break;
+                }
+            }
+            match seen.ending().unwrap_or(Regime::Rest) {
+                // It may go on otherwise.
+                Regime::Chaotic | Regime::Undecided => open += 1,
+                ending => assert_eq!(ending, followed.from_rest(), "{k} {restitution}"),
+            }
+        }
+        assert!((1..40).contains(&open), "{open}");
+    }
+}
