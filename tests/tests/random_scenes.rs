@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use kband::control::{Fault, Limits, State, TRANSITIONS, Target};
+use kband::control::{Fault, Limits, SAMPLE_RATE, State, TRANSITIONS, Target};
 use kband::feeder::STANDARD_GRAVITY;
 use kband::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
 use kband_tests::root;
@@ -463,10 +463,31 @@ fn ringing(scene: &Scene, seconds: f64) -> (f64, f64) {
     (filled / seconds, (energy / seconds).sqrt())
 }
 
+/// RMS of what the onset detector's high-passes leave of the drive's own acceleration, in m/s^2. Where it is the noise, the detector's
+/// median depends on where in the turn the ringing lies, which the closed form does not know: by 14 % up and down, for a part that
+/// strikes once a cycle at 100 Hz and rings for a fifth of it.
+fn swing(scene: &Scene, seconds: f64) -> f64 {
+    let Ok(mut closed) = EnvelopeLoop::build(scene) else {
+        return 0.0;
+    };
+    let mut moment = closed.cycle();
+    while moment.time < seconds {
+        moment = closed.cycle();
+    }
+    let turn = TAU * f64::from(scene.settings.frequency);
+    // Their corner as a share of the sample rate, times 2 pi.
+    let left = 1.0 - 0.27;
+    let (sine, cosine) = (turn / f64::from(SAMPLE_RATE)).sin_cos();
+    // Of (1 - c)(1 - 1/z) / (1 - (1 - c)/z), twice.
+    let passed = 2.0 * left * left * (1.0 - cosine);
+    let square = passed / ((1.0 - left * cosine).powi(2) + (left * sine).powi(2));
+    f64::from(moment.report.amplitude) * turn * turn * square / std::f64::consts::SQRT_2
+}
+
 /// What the different ends of the fidelities hang on: the first other seed of the noise with which one ends as the other one did;
 /// impacts so near the threshold of hearing that with ringing a twentieth higher or lower, which is what the closed form of the
-/// onset detector is off by, the envelope ends so; a moment in which one is already where the other comes to; or, in a crowd
-/// whose ringing is never over, how much of it is read as noise.
+/// onset detector is off by, or a seventh where the drive's own swing is the noise, the envelope ends so; a moment in which one is
+/// already where the other comes to; or, in a crowd whose ringing is never over, how much of it is read as noise, and how loud it is.
 fn excused(scene: &Scene, seconds: f64, fast: &End, slow: &End) -> Option<String> {
     let came_to = |end: &End| (end.state, end.fault);
     for other in 1..=OTHER_SEEDS {
@@ -484,12 +505,22 @@ fn excused(scene: &Scene, seconds: f64, fast: &End, slow: &End) -> Option<String
         change(&mut scene);
         envelope(&scene, seconds).is_some_and(|end| came_to(&end) == came_to(slow))
     };
-    for height in [0.95_f32, 1.05] {
-        if other(&|scene| scene.sensor.ringing *= height) {
-            return Some(format!(
-                "with ringing {height} as high the envelope ends so too"
-            ));
-        }
+    let heights = |heights: [f32; 2]| {
+        let same = |height: &f32| other(&|scene| scene.sensor.ringing *= height);
+        heights.into_iter().find(same)
+    };
+    if let Some(height) = heights([0.95, 1.05]) {
+        return Some(format!(
+            "with ringing {height} as high the envelope ends so too"
+        ));
+    }
+    let swing = swing(scene, seconds);
+    if swing > f64::from(scene.sensor.noise)
+        && let Some(height) = heights([0.85, 1.15])
+    {
+        return Some(format!(
+            "the drive's own swing, {swing:.2} m/s^2, is the noise: with ringing {height} as high the envelope ends so too"
+        ));
     }
     for longer in [1.1, 1.25, 1.5, 2.0] {
         let seconds = seconds * longer;
@@ -500,13 +531,27 @@ fn excused(scene: &Scene, seconds: f64, fast: &End, slow: &End) -> Option<String
         }
     }
     let (filled, rms) = ringing(scene, seconds);
-    let shares = [0.25, 0.5, 1.0].into_iter().filter(|_| filled > CROWDED);
-    let noisier = |share: f64| {
+    if filled <= CROWDED {
+        return None;
+    }
+    let never = format!("ringing of {rms:.2} m/s^2 is never over");
+    let noisier = |share: &f64| {
         other(&|scene| scene.sensor.noise = scene.sensor.noise.hypot((share * rms) as f32))
     };
-    shares.into_iter().find(|share| noisier(*share)).map(|share| {
-        format!("ringing of {rms:.2} m/s^2 is never over: with {share} of it as noise the envelope ends so too")
-    })
+    if let Some(share) = [0.25, 0.5, 1.0].into_iter().find(noisier) {
+        return Some(format!(
+            "{never}: with {share} of it as noise the envelope ends so too"
+        ));
+    }
+    let softer = |share: &f32| {
+        let mut scene = scene.clone();
+        scene.sensor.ringing *= share;
+        waveform(&scene, seconds).is_some_and(|end| came_to(&end) == came_to(fast))
+    };
+    [0.85_f32, 0.7, 0.5]
+        .into_iter()
+        .find(softer)
+        .map(|share| format!("{never}: with {share} of it the waveform ends so too"))
 }
 
 fn random(seed: u64, n: u64) -> Random {
@@ -581,9 +626,9 @@ fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert!(10 * refused < count, "{refused} of {count} refused");
-    // Measured: 31 and none of 2000.
+    // Measured: 40 of 2000.
     assert!(100 * apart.len() as u64 <= 4 * count, "{apart:#?}");
-    assert!(200 * unexplained.len() as u64 <= count, "{unexplained:#?}");
+    assert!(unexplained.is_empty(), "{unexplained:#?}");
 }
 
 #[test]
@@ -615,8 +660,8 @@ fn whatever_happens_to_a_feeder_that_is_not_as_told_it_keeps_to_its_rules() {
     assert!(10 * u64::from(other) <= count, "{other} of {count}");
 }
 
-/// Parts of which most hop and rest: one rhythm of a few is loud, and the converter's steps are as high as an impact. Where a few
-/// do lock, the board hears them alone, and says so: of 30 seeds with one in the waveform and with 4 in the envelope.
+/// Parts of which most hop and rest, at 150 Hz, where the drive's own swing and their ringing drown a part alone: heard are several that
+/// lock and strike at once.
 #[test]
 fn a_crowd_is_not_said_to_be_locked_by_the_loudest_of_its_rhythms() {
     let mut scene = Scene::default();
@@ -632,7 +677,7 @@ fn a_crowd_is_not_said_to_be_locked_by_the_loudest_of_its_rhythms() {
     scene.drive.gain = settings.gain;
     scene.sensor.noise = 0.0042;
     scene.target = Target::Locked { order: 2 };
-    let (mut wrong, mut falsely) = (Vec::new(), 0);
+    let mut wrong = Vec::new();
     for seed in 1..=6 {
         let mut random = Random::new(seed);
         scene.parts = (0..24)
@@ -643,13 +688,10 @@ fn a_crowd_is_not_said_to_be_locked_by_the_loudest_of_its_rhythms() {
         for (fidelity, end) in ["envelope", "waveform"].into_iter().zip(ends) {
             let end = end.expect("a scene that is accepted");
             println!("seed {seed}, {fidelity}: {:?} {:?}", end.state, end.limits);
-            falsely += u32::from(!end.wrong.is_empty());
             for what in end.wrong {
                 wrong.push(format!("seed {seed}, {fidelity}: {what}"));
             }
         }
     }
-    assert!(falsely <= 1, "{wrong:#?}");
-    let locked = |what: &String| what.contains("locked with");
-    assert!(wrong.iter().all(locked), "{wrong:#?}");
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -278,9 +278,13 @@ impl<O: Onset> OnsetModel<O> {
         // Of noise 0.6745 of the RMS, of a sine all of it; between them within 0.013, by numerical integration.
         let square = swing * swing;
         let alone = QUARTILE + square * (0.14 + (0.86 - QUARTILE) * square);
-        // P(|n| > m) = (1/2 - q)/(1 - q), solved for m within a fiftieth.
+        // P(|n| > m) = (1/2 - q)/(1 - q), solved for m within a fiftieth: of noise, and less of a sine, which does not go beyond its crest.
         let hidden = self.hidden.min(0.4);
-        rms * (alone + hidden * (0.787 + hidden * (0.287 + 5.44 * hidden)))
+        let of_noise = 0.787 + hidden * (0.287 + 5.44 * hidden);
+        let of_sine = 0.80 + 0.33 * hidden;
+        // Between them within a twentieth, by numerical integration.
+        let sine = (2.5 * swing - 1.5).max(0.0);
+        rms * (alone + hidden * (of_noise + (of_sine - of_noise) * sine))
     }
 
     /// What the filters leave of a swing of the drive, both the complex amplitude of its cosine.

@@ -489,6 +489,7 @@ impl Controller {
         let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
         self.deafness.cycle(&Sound {
             listening: settled && wanted && self.selection.chosen(),
+            together: self.selection.lock().is_some(),
             near,
             rate: self.listener.phases.rate() * turns,
             concentration: self.listener.phases.concentration(),
@@ -593,6 +594,14 @@ impl Controller {
             .retune(&self.settings, self.resonance.frequency());
     }
 
+    /// Confidence that the parts are in the lock that is wanted: none where a part alone would not be heard.
+    fn confidence(&self) -> f32 {
+        if self.deafness.hears_crowds_only() {
+            return 0.0;
+        }
+        self.listener.confidence(self.selection.lock())
+    }
+
     /// Moves between the states of a running drive.
     #[inline(always)]
     fn progress(&mut self, goal: f32, measured: f32, events: &mut Events) {
@@ -602,10 +611,7 @@ impl Controller {
                 && (measured - goal).abs() < NEAR * goal
                 && self.tones.arrived(),
             limits: self.limits.limits(),
-            lock: self
-                .selection
-                .lock()
-                .map(|lock| self.listener.confidence(Some(lock))),
+            lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
             plan: self.selection.search.plan(),
             chaos: self.selection.found_chaos(),

@@ -27,7 +27,7 @@ impl Controller {
             rate: phases.rate(),
             phase: phases.phase(),
             concentration: phases.concentration(),
-            confidence: self.listener.confidence(self.selection.lock()),
+            confidence: self.confidence(),
             in_gear: self.in_gear(),
             in_gear_error: self.in_gear_error(),
             gear: self.order().unwrap_or(1),

@@ -4,6 +4,8 @@
 
 /// Least height of the ringing of an impact over its speed, in 1/s: a third of what the accelerometer of a bare track rings with.
 const RINGING: f32 = 10.0;
+/// That of a bare track.
+const BARE: f32 = 30.0;
 /// Loudness over the threshold of the onset detector from which on an impact must be heard.
 const CLEARLY: f32 = 2.0;
 /// Threshold of the onset detector over the noise in the residual.
@@ -24,6 +26,8 @@ const AGAIN: u8 = 16;
 pub struct Sound {
     /// Whether the drive holds a setpoint and what is heard decides something.
     pub listening: bool,
+    /// Whether all parts are to be in one lock.
+    pub together: bool,
     /// Whether the amplitude is there.
     pub near: bool,
     /// Impacts heard over the impacts due, of one part.
@@ -46,6 +50,7 @@ pub struct Deafness {
     silent: u8,
     heard: u8,
     deaf: bool,
+    crowd: bool,
 }
 
 impl Deafness {
@@ -54,15 +59,25 @@ impl Deafness {
         self.deaf
     }
 
+    /// Whether a part alone is too faint to be heard, however it strikes: what is heard are several at once, and of the others nothing is
+    /// known. Of a crowd of 24 at 150 Hz a few that lock were heard alone, as one lock of all, in 5 of 60 runs.
+    pub fn hears_crowds_only(&self) -> bool {
+        self.crowd
+    }
+
     /// Takes a cycle.
     pub fn cycle(&mut self, sound: &Sound) {
         let threshold = THRESHOLD * sound.noise;
         let loud = |speed: f32| RINGING * speed;
+        self.crowd = sound.together && CLEARLY * BARE * sound.locked < threshold;
         // Where a lock itself is too quiet there is nothing to wait for, and what is heard is noise if it has no phase.
         let hopeless = loud(sound.locked) < threshold;
-        let noise = hopeless && sound.concentration < REGULAR;
+        let noise = self.crowd || hopeless && sound.concentration < REGULAR;
         if !sound.listening {
-            *self = Self::default();
+            *self = Self {
+                crowd: self.crowd,
+                ..Self::default()
+            };
             return;
         }
         self.heard = if sound.rate > HEARD && !noise {
@@ -94,6 +109,7 @@ mod tests {
 
     const SOUND: Sound = Sound {
         listening: true,
+        together: false,
         near: true,
         rate: 0.0,
         concentration: 0.0,
@@ -159,6 +175,39 @@ mod tests {
             ..noisy
         };
         assert!(!deaf_after(200, &regular));
+    }
+
+    #[test]
+    fn a_rhythm_is_none_of_a_part_that_is_too_faint() {
+        let crowd = Sound {
+            together: true,
+            noise: 1.6,
+            rate: 1.0,
+            concentration: 1.0,
+            ..SOUND
+        };
+        assert!(deaf_after(32, &crowd));
+        let mut deafness = Deafness::default();
+        for (sound, only) in [
+            (crowd, true),
+            (
+                Sound {
+                    noise: 1.4,
+                    ..crowd
+                },
+                false,
+            ),
+            (
+                Sound {
+                    together: false,
+                    ..crowd
+                },
+                false,
+            ),
+        ] {
+            deafness.cycle(&sound);
+            assert_eq!(deafness.hears_crowds_only(), only, "{sound:?}");
+        }
     }
 
     #[test]
