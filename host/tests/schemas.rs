@@ -121,6 +121,7 @@ const DESK: &[(&str, &[&str])] = &[
         &[
             "transport --friction 0.3 --throw 0.9..1.2:2",
             "transport --friction 0.1 --incline 8 --throw 1.2",
+            "transport --friction 0.3 --second-tone 0.15,2.356 --throw 0.9..3:3",
         ],
     ),
 ];

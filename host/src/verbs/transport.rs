@@ -6,7 +6,7 @@ mod interval;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{PartState, TangentialSettings};
+use kband::impact::{PartState, TangentialSettings, Tone};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
@@ -27,12 +27,14 @@ pub use friction::Speed;
   kband transport --k 0.2 --show return --out return.svg
   kband transport --restitution 0.2 --friction 0.3 --throw 0.3..3.5 --incline 3 --out friction.svg
   kband transport --restitution 0.2 --friction 0.3 --throw 1.5 --over phase-lead
+  kband transport --restitution 0.2 --friction 0.3 --second-tone 0.15,2.356 --incline 3
 
 The speed is the mean over time, rests included. Each k is tried from rest, from every lock that \
 attracts there and from starts spread over phase and velocity; one row for each regime they reach. \
 The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and \
 the corrected equation 34 (an impact mean) for others that hop. With --friction parts rub on the \
-track as real ones do, sliding included: S (always in contact), H-S (hops and lies), H (hops on).")]
+track as real ones do, sliding included: S (always in contact), H-S (hops and lies), H (hops on); \
+with --second-tone the track moves as sin t + e sin(2 t + th), along itself likewise.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
@@ -53,6 +55,14 @@ pub struct Arguments {
     /// Friction of parts on the track: one coefficient, or that of sliding and that of sticking.
     #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "show", "scatter"])]
     friction: Option<(f64, f64)>,
+
+    /// Second tone of the drive, with --friction: E of the first one's amplitude at the angle TH in rad.
+    #[arg(long, value_name = "E,TH", value_parser = arguments::tone, requires = "friction")]
+    second_tone: Option<Tone>,
+
+    /// Third tone, E3 sin(3 t + TH3), with --friction.
+    #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone, requires = "friction")]
+    third_tone: Option<Tone>,
 
     /// What the speed is shown over, with --friction [default: the throw number].
     #[arg(long, value_enum, requires = "friction")]

@@ -61,7 +61,7 @@ pub const TABLES: &[Table] = &[
     Table {
         name: "friction",
         page: "theory-real-parts.md",
-        head: "| 1/k | eta | mu | alpha (degrees) | R | regime | W | mm/s at 50 Hz |",
+        head: "| 1/k | eta | mu | alpha (degrees) | R | second tone | regime | W | mm/s at 50 Hz |",
         rows: friction,
     },
 ];
@@ -137,26 +137,36 @@ fn capture() -> Vec<String> {
 }
 
 fn friction() -> Vec<String> {
+    const GEAR: &str = "0.15,2.356";
     let cases = [
-        (0.6, "1.7320508", 0.8, 3, 0.2),
-        (0.9, "1.7320508", 0.8, 3, 0.2),
-        (1.0, "1.7320508", 0.3, 0, 0.2),
-        (0.9, "2", 0.2, 0, 0.2),
-        (1.2, "1.5", 0.3, 3, 0.0),
-        (1.2, "1.5", 0.3, 3, 0.2),
-        (2.0, "1.5", 0.3, 3, 0.2),
-        (2.0, "1.5", 0.1, 3, 0.2),
+        (0.6, "1.7320508", 0.8, 3, 0.2, ""),
+        (0.9, "1.7320508", 0.8, 3, 0.2, ""),
+        (1.0, "1.7320508", 0.3, 0, 0.2, ""),
+        (0.9, "2", 0.2, 0, 0.2, ""),
+        (1.2, "1.5", 0.3, 3, 0.0, ""),
+        (1.2, "1.5", 0.3, 3, 0.2, ""),
+        (2.0, "1.5", 0.3, 3, 0.2, ""),
+        (2.0, "1.5", 0.1, 3, 0.2, ""),
+        (0.6, "1.5", 0.3, 3, 0.2, GEAR),
+        (1.2, "1.5", 0.3, 3, 0.2, GEAR),
+        (2.0, "1.5", 0.3, 3, 0.2, GEAR),
+        (3.0, "1.5", 0.3, 3, 0.2, GEAR),
     ];
     cases
         .into_iter()
-        .map(|(throw, eta, mu, incline, restitution)| {
+        .map(|(throw, eta, mu, incline, restitution, tone)| {
+            let given = if tone.is_empty() {
+                String::new()
+            } else {
+                format!("--second-tone {tone}")
+            };
             let found = kband(&format!(
                 "transport --throw {throw} --amplitude-ratio {eta} --friction {mu} --incline {incline} \
-                 --restitution {restitution}"
+                 --restitution {restitution} {given}"
             ));
             let row = &list(&found["rows"])[0];
             format!(
-                "| {throw} | {eta} | {mu} | {incline} | {restitution} | {} | {} | {} |",
+                "| {throw} | {eta} | {mu} | {incline} | {restitution} | {tone} | {} | {} | {} |",
                 words(&row["regime"]),
                 digits(&row["velocity"], 6),
                 digits(&row["speed"], 5)

@@ -54,7 +54,7 @@ pub use integer::WaveInteger;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
 pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
-#[cfg(feature = "plant")]
+#[cfg(any(test, feature = "analysis", feature = "plant"))]
 pub(crate) use orbit::AlongLaw;
 #[cfg(feature = "control")]
 pub(crate) use orbit::Release;

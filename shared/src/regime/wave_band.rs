@@ -55,9 +55,26 @@ impl WaveLock {
         order: u32,
     ) -> Result<Option<Self>, OutOfRange> {
         let bands = WaveBands::of(wave, restitution, order)?;
-        let Some(band) = bands.iter().find(|band| band.contains(k)) else {
+        bands
+            .iter()
+            .find(|band| band.contains(k))
+            .map_or(Ok(None), |band| {
+                Self::within(&band, wave, k, restitution, order)
+            })
+    }
+
+    /// The orbit at `k` of a `band` that [`WaveBands::of`] has found for the same wave, restitution and order; `None` where
+    /// the band does not contain k.
+    pub fn within(
+        band: &WaveBand,
+        wave: &Wave,
+        k: f64,
+        restitution: f64,
+        order: u32,
+    ) -> Result<Option<Self>, OutOfRange> {
+        if !band.contains(k) {
             return Ok(None);
-        };
+        }
         // Its k falls as the phase grows.
         let (mut early, mut late) = band.phases();
         for _ in 0..60 {

@@ -61,20 +61,34 @@ impl Conveyed {
         }
     }
 
-    fn lie(&mut self, lain: &Lain) {
+    /// A flight of so many rad.
+    pub(super) fn fly(&mut self, distance: f64, flight: f64) {
+        self.distance += distance;
+        self.flying += flight;
+        self.velocities += distance / flight;
+        self.impacts += 1;
+    }
+
+    /// A chatter of so many rad, to rest. Sliding in it is hopping still.
+    pub(super) fn settle(&mut self, lain: &Lain, chatter: f64) {
+        self.distance += lain.distance;
+        self.flying += chatter;
+        self.rests += 1;
+    }
+
+    /// So many rad on the track.
+    pub(super) fn lie(&mut self, lain: &Lain, time: f64) {
         self.distance += lain.distance;
         self.forward += lain.forward;
         self.backward += lain.backward;
+        self.resting += time;
     }
 
     /// One drive cycle of a part that lies on the track for ever.
     #[must_use]
     pub(super) fn lying(cycle: &Lain) -> Self {
-        let mut conveyed = Self {
-            resting: core::f64::consts::TAU,
-            ..Self::default()
-        };
-        conveyed.lie(cycle);
+        let mut conveyed = Self::default();
+        conveyed.lie(cycle, core::f64::consts::TAU);
         conveyed
     }
 }
@@ -174,10 +188,7 @@ impl<A: Along> Observer for Conveying<A> {
     #[inline]
     fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
         let (distance, velocity) = self.along.fly(launch, impact, self.velocity);
-        self.conveyed.distance += distance;
-        self.conveyed.flying += impact.flight;
-        self.conveyed.velocities += distance / impact.flight;
-        self.conveyed.impacts += 1;
+        self.conveyed.fly(distance, impact.flight);
         self.velocity = velocity;
     }
 
@@ -185,18 +196,14 @@ impl<A: Along> Observer for Conveying<A> {
         let lain = self
             .along
             .chatter(&self.contact, last, chatter, self.velocity);
-        // Sliding in a chatter is hopping still.
-        self.conveyed.distance += lain.distance;
-        self.conveyed.flying += chatter;
-        self.conveyed.rests += 1;
+        self.conveyed.settle(&lain, chatter);
         self.velocity = lain.velocity;
         self.rested = phase;
     }
 
     fn lift_off(&mut self, wait: f64, _: f64) {
         let lain = self.along.lie(self.rested, wait, self.velocity);
-        self.conveyed.lie(&lain);
-        self.conveyed.resting += wait;
+        self.conveyed.lie(&lain, wait);
         self.velocity = lain.velocity;
         if !self.lifted {
             self.before = core::mem::take(&mut self.conveyed);

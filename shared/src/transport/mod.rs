@@ -11,6 +11,7 @@
 //! | `locked` | closed forms of the locked regime, critical slope, bound (20 to 23, 37) |
 //! | `stationary` | the exact impact mean of any hopping regime (34, corrected) |
 //! | `survey` | measuring one orbit after it has settled |
+//! | `tones` | the same on several tones, with friction |
 //! | `interval` | distribution and correlation of the times between impacts (28 to 32) |
 //! | `inelastic` | the limit of dead parts, a one-dimensional map (38) |
 //! | `sensitivity` | how the speed answers a change of amplitude |
@@ -31,6 +32,8 @@ mod spread;
 pub mod stationary;
 #[cfg(any(test, feature = "analysis"))]
 mod survey;
+#[cfg(any(test, feature = "analysis"))]
+mod tones;
 
 #[cfg(any(test, feature = "analysis"))]
 pub use conveyed::{Conveyed, Conveying};
@@ -44,3 +47,5 @@ pub use sensitivity::Sensitivity;
 pub use spread::Spread;
 #[cfg(any(test, feature = "analysis"))]
 pub use survey::{Effort, Measured, Motion, Origin, measure, measure_scattered};
+#[cfg(any(test, feature = "analysis"))]
+pub use tones::measure_on_tones;

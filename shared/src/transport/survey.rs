@@ -120,17 +120,22 @@ fn measure_along(
     conveying.restart();
     let (ended, steady) = settled(&mut orbit, &mut conveying, effort, also);
     let conveyed = match ended {
-        Ended::RestsForEver => {
-            return Measured {
-                motion: Motion::Rest,
-                conveyed: along
-                    .stay()
-                    .map_or_else(Conveyed::default, |cycle| Conveyed::lying(&cycle)),
-            };
-        }
         Ended::Repeats => conveying.since_lift_off(),
-        Ended::Counted => conveying.conveyed(),
+        Ended::RestsForEver | Ended::Counted => conveying.conveyed(),
     };
+    told(ended, conveyed, steady, along)
+}
+
+/// What a run tells that ended so; `steady` says whether its velocity along the track had settled.
+pub(super) fn told(ended: Ended, conveyed: Conveyed, steady: bool, along: impl Along) -> Measured {
+    if ended == Ended::RestsForEver {
+        return Measured {
+            motion: Motion::Rest,
+            conveyed: along
+                .stay()
+                .map_or_else(Conveyed::default, |cycle| Conveyed::lying(&cycle)),
+        };
+    }
     let time = conveyed.flying + conveyed.resting;
     let motion = if time < RARELY * conveyed.rests as f64 {
         Motion::HopAndRest

@@ -1,11 +1,12 @@
 //! Speed of parts that rub on the track: from contact all the time (S) over hop and slide (H-S) to hopping (H).
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{Friction, FrictionSettings, Kernel, Map};
-use kband::transport::{Measured, Motion, Origin, measure};
+use kband::impact::{Friction, FrictionSettings, Kernel, Map, Tone, Wave, WaveMap};
+use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
+use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, effort, locks};
+use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
@@ -112,6 +113,67 @@ const FILLS: [(Fill, &str); 3] = [
     (Fill::Locked, "H: hops on"),
 ];
 
+/// The track's motion, and on several tones the bands in which parts of a restitution may lock, each with its order.
+#[derive(Clone, Debug)]
+struct Shape {
+    wave: Wave,
+    bands: Vec<(u32, WaveBand)>,
+}
+
+impl Shape {
+    fn of(arguments: &Arguments) -> Result<Self, Refusal> {
+        let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
+        let wave = Wave::build(tones[0], tones[1])?;
+        let mut bands = Vec::new();
+        if !wave.is_sine() {
+            for order in ORDERS {
+                let found = WaveBands::of(&wave, arguments.restitution, order)?;
+                bands.extend(found.iter().map(|band| (order, band)));
+            }
+        }
+        Ok(Self { wave, bands })
+    }
+
+    /// Starts on the locks that attract at `k`.
+    fn locked(&self, k: f64, restitution: f64) -> Result<Vec<Origin>, Refusal> {
+        if self.wave.is_sine() {
+            let starts = locks(k, restitution).into_iter();
+            return Ok(starts.map(|lock| Origin::Hop(lock.state())).collect());
+        }
+        let mut starts = Vec::new();
+        for (order, band) in &self.bands {
+            let lock = WaveLock::within(band, &self.wave, k, restitution, *order)?;
+            starts.extend(lock.map(|lock| Origin::Hop(lock.state())));
+        }
+        Ok(starts)
+    }
+
+    /// Throw number above which a part that lies on the track slides up it, or down.
+    fn slides_above(&self, settings: &FrictionSettings, upwards: bool) -> Option<f64> {
+        if self.wave.is_sine() {
+            settings.slides_above(upwards)
+        } else {
+            settings.slides_above_on(&self.wave, upwards)
+        }
+    }
+
+    fn words(&self) -> Vec<String> {
+        let named = [
+            (self.wave.second(), "e", "th"),
+            (self.wave.third(), "e3", "th3"),
+        ];
+        let given = named.iter().filter(|(tone, ..)| tone.amplitude > 0.0);
+        let tone = |(Tone { amplitude, angle }, e, th): &(Tone, &str, &str)| {
+            format!(
+                "{e} = {} at {th} = {}",
+                number(*amplitude, 4),
+                number(*angle, 5)
+            )
+        };
+        given.map(tone).collect()
+    }
+}
+
 /// One feeder: what a value of the axis makes of the one that was asked for.
 #[derive(Clone, Copy, Debug)]
 struct Point {
@@ -166,13 +228,19 @@ impl Point {
 
     fn measured(
         &self,
-        restitution: f64,
+        shape: &Shape,
         start: Origin,
         arguments: &Arguments,
     ) -> Result<Measured, Refusal> {
-        let map = Map::build(self.k, restitution)?;
-        let along = Friction::build(self.k, self.settings)?;
-        Ok(measure(&map, along, start, effort(arguments), &mut ()))
+        let (k, restitution) = (self.k, arguments.restitution);
+        let (wave, effort) = (&shape.wave, effort(arguments));
+        let along = Friction::on(wave, k, self.settings)?;
+        if wave.is_sine() {
+            let map = Map::build(k, restitution)?;
+            return Ok(measure(&map, along, start, effort, &mut ()));
+        }
+        let map = WaveMap::on(*wave, k, restitution)?;
+        Ok(measure_on_tones(&map, along, start, effort))
     }
 
     /// mm/s of a mean velocity in `b w`.
@@ -235,10 +303,11 @@ pub(super) fn speeds(
     desk: &Desk,
 ) -> Result<Vec<Speed>, Refusal> {
     let (range, amplitude) = asked(feeder, arguments, Over::Throw)?;
+    let shape = Shape::of(arguments)?;
     let values: Vec<f64> = range.values().collect();
     desk.try_map("conveying", values.len(), |n| {
         let point = Point::at(feeder, arguments, Over::Throw, values[n], amplitude)?;
-        let measured = point.measured(feeder.restitution, Origin::Rest, arguments)?;
+        let measured = point.measured(&shape, Origin::Rest, arguments)?;
         Ok(Speed {
             throw: values[n],
             amplitude: 1e3 * point.track.amplitude(point.k),
@@ -259,15 +328,16 @@ pub(super) fn computed(
         (None, None) => Over::Throw,
     };
     let (range, amplitude) = asked(&feeder, arguments, over)?;
+    let shape = Shape::of(arguments)?;
     let values: Vec<f64> = range.values().collect();
     let found = desk.try_map("conveying", values.len(), |n| {
         let point = Point::at(&feeder, arguments, over, values[n], amplitude)?;
-        rows(&feeder, arguments, values[n], point)
+        rows(&shape, arguments, values[n], point)
     })?;
     let rows: Vec<Row> = found.into_iter().flatten().collect();
-    let notes = notes(&feeder, arguments, over, amplitude, &rows)?;
-    let report = report(&feeder, arguments, over, &rows, &notes)?;
-    let words = words(&feeder, arguments, over, amplitude);
+    let notes = notes(&feeder, &shape, arguments, over, amplitude, &rows)?;
+    let words = words(&feeder, &shape, arguments, over, amplitude);
+    let report = report(over, &rows, &notes, &words)?;
     Ok((
         report,
         Box::new(move || picture(over, range, &rows, &notes, &words)),
@@ -326,17 +396,15 @@ fn asked(feeder: &Feeder, arguments: &Arguments, over: Over) -> Result<(Range, f
 
 /// The regimes at one value: from rest, and from each lock that attracts where that is another.
 fn rows(
-    feeder: &Feeder,
+    shape: &Shape,
     arguments: &Arguments,
     value: f64,
     point: Point,
 ) -> Result<Vec<Row>, Refusal> {
-    let restitution = feeder.restitution;
     let mut rows: Vec<Row> = Vec::new();
-    let starts = locks(point.k, restitution).into_iter();
-    let starts = starts.map(|lock| Origin::Hop(lock.state()));
+    let starts = shape.locked(point.k, arguments.restitution)?;
     for start in std::iter::once(Origin::Rest).chain(starts) {
-        let measured = point.measured(restitution, start, arguments)?;
+        let measured = point.measured(shape, start, arguments)?;
         let row = Row {
             value,
             point,
@@ -359,6 +427,7 @@ fn rows(
 /// What stands out: where sliding and hopping begin, the best phase lead, where the speed changes its sign.
 fn notes(
     feeder: &Feeder,
+    shape: &Shape,
     arguments: &Arguments,
     over: Over,
     amplitude: f64,
@@ -367,7 +436,7 @@ fn notes(
     let mut notes = Vec::new();
     let speed = |value: f64| -> Result<f64, Refusal> {
         let point = Point::at(feeder, arguments, over, value, amplitude)?;
-        let found = point.measured(feeder.restitution, Origin::Rest, arguments)?;
+        let found = point.measured(shape, Origin::Rest, arguments)?;
         Ok(found.conveyed.time_mean().unwrap_or(f64::NAN))
     };
     if matches!(over, Over::Throw | Over::Amplitude) {
@@ -377,13 +446,14 @@ fn notes(
             feeder.amplitude(1.0)
         };
         let point = Point::at(feeder, arguments, Over::Throw, 1.0, amplitude)?;
-        let threshold = |upwards: bool| point.settings.slides_above(upwards);
+        let threshold = |upwards: bool| shape.slides_above(&point.settings, upwards);
+        let hops = 1.0 / shape.wave.highest_throw();
         for (throw, words) in [
             (threshold(true), "slides forward"),
             (threshold(false), "slides backward"),
-            (Some(1.0), "hops"),
+            (Some(hops), "hops"),
         ] {
-            if let Some(throw) = throw.filter(|throw| *throw <= 1.0) {
+            if let Some(throw) = throw.filter(|throw| *throw <= hops) {
                 notes.push((throw * unit, words.to_string()));
             }
         }
@@ -432,7 +502,13 @@ fn notes(
     Ok(notes)
 }
 
-fn words(feeder: &Feeder, arguments: &Arguments, over: Over, amplitude: f64) -> String {
+fn words(
+    feeder: &Feeder,
+    shape: &Shape,
+    arguments: &Arguments,
+    over: Over,
+    amplitude: f64,
+) -> String {
     let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
     let mut words = vec![format!("R = {}", number(feeder.restitution, 6))];
     if over != Over::Friction {
@@ -464,15 +540,15 @@ fn words(feeder: &Feeder, arguments: &Arguments, over: Over, amplitude: f64) -> 
         ));
     }
     words.push(format!("{} Hz", number(feeder.track.frequency(), 6)));
+    words.extend(shape.words());
     words.join(", ")
 }
 
 fn report(
-    feeder: &Feeder,
-    arguments: &Arguments,
     over: Over,
     rows: &[Row],
     notes: &[(f64, String)],
+    words: &str,
 ) -> Result<Printout, Refusal> {
     let mut columns = vec![over.column()];
     let others = [Over::Throw, Over::Amplitude];
@@ -522,10 +598,8 @@ fn report(
             "still": told(shares[3]),
         }));
     }
-    let mut report = Printout::new(table).heading(format!(
-        "Conveying speed with friction; {}",
-        words(feeder, arguments, over, 1.5 * feeder.amplitude(1.0))
-    ));
+    let mut report =
+        Printout::new(table).heading(format!("Conveying speed with friction; {words}"));
     for (value, words) in notes {
         report = report.note(format!("{words} at {}", number(*value, 6)));
     }
@@ -617,9 +691,10 @@ mod tests {
         let feeder = Feeder::build(&line.arguments).unwrap();
         let over = line.arguments.over.unwrap_or(Over::Throw);
         let (range, amplitude) = asked(&feeder, &line.arguments, over).unwrap();
+        let shape = Shape::of(&line.arguments).unwrap();
         let at = |value| {
             let point = Point::at(&feeder, &line.arguments, over, value, amplitude).unwrap();
-            rows(&feeder, &line.arguments, value, point).unwrap()
+            rows(&shape, &line.arguments, value, point).unwrap()
         };
         range.values().flat_map(at).collect()
     }
@@ -670,6 +745,8 @@ mod tests {
     const STEPPED: &str = include_str!("../../../../tests/reference/friction.csv");
     /// Speeds by Siconos, an engine for unilateral contacts, likewise: tests/reference/friction_siconos.py.
     const SICONOS: &str = include_str!("../../../../tests/reference/friction-siconos.csv");
+    /// Those of small time steps on several tones.
+    const ON_TONES: &str = include_str!("../../../../tests/reference/friction-tones.csv");
 
     #[test]
     fn speeds_are_those_of_small_steps_and_of_another_engine() {
@@ -677,6 +754,7 @@ mod tests {
         // that of its limit.
         assert_eq!(judged_by(STEPPED, 2.0), 6);
         assert_eq!(judged_by(SICONOS, 1.0), 8);
+        assert_eq!(judged_by(ON_TONES, 2.0), 7);
     }
 
     /// Compares with speeds that come with an error, of which so many are allowed; how many there were.
@@ -684,12 +762,27 @@ mod tests {
         let mut cases = 0;
         for line in speeds.lines().skip(1) {
             let columns: Vec<f64> = line.split(',').map(|word| word.parse().unwrap()).collect();
-            let [throw, eta, mu, incline, lead, restitution, velocity, error] = columns[..] else {
+            let [
+                throw,
+                eta,
+                mu,
+                incline,
+                lead,
+                restitution,
+                ..,
+                velocity,
+                error,
+            ] = columns[..]
+            else {
                 panic!("{line}");
+            };
+            let tones = match columns[6..columns.len() - 2] {
+                [e, th, e3, th3] => format!("--second-tone {e},{th} --third-tone {e3},{th3}"),
+                _ => String::new(),
             };
             let rows = found(&format!(
                 "--throw {throw} --amplitude-ratio {eta} --friction {mu} --incline={incline} --phase-lead={lead} \
-                 --restitution {restitution}"
+                 --restitution {restitution} {tones}"
             ));
             let mean = rows[0].measured.conveyed.time_mean().unwrap();
             // 20 cycles leave 2e-5 of the way to a steady slide.

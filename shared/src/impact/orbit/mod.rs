@@ -16,7 +16,7 @@ mod wave_contact;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave_orbit;
 
-#[cfg(feature = "plant")]
+#[cfg(any(test, feature = "analysis", feature = "plant"))]
 pub(crate) use along::AlongLaw;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use along::{Along, Lain};

@@ -68,6 +68,18 @@ impl FrictionSettings {
         let hold = self.sticking + c * self.incline_tangent;
         (push > 0.0).then(|| (hold / push).max(0.0))
     }
+
+    /// The same on a track of several tones: `(mu_s +- T)` over the highest of `mu_s A(tau) +- eta A(tau + gamma)`.
+    #[must_use]
+    pub fn slides_above_on(&self, wave: &Wave, upwards: bool) -> Option<f64> {
+        let c = if upwards { 1.0 } else { -1.0 };
+        let along = Push::of(wave, c * self.amplitude_ratio, self.phase_lead, 0.0);
+        let push = along
+            .plus(self.sticking, &Push::of(wave, 1.0, 0.0, 0.0))
+            .highest();
+        let hold = self.sticking + c * self.incline_tangent;
+        (push > 0.0).then(|| (hold / push).max(0.0))
+    }
 }
 
 /// The motion along the track for one k, with friction. Velocities relative to the track in units of `b w`.
@@ -153,6 +165,15 @@ impl Friction {
             velocity * d + self.free.distance(phase, d),
             velocity + self.free.velocity(phase, d),
         )
+    }
+
+    /// A chatter of so many rad that brings a part to rest after `last`.
+    #[must_use]
+    pub(crate) fn chattered(&self, last: PartState, chatter: f64, velocity: f64) -> Lain {
+        // Over its whole length the impacts push as the contact would, but for the velocity that the part came with:
+        // their impulses add up to the integral of N less psi.
+        let spared = self.settings.spared(velocity, last.velocity);
+        self.lain(last.phase, chatter, velocity + spared)
     }
 
     /// What pushes a part that slides in direction c.
@@ -308,10 +329,7 @@ impl AlongLaw for Friction {
     }
 
     fn chatter(&self, _: &Contact, last: PartState, chatter: f64, velocity: f64) -> Lain {
-        // Over its whole length the impacts push as the contact would, but for the velocity that the part came with:
-        // their impulses add up to the integral of N less psi.
-        let spared = self.settings.spared(velocity, last.velocity);
-        self.lain(last.phase, chatter, velocity + spared)
+        self.chattered(last, chatter, velocity)
     }
 
     fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain {

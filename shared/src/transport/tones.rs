@@ -1,0 +1,312 @@
+//! Measuring one orbit on a track of several tones, on which parts rub.
+
+use super::survey::told;
+use super::{Conveyed, Effort, Measured, Origin};
+use crate::impact::{AlongLaw, Ended, Friction, OrbitEvent, WaveMap, WaveOrbit};
+
+/// Most phases of a turn at which the track throws a part off: after as many lift-offs they follow each other in a circle.
+const LIFT_OFFS: usize = 3;
+
+/// [`measure`](super::measure) on the track of `map`, for parts that rub on it: with `along` built for the same track and k.
+///
+/// A part may be thrown off at several phases of a cycle. One that comes to rest is measured from one of its lift-offs until the
+/// next at the same phase, once its velocity there has settled.
+///
+/// ```
+/// use kband::impact::{Friction, FrictionSettings, Tone, Wave, WaveMap};
+/// use kband::transport::{Effort, Motion, Origin, measure_on_tones};
+///
+/// let second = Tone { amplitude: 0.15, angle: 2.356 };
+/// let wave = Wave::build(second, Tone::default())?;
+/// let settings = FrictionSettings {
+///     sticking: 0.3,
+///     sliding: 0.3,
+///     amplitude_ratio: 1.5,
+///     phase_lead: 0.0,
+///     incline_tangent: 3.0_f64.to_radians().tan(),
+/// };
+/// let k = 1.0 / 1.2;
+/// let effort = Effort { settle: 1000, impacts: 3000 };
+/// let run = measure_on_tones(
+///     &WaveMap::on(wave, k, 0.2)?,
+///     Friction::on(&wave, k, settings)?,
+///     Origin::Rest,
+///     effort,
+/// );
+/// assert_eq!(run.motion, Motion::HopAndRest);
+/// assert!(run.conveyed.time_mean().is_some_and(|speed| speed > 0.0));
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[must_use]
+pub fn measure_on_tones(map: &WaveMap, along: Friction, start: Origin, effort: Effort) -> Measured {
+    let mut run = Run {
+        orbit: match start {
+            Origin::Rest => WaveOrbit::from_rest(map),
+            Origin::Hop(state) => WaveOrbit::new(map, state),
+        },
+        along,
+        velocity: 0.0,
+        rested: 0.0,
+        conveyed: Conveyed::default(),
+    };
+    let (ended, steady) = run.settled(effort);
+    told(ended, run.conveyed, steady, along)
+}
+
+struct Run {
+    orbit: WaveOrbit,
+    along: Friction,
+    /// Along the track, after the last event (symbol phi) in `b w`.
+    velocity: f64,
+    /// Where the part came to rest.
+    rested: f64,
+    conveyed: Conveyed,
+}
+
+impl Run {
+    /// Settles, then measures; whether the velocity along the track has settled too.
+    fn settled(&mut self, effort: Effort) -> (Ended, bool) {
+        /// Periods until a velocity has settled that nothing but friction damps.
+        const PERIODS: usize = 500;
+        self.follow(effort.settle, |_| false);
+        self.conveyed = Conveyed::default();
+        let mut phase = None;
+        for _ in 0..LIFT_OFFS {
+            match self.follow(effort.impacts, |_| true) {
+                Ended::Repeats => phase = Some(self.orbit.state().phase),
+                other => return (other, true),
+            }
+        }
+        let mut ended = Ended::Repeats;
+        for _ in 0..PERIODS {
+            let before = self.velocity;
+            self.conveyed = Conveyed::default();
+            ended = self.follow(effort.impacts, |lift_off| Some(lift_off) == phase);
+            if ended != Ended::Repeats || (self.velocity - before).abs() <= 1e-12 {
+                return (ended, true);
+            }
+        }
+        (ended, false)
+    }
+
+    /// Follows it for so many impacts, or until it is thrown off at such a phase.
+    fn follow(&mut self, impacts: u64, until: impl Fn(f64) -> bool) -> Ended {
+        let last = self.conveyed.impacts + impacts;
+        while self.conveyed.impacts < last {
+            let before = self.orbit.state();
+            match self.orbit.next() {
+                None => return Ended::RestsForEver,
+                Some(OrbitEvent::Impact(impact)) => {
+                    let (distance, velocity) = self.along.fly(before, &impact, self.velocity);
+                    self.conveyed.fly(distance, impact.flight);
+                    self.velocity = velocity;
+                }
+                Some(OrbitEvent::Rest { chatter, phase }) => {
+                    let lain = self.along.chattered(before, chatter, self.velocity);
+                    self.conveyed.settle(&lain, chatter);
+                    (self.velocity, self.rested) = (lain.velocity, phase);
+                }
+                Some(OrbitEvent::LiftOff { wait, phase }) => {
+                    let lain = self.along.lie(self.rested, wait, self.velocity);
+                    self.conveyed.lie(&lain, wait);
+                    self.velocity = lain.velocity;
+                    if until(phase) {
+                        return Ended::Repeats;
+                    }
+                }
+            }
+        }
+        Ended::Counted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::TAU;
+
+    use super::*;
+    use crate::impact::{FrictionSettings, Kernel, Map, PartState, Tone, Wave};
+    use crate::transport::{Motion, measure};
+
+    fn settings(mu: f64) -> FrictionSettings {
+        FrictionSettings {
+            sticking: mu,
+            sliding: mu,
+            amplitude_ratio: 1.5,
+            phase_lead: 0.3,
+            incline_tangent: 0.05,
+        }
+    }
+
+    fn two(amplitude: f64, angle: f64) -> Wave {
+        Wave::build(Tone { amplitude, angle }, Tone::default()).unwrap()
+    }
+
+    const EFFORT: Effort = Effort {
+        settle: 300,
+        impacts: 1000,
+    };
+
+    #[test]
+    fn one_tone_is_measured_as_the_sine() {
+        let mut motions = [0; 3];
+        let mut exact = 0;
+        for n in 0..60 {
+            let k = 0.36 + 0.013 * f64::from(n);
+            let along = Friction::build(k, settings(0.3)).unwrap();
+            let map = Map::build(k, 0.2).unwrap();
+            let one = measure(&map, along, Origin::Rest, EFFORT, &mut ());
+            let map = WaveMap::build(k, 0.2).unwrap();
+            let same = measure_on_tones(&map, along, Origin::Rest, EFFORT);
+            assert_eq!(one.motion, same.motion, "{k}");
+            motions[one.motion as usize] += 1;
+            let (one, same) = (one.conveyed, same.conveyed);
+            // Where an orbit is long rounding tells which of its flights are counted.
+            let long = one.impacts > 50 * one.rests && one.impacts > 0;
+            let within = if long { 2e-3 } else { 1e-9 };
+            let told = |of: &Conveyed| {
+                let time = of.flying + of.resting;
+                [of.distance, of.forward, of.backward].map(|sum| sum / time)
+            };
+            let apart = told(&one).into_iter().zip(told(&same));
+            let apart = apart.map(|(one, same)| (one - same).abs());
+            assert!(apart.fold(0.0, f64::max) < within, "{k}: {one:?} {same:?}");
+            exact += usize::from(!long);
+        }
+        assert!(exact > 20, "{exact}");
+        assert!(motions.iter().all(|count| *count > 4), "{motions:?}");
+    }
+
+    /// A part that is thrown off twice a cycle is measured over whole cycles: neither more impacts nor where they begin
+    /// change a thing.
+    #[test]
+    fn a_period_is_one_whatever_is_counted() {
+        let mut twice = 0;
+        for n in 0..40 {
+            let part = |m: i32| f64::from(n * m % 41) / 41.0;
+            let wave = two(0.15 + 0.35 * part(5), 6.0 * part(7));
+            let k = (0.45 + 0.5 * part(11)) * wave.highest_throw();
+            let along = Friction::on(&wave, k, settings(0.2 + 0.2 * part(13))).unwrap();
+            let map = WaveMap::on(wave, k, 0.1).unwrap();
+            let found = measure_on_tones(&map, along, Origin::Rest, EFFORT);
+            if found.motion != Motion::HopAndRest {
+                continue;
+            }
+            let longer = Effort {
+                settle: 317,
+                impacts: 5000,
+            };
+            let again = measure_on_tones(&map, along, Origin::Rest, longer);
+            let time = found.conveyed.flying + found.conveyed.resting;
+            let cycles = time / TAU;
+            assert!((cycles - cycles.round()).abs() < 1e-9, "{n}: {cycles}");
+            let mean = |found: &Measured| found.conveyed.time_mean().unwrap();
+            let apart = (mean(&found) - mean(&again)).abs();
+            assert!(apart < 1e-9, "{n}: {found:?} {again:?}");
+            twice += usize::from(found.conveyed.rests > cycles.round() as u64);
+        }
+        assert!(twice > 3, "{twice}");
+    }
+
+    /// While a part slides in one direction v' + c mu u' feels no contact force, through slides and impacts, on every wave.
+    #[test]
+    fn what_friction_and_impact_share_is_conserved_on_every_wave() {
+        let mut runs = 0;
+        for n in 0..300 {
+            let part = |m: i32| f64::from(n * m % 101) / 101.0;
+            let tone = |size: f64, angle: f64| Tone {
+                amplitude: 0.4 * size,
+                angle: 6.0 * angle,
+            };
+            let wave = Wave::build(tone(part(31), part(37)), tone(part(41), part(43))).unwrap();
+            let rub = FrictionSettings {
+                sticking: 0.1 + 0.2 * part(5),
+                sliding: 0.1 + 0.2 * part(5),
+                amplitude_ratio: 0.5 + 2.0 * part(7),
+                phase_lead: 2.0 * part(11) - 1.0,
+                incline_tangent: 0.2 * part(13) - 0.1,
+            };
+            let (k, mu) = ((0.3 + 0.6 * part(17)) * wave.highest_throw(), rub.sliding);
+            // Fast enough to keep its direction for a while.
+            let c = if n % 2 == 0 { 1.0 } else { -1.0 };
+            let start = PartState {
+                phase: 6.0 * part(23),
+                velocity: 0.3 + part(29),
+            };
+            let map = WaveMap::on(wave, k, 0.1 + 0.7 * part(19)).unwrap();
+            let mut run = Run {
+                orbit: WaveOrbit::new(&map, start),
+                along: Friction::on(&wave, k, rub).unwrap(),
+                velocity: 60.0 * c,
+                rested: 0.0,
+                conveyed: Conveyed::default(),
+            };
+            // The track's own velocity at a phase, and its part of what is shared.
+            let carried = |phase: f64| {
+                let along = wave.motion(phase + rub.phase_lead)[1];
+                rub.amplitude_ratio * along + c * mu * wave.motion(phase)[1]
+            };
+            let held = k * (rub.incline_tangent + c * mu);
+            let shared = |run: &Run| {
+                let (state, conveyed) = (run.orbit.state(), &run.conveyed);
+                let time = conveyed.flying + conveyed.resting;
+                let left = run.velocity + c * mu * state.velocity;
+                left + carried(state.phase) + held * time
+            };
+            let begun = shared(&run);
+            for _ in 0..30 {
+                // An event at a time: an impact, or a lift-off after a rest.
+                let ended = run.follow(1, |_| true);
+                if ended == Ended::RestsForEver || run.velocity * c <= 0.0 {
+                    break;
+                }
+                let conveyed = &run.conveyed;
+                let clock = conveyed.flying + conveyed.resting;
+                let now = shared(&run);
+                assert!(
+                    (now - begun).abs() < 1e-8 * (1.0 + clock),
+                    "{n}: {now} {begun}"
+                );
+                runs += 1;
+            }
+        }
+        assert!(runs > 4000, "{runs}");
+    }
+
+    #[test]
+    fn sliding_and_hopping_begin_where_the_tones_say() {
+        for (e, th) in [(0.15, 2.356), (0.3, 0.5), (0.1, 5.0)] {
+            let wave = two(e, th);
+            let rub = settings(0.6);
+            let moves = |throw: f64| {
+                let (k, along) = (1.0 / throw, Friction::on(&wave, 1.0 / throw, rub).unwrap());
+                let map = WaveMap::on(wave, k, 0.2).unwrap();
+                measure_on_tones(&map, along, Origin::Rest, EFFORT).conveyed
+            };
+            let hops = 1.0 / wave.highest_throw();
+            let first = [true, false].map(|upwards| rub.slides_above_on(&wave, upwards).unwrap());
+            let [up, down] = first;
+            assert!(up.min(down) < hops, "{e} {th}");
+            let least = up.min(down);
+            let still = moves(least * (1.0 - 1e-6));
+            assert_eq!((still.forward, still.backward), (0.0, 0.0));
+            let slides = moves(least * (1.0 + 1e-3));
+            assert!(
+                if up < down {
+                    slides.forward
+                } else {
+                    slides.backward
+                } > 0.0
+            );
+            assert_eq!(moves(hops * (1.0 - 1e-6)).flying, 0.0);
+            assert!(moves(hops * (1.0 + 1e-3)).flying > 0.0);
+        }
+        // On one tone it is the closed form.
+        for upwards in [true, false] {
+            let rub = settings(0.3);
+            let closed = rub.slides_above(upwards).unwrap();
+            let found = rub.slides_above_on(&Wave::sine(), upwards).unwrap();
+            assert!((found - closed).abs() < 1e-12, "{found} {closed}");
+        }
+    }
+}
