@@ -27,5 +27,8 @@ pub fn report(report: &Report) {
         if let (Event::Faulted, Some(fault)) = (event, report.fault) {
             defmt::error!("fault {}: {}", fault.number(), fault.name());
         }
+        if let (Event::Weighed, Some(load)) = (event, report.load) {
+            defmt::info!("weighed: {} g, {} g/s", load.mass, load.flow);
+        }
     }
 }

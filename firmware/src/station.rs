@@ -5,7 +5,7 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::control::{
-    Controller, Cycle, Fault, Identification, Inputs, Report, SAMPLE_RATE, Settings, Signal,
+    Controller, Cycle, Event, Fault, Identification, Inputs, Report, SAMPLE_RATE, Settings, Signal,
     StartCause, State, Target,
 };
 use kband::feeder::OutOfRange;
@@ -15,7 +15,7 @@ use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Condition, Found};
 
-/// Records that the event log keeps: 12 bytes each.
+/// Records that the event log keeps: 20 bytes each.
 const LOG: usize = 64;
 
 /// The fault that a cause of the start counts as, to be kept.
@@ -59,14 +59,18 @@ struct Log {
 }
 
 impl Log {
-    fn push(&mut self, report: &Report, event: u8) {
+    fn push(&mut self, report: &Report, event: Event) {
         let number = self.next;
+        let load = report.load.filter(|_| event == Event::Weighed);
+        let load = load.unwrap_or_default();
         self.next = number.wrapping_add(1);
         self.records[number as usize % LOG] = Some(Record {
             number,
             cycle: report.cycle,
-            event,
+            event: event.number(),
             fault: report.fault.map_or(0, Fault::number),
+            mass: load.mass,
+            flow: load.flow,
         });
     }
 
@@ -277,7 +281,7 @@ impl Station {
             }));
         }
         for event in report.events.iter() {
-            self.log.borrow_mut().push(&report, event.number());
+            self.log.borrow_mut().push(&report, event);
         }
         report
     }

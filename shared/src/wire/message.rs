@@ -422,6 +422,10 @@ pub struct Record {
     pub event: u8,
     /// Number of the fault at that time, 0 for none.
     pub fault: u8,
+    /// Mass of the parts in g that the event tells; 0 with any event but [`control::Event::Weighed`].
+    pub mass: f32,
+    /// Flow in g/s that it tells, 0 where the track's length is not told either.
+    pub flow: f32,
 }
 
 /// A fault that was kept beyond a loss of power.

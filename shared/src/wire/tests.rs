@@ -100,8 +100,10 @@ fn responses() -> Vec<Response<'static>> {
         Response::Event(Some(Record {
             number: 300,
             cycle: 70_000,
-            event: 9,
+            event: 26,
             fault: 0,
+            mass: 250.0,
+            flow: 46.75,
         })),
         Response::Event(None),
         Response::SelfTest(SelfTest {

@@ -8,7 +8,7 @@ use kband::wire::{Record, Telemetry, UpperTone};
 use super::watch::Watch;
 use crate::board::{Clock, Said};
 use crate::refusal::Refusal;
-use crate::report::{Format, Value, columns, shortest};
+use crate::report::{Format, Value, columns, number, shortest};
 use crate::stream::Stream;
 
 /// What is printed, row by row.
@@ -218,6 +218,14 @@ fn happened(record: &Record) -> String {
         (Some(Event::Faulted), Some(fault)) => {
             format!("{name}: {} (fault {})", fault.name(), fault.number())
         }
+        (Some(Event::Weighed), _) if record.flow == 0.0 => {
+            format!("{name}: {} g", number(record.mass.into(), 3))
+        }
+        (Some(Event::Weighed), _) => format!(
+            "{name}: {} g, {} g/s",
+            number(record.mass.into(), 3),
+            number(record.flow.into(), 3)
+        ),
         _ => name,
     }
 }

@@ -17,7 +17,7 @@ use crate::control::drive::{
     AmplitudeLoop, Asked, Move, Reference, Resonance, Scale, Shape, Tones, TrackMotion, UPPER, size,
 };
 use crate::control::hear::{
-    Cycle, Deafness, GearHearing, HeardWith, Listener, LoadMeter, Sound, Tuned, Weighed,
+    Cycle, Deafness, GearHearing, HeardWith, Listener, LoadMeter, Sound, Tuned, Weighed, Weighing,
 };
 use crate::control::identify::{self, Driven, Identifier, Step};
 use crate::control::inputs::{Inputs, StartCause};
@@ -115,6 +115,7 @@ pub struct Controller {
     tones: Tones,
     /// What weighs the parts, where the mass of the track is told.
     meter: Option<LoadMeter>,
+    weighing: Weighing,
     /// Envelope that the outputs should give at the ends of cycles, over the one that full output comes to hold: of the one that
     /// the last output will drive, the one before, and the two that the last reading is the mean of.
     expected: [Complex; 3],
@@ -162,6 +163,7 @@ impl Controller {
             output: 0.0,
             tones: Tones::build(settings)?,
             meter: LoadMeter::build(settings),
+            weighing: Weighing::default(),
             expected: [Complex::default(); 3],
             faults: FaultDetector::default(),
             count: 0,
@@ -276,14 +278,14 @@ impl Controller {
             self.listen(cycle, goal, measured);
             self.progress(goal, measured, &mut events);
             self.retune_gear();
-            let flow = self
-                .meter
-                .as_ref()
-                .and_then(LoadMeter::load)
-                .map(|load| load.flow);
+            let flow = self.load().map(|load| load.flow);
             self.selection
                 .serve_flow(flow, &self.settings, &self.scale, &mut events);
             self.identify(cycle, goal, measured, &mut events);
+        }
+        let load = self.load();
+        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency()) {
+            events.push(event);
         }
         let limits = self.limits.limits();
         if !held_back && !limits.is_empty() {

@@ -4,7 +4,7 @@ use super::Controller;
 use crate::control::aim::NoSetpoint;
 use crate::control::angle::radians_of;
 use crate::control::drive::size;
-use crate::control::hear::{Command, GearShare, LoadMeter, Overtone};
+use crate::control::hear::{Command, GearShare, Load, LoadMeter, Overtone};
 use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
@@ -34,7 +34,7 @@ impl Controller {
             to_loss: self.listener.time_to_loss(),
             margin: self.listener.margin_of_all(),
             expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
-            load: self.meter.as_ref().and_then(LoadMeter::load),
+            load: self.load(),
             attempts: self.machine.attempts(),
             identification: self.identifier.result(),
             regime: self.listener.regime,
@@ -108,6 +108,12 @@ impl Controller {
     #[must_use]
     pub fn in_gear_error(&self) -> f32 {
         self.gear_share().map_or(f32::INFINITY, |heard| heard.error)
+    }
+
+    /// The parts on the track as weighed ([`Report::load`]).
+    #[must_use]
+    pub fn load(&self) -> Option<Load> {
+        self.meter.as_ref().and_then(LoadMeter::load)
     }
 
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.

@@ -26,6 +26,7 @@ mod onset;
 mod phases;
 mod share;
 mod signal;
+mod weighing;
 
 pub use deaf::{Deafness, Sound};
 #[cfg(all(test, feature = "plant"))]
@@ -49,3 +50,4 @@ pub use onset::{HighPass, Onset, Standard};
 #[cfg(feature = "plant")]
 pub use signal::MOST_BLANKED;
 pub use signal::{AdcCode, Command, Cycle, Overtone, Sampled, Signal};
+pub use weighing::Weighing;

@@ -200,6 +200,10 @@ pub enum Event {
     ThirdToneUnlike = 24,
     /// No amplitude holds the lot in gear; the best one is held, with the share of time that is expected there.
     GearPoor = 25,
+    /// The parts on the track are weighed, for the first time or by a tenth other than told last.
+    Weighed = 26,
+    /// The parts on the track can no longer be weighed.
+    NotWeighed = 27,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -265,7 +269,7 @@ named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetS
     ResonanceFound = "resonance found", Identified = "restitution identified",
     NotIdentified = "restitution not identified", LockedOut = "locked out",
     SecondToneUnlike = "second tone not as told", ThirdToneUnlike = "third tone not as told",
-    GearPoor = "gear poor for the lot");
+    GearPoor = "gear poor for the lot", Weighed = "weighed", NotWeighed = "no longer weighed");
 
 #[cfg(test)]
 mod tests {
@@ -276,7 +280,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(numbers, [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15]);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..26));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..28));
         for number in 0..=u8::MAX {
             let fault = Fault::numbered(number);
             assert_eq!(fault.is_some(), numbers.contains(&number));

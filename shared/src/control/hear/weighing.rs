@@ -1,0 +1,106 @@
+//! When the weight of the parts is news.
+
+use super::load::Load;
+use crate::control::state::Event;
+
+/// Seconds between two events of the weighing: the log of a board holds 64 of all kinds.
+const APART: f32 = 10.0;
+/// Change of mass or flow that is news, over what was told.
+const CHANGED: f32 = 0.1;
+
+/// What was told last of the parts' weight.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Weighing {
+    told: Option<Load>,
+    /// Drive cycles that have to pass before anything is told again.
+    wait: f32,
+}
+
+impl Weighing {
+    /// Takes what a drive cycle at `frequency` (Hz) weighed; what is to be told of it.
+    pub fn cycle(&mut self, load: Option<Load>, frequency: f32) -> Option<Event> {
+        if self.wait > 0.0 {
+            self.wait -= 1.0;
+            return None;
+        }
+        let event = match (self.told, load) {
+            (Some(told), Some(now)) if !changed(&told, &now) => return None,
+            (None, None) => return None,
+            (_, Some(_)) => Event::Weighed,
+            (Some(_), None) => Event::NotWeighed,
+        };
+        (self.told, self.wait) = (load, APART * frequency);
+        Some(event)
+    }
+}
+
+fn changed(told: &Load, now: &Load) -> bool {
+    let moved = |told: f32, now: f32| (now - told).abs() > CHANGED * told.abs();
+    moved(told.mass, now.mass) || moved(told.flow, now.flow)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    fn load(mass: f32) -> Option<Load> {
+        Some(Load {
+            mass,
+            speed: 80.0,
+            flow: 0.16 * mass,
+        })
+    }
+
+    /// Cycles and events of what `weighed` says over so many cycles at 50 Hz.
+    fn told(cycles: u32, weighed: impl Fn(u32) -> Option<Load>) -> Vec<(u32, Event)> {
+        let mut weighing = Weighing::default();
+        let event = |cycle| Some((cycle, weighing.cycle(weighed(cycle), 50.0)?));
+        (0..cycles).filter_map(event).collect()
+    }
+
+    #[test]
+    fn the_first_mass_a_tenth_more_and_the_last_are_told() {
+        let steps = |cycle| match cycle {
+            0..100 => None,
+            100..2000 => load(500.0),
+            // Within a tenth, then beyond it.
+            2000..4000 => load(545.0),
+            4000..6000 => load(560.0),
+            _ => None,
+        };
+        let expected = [
+            (100, Event::Weighed),
+            (4000, Event::Weighed),
+            (6000, Event::NotWeighed),
+        ];
+        assert_eq!(told(9000, steps), expected);
+        // A flow alone, as where the speed changes.
+        let faster = |cycle| {
+            load(500.0).map(|load| Load {
+                flow: if cycle < 1000 { 80.0 } else { 89.0 },
+                ..load
+            })
+        };
+        let expected = [(0, Event::Weighed), (1000, Event::Weighed)];
+        assert_eq!(told(3000, faster), expected);
+    }
+
+    /// A mass that comes and goes, or leaps, fills no log: one record in ten seconds.
+    #[test]
+    fn the_rate_is_bounded() {
+        let leaps = told(50_000, |cycle| load(100.0 + f32::from(cycle as u8)));
+        let flickers = told(50_000, |cycle| load(500.0).filter(|_| cycle % 3 > 0));
+        for events in [&leaps, &flickers] {
+            assert!((20..=100).contains(&events.len()), "{}", events.len());
+            let apart = events.windows(2).map(|pair| pair[1].0 - pair[0].0);
+            assert!(apart.min() > Some(500));
+        }
+        // What was lost for less than that is not told.
+        let short = told(3000, |cycle| {
+            load(500.0).filter(|_| !(100..300).contains(&cycle))
+        });
+        assert_eq!(short, [(0, Event::Weighed)]);
+    }
+}
