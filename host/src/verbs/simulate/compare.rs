@@ -13,7 +13,7 @@ use crate::report::{Printout, Table, columns};
 use crate::simulate::{Outcome, SceneFile, Watch, draw};
 
 /// Smallest second tone that is one.
-const LEAST: f64 = 0.01;
+pub(super) const LEAST: f64 = 0.01;
 
 /// Runs a scene without a second tone and with one of up to `most` of the first, and draws both side by side.
 pub(super) fn run(

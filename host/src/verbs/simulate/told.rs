@@ -6,6 +6,7 @@ use kband::control::{Event, Report, State, Target, UpperTone};
 use kband::regime::classify::Regime;
 use serde_json::json;
 
+use super::compare::LEAST;
 use super::summary::Seen;
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, Value, columns, number};
@@ -320,6 +321,10 @@ pub(super) fn told(
             number(outcome.mass(), 3),
             number(f64::from(load.speed), 3),
         ));
+    } else if outcome.file().scene.settings.track_mass > 0.0
+        && f64::from(last.shape.second.ratio) >= LEAST
+    {
+        say("weighed          nothing: a second tone takes a power of its own".into());
     }
     if let Some(phase) = outcome.lock_phase() {
         let expected = outcome.expected_phase().map_or(String::new(), |phase| {

@@ -160,12 +160,15 @@ impl Choice {
             }
             Target::Flow(flow) => {
                 let told = settings.track_mass > 0.0 && settings.track_length > 0.0;
-                let accepted = if told {
+                let alone = settings.second_tone == 0.0;
+                let accepted = if told && alone {
                     "above 0 to 1000000 g/s"
+                } else if told {
+                    "none with a second tone, which takes a power of its own: what is on the track is weighed where the setting second_tone is 0"
                 } else {
                     "none: what is on the track is weighed only where the settings track_mass and track_length are given"
                 };
-                let accepts = told && flow > 0.0 && flow <= 1e6;
+                let accepts = told && alone && flow > 0.0 && flow <= 1e6;
                 within("target flow", flow, accepts, accepted)?;
                 Ok(Self::level(Level::Sought))
             }
@@ -251,6 +254,24 @@ mod tests {
             let band = Band::common(Restitution::single(restitution).unwrap(), 1).unwrap();
             assert!(band.contains(k));
         }
+    }
+
+    #[test]
+    fn a_flow_is_refused_where_nothing_can_be_weighed() {
+        let refused = |settings: &Settings| Choice::of(Target::Flow(45.0), settings).unwrap_err();
+        let bare = Settings::default();
+        assert!(refused(&bare).accepted.contains("track_mass"));
+        let scale = Settings {
+            track_mass: 10.0,
+            track_length: 500.0,
+            ..bare
+        };
+        assert!(Choice::of(Target::Flow(45.0), &scale).is_ok());
+        let two = Settings {
+            second_tone: 0.15,
+            ..scale
+        };
+        assert!(refused(&two).accepted.contains("second_tone is 0"));
     }
 
     #[test]
