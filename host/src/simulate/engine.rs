@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use kband::control::{Chaos, Controller, Events, GearPlanned, Planned, State};
+use kband::control::{Chaos, Controller, Events, GearPlanned, Load, Planned, State};
 use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 use kband::regime::gear::StrikeCount;
 
@@ -52,6 +52,8 @@ pub(super) struct Glance {
     /// Share of time in gear as heard, and its error; infinite where it is only a least.
     pub in_gear: f32,
     pub error: f32,
+    /// The parts on the track as weighed.
+    pub load: Option<Load>,
 }
 
 impl Glance {
@@ -66,6 +68,7 @@ impl Glance {
             k: report.k,
             in_gear: report.in_gear,
             error: report.in_gear_error,
+            load: report.load,
         }
     }
 }
@@ -117,6 +120,7 @@ impl Engine<'_> {
                     k: controller.k(amplitude),
                     in_gear: controller.in_gear(),
                     error: controller.in_gear_error(),
+                    load: controller.load(),
                 })
             }
             Self::Whole(closed, last) => {

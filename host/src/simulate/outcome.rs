@@ -239,27 +239,39 @@ impl Outcome {
         f64::max(count, 1.0) / sum
     }
 
+    /// Mass of the parts on the track: from each time on (s) so much (g), in the order of time.
+    #[must_use]
+    pub fn masses(&self) -> Vec<(f64, f64)> {
+        let file = self.file();
+        let scene = &file.scene;
+        let waiting = usize::from(scene.waiting);
+        let on = scene.parts.len().saturating_sub(waiting);
+        let each = || scene.masses.iter().map(|mass| f64::from(*mass));
+        let mut mass = each().take(on).sum();
+        let mut masses = vec![(0.0, mass)];
+        let dumps = scene.disturbances.iter();
+        let dump = dumps.filter_map(|disturbance| match disturbance.change {
+            Change::Dump(within) => Some((disturbance.at, f64::from(within))),
+            _ => None,
+        });
+        // What has fallen once does not fall again.
+        if let Some((at, within)) = dump.min_by(|one, other| one.0.total_cmp(&other.0)) {
+            for (n, part) in each().skip(on).enumerate() {
+                let arrives = at + within * (n + 1) as f64 / waiting as f64;
+                if arrives > file.duration {
+                    break;
+                }
+                mass += part;
+                masses.push((arrives, mass));
+            }
+        }
+        masses
+    }
+
     /// Mass of the parts that are on the track at the end, in g.
     #[must_use]
     pub fn mass(&self) -> f64 {
-        let file = self.file();
-        let scene = &file.scene;
-        let dumped = scene.disturbances.iter().any(|disturbance| {
-            matches!(disturbance.change, Change::Dump(within)
-                if disturbance.at + f64::from(within) <= file.duration)
-        });
-        let waiting = if dumped {
-            0
-        } else {
-            usize::from(scene.waiting)
-        };
-        let on = scene.parts.len().saturating_sub(waiting);
-        scene
-            .masses
-            .iter()
-            .take(on)
-            .map(|mass| f64::from(*mass))
-            .sum()
+        self.masses().last().map_or(0.0, |(_, mass)| *mass)
     }
 
     /// Mean conveying speed at the end in m/s, positive upwards (time mean).

@@ -1,11 +1,11 @@
 //! The timeline picture of a scene.
 
-use kband::control::{Event, State};
+use kband::control::{Event, State, Target};
 use kband::plant::PARTS;
 
 use super::outcome::Outcome;
 use super::parts::kin;
-use super::record::Struck;
+use super::record::{Sketch, Struck};
 use super::timeline::describe;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 
@@ -194,7 +194,69 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         }
         picture = picture.panel(gear);
     }
+    if outcome.file().scene.masses.iter().any(|mass| *mass > 0.0) {
+        picture = picture.panel(mass(outcome, sketch, time()));
+        let length = f64::from(settings.track_length);
+        if settings.track_mass > 0.0 && length > 0.0 {
+            let truth = outcome.mass() * outcome.speed() * 1e3 / length;
+            picture = picture.panel(flow(outcome, sketch.flow(), truth, time()));
+        }
+    }
     Some(picture)
+}
+
+/// What is on the track, in truth and as the board weighs it.
+fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
+    let mut truth: Vec<(f64, f64)> = Vec::new();
+    for (from, mass) in outcome.masses() {
+        let before = truth.last().map(|last| (from, last.1));
+        truth.extend(before);
+        truth.push((from, mass));
+    }
+    truth.extend(truth.last().map(|last| (sketch.time(), last.1)));
+    let weighed = sketch.mass();
+    let highest = highest(truth.iter().chain(&weighed));
+    let mass = Axis::new("mass on the track", Unit::new("g"), 0.0, 1.15 * highest);
+    let panel = Panel::new(time, mass).height(140.0).line("true", 1, truth);
+    if weighed.iter().any(|point| point.1.is_finite()) {
+        panel.line("weighed", 0, weighed)
+    } else {
+        panel
+    }
+}
+
+/// What leaves the track, as the board weighs it.
+fn flow(outcome: &Outcome, weighed: Vec<(f64, f64)>, truth: f64, time: Axis) -> Panel {
+    let wanted = match outcome.target() {
+        Target::Flow(flow) => Some(f64::from(flow)),
+        _ => None,
+    };
+    let ends = [Some(truth), wanted];
+    let ends = ends.into_iter().flatten().map(|flow| (0.0, flow));
+    let all: Vec<(f64, f64)> = weighed.iter().copied().chain(ends).collect();
+    let lowest = all.iter().fold(0.0, |low, point| point.1.min(low));
+    let flow = Axis::new(
+        "flow",
+        Unit::new("g/s"),
+        1.15 * lowest,
+        1.15 * highest(&all),
+    );
+    let mut panel = Panel::new(time, flow)
+        .height(140.0)
+        .line("weighed", 0, weighed)
+        .level(truth, "true, at the end");
+    if let Some(wanted) = wanted.filter(|wanted| (wanted - truth).abs() > 0.1 * truth.abs()) {
+        panel = panel.level(wanted, "target");
+    }
+    panel
+}
+
+/// The highest value of a curve, at least what an axis can show.
+fn highest<'a>(points: impl IntoIterator<Item = &'a (f64, f64)>) -> f64 {
+    let highest = points
+        .into_iter()
+        .fold(0.0, |high, point| f64::max(high, point.1));
+    if highest > 0.0 { highest } else { 1.0 }
 }
 
 fn telling(event: Event) -> bool {

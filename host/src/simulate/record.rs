@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
-use kband::control::{Event, Report, State};
+use kband::control::{Event, Load, Report, State};
 use kband::plant::{Moment, PARTS, Sample, Strike};
 use kband::regime::gear::{GearWatch, Share};
 
@@ -372,6 +372,9 @@ pub struct Sketch {
     reference: Curve,
     k: Curve,
     in_gear: Curve,
+    /// Mass on the track as weighed, and flow; not a number where there is none.
+    mass: Curve,
+    flow: Curve,
     /// References of the last two cycles: each is for the cycle after next.
     ahead: [f32; 2],
     states: Vec<(f64, State)>,
@@ -396,6 +399,8 @@ impl Sketch {
             reference: Curve::default(),
             k: Curve::default(),
             in_gear: Curve::default(),
+            mass: Curve::default(),
+            flow: Curve::default(),
             ahead: [0.0; 2],
             states: Vec::new(),
             time: 0.0,
@@ -412,6 +417,9 @@ impl Sketch {
         self.ahead = [glance.reference, self.ahead[0]];
         self.k.take(time, f64::from(glance.k));
         self.in_gear.take(time, f64::from(glance.in_gear));
+        let weighed = |of: fn(Load) -> f32| glance.load.map_or(f64::NAN, |load| of(load).into());
+        self.mass.take(time, weighed(|load| load.mass));
+        self.flow.take(time, weighed(|load| load.flow));
         self.within += 1;
         if self.within == self.stretch {
             self.within = 0;
@@ -420,6 +428,8 @@ impl Sketch {
                 &mut self.reference,
                 &mut self.k,
                 &mut self.in_gear,
+                &mut self.mass,
+                &mut self.flow,
             ] {
                 curve.end_stretch();
             }
@@ -487,6 +497,18 @@ impl Sketch {
     #[must_use]
     pub fn in_gear(&self) -> Vec<(f64, f64)> {
         self.in_gear.drawn()
+    }
+
+    /// Mass on the track as weighed over time, in g; not a number where it is not.
+    #[must_use]
+    pub fn mass(&self) -> Vec<(f64, f64)> {
+        self.mass.drawn()
+    }
+
+    /// Flow as weighed over time, in g/s; not a number where it is not.
+    #[must_use]
+    pub fn flow(&self) -> Vec<(f64, f64)> {
+        self.flow.drawn()
     }
 
     /// The states one after the other, each with the time from which it was held.

@@ -26,7 +26,7 @@ pub struct Moment {
 pub struct Sample {
     /// Time in s.
     pub time: f64,
-    /// Output of the drive as a share of full output, -1..1, held from now on.
+    /// Output of the drive as a share of full output, -1..1, that was held until now from the sample before.
     pub output: f32,
     /// Reading of the converter.
     pub code: u16,
