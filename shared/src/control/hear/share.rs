@@ -23,6 +23,9 @@ const KEEP: f32 = 1.0 - 1.0 / MEMORY;
 /// Cycles before the first share, and from one to the next.
 const BEFORE: f32 = 64.0;
 const AGAIN: u32 = 16;
+/// Turn of the track's lead from its mean since the energy is gathered, in steps of 2^-32 turns, from which on that mean stands for it: 0.05
+/// rad, a quarter of a sector. Less is the scatter of a reading.
+const TURNED: u32 = 1 << 25;
 /// Impacts that a slice of the profile follows.
 const SLICE: u32 = 64;
 /// Change of k and of the tones above the first, as shares of it, after which the profiles are other ones. At 0.0001 two
@@ -30,6 +33,11 @@ const SLICE: u32 = 64;
 const MOVED: f32 = 0.01;
 /// Steps of the tones that profiles are counted of: with those of [`rounded`] two feeders that hardly differ ask for one count.
 const STEP_OF_TONES: f32 = 1.0 / 1024.0;
+/// Change of k, as a share of it, up to which the share that was told still stands while the one at the new k is gathered: a track that
+/// is being loaded moves by some percent within a second, and its parts strike on; the same of the tones above the first.
+const NEAR: f32 = 0.05;
+/// What such a share's error grows by in each cycle: in four seconds at 50 Hz nothing is known any more; the next share takes two.
+const FADES: f32 = 0.001;
 /// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track. The search goes on from
 /// it: from 0.05 to 1.5 ms every test passes, at 5 ms `both_fidelities_hear_the_same` fails.
 const RINGS: f32 = 0.5e-3;
@@ -110,7 +118,9 @@ pub struct ShareHearing {
     energy: Row,
     weight: f32,
     due: u32,
+    /// Lead of the track that the energy stands for, and its mean since that is gathered: a load that comes turns the track.
     lead: Phase,
+    turned: Phase,
     step: u32,
     /// What the drive itself leaves in the residual.
     swing: [f32; 2],
@@ -122,6 +132,8 @@ pub struct ShareHearing {
     fitting: Option<Fitting>,
     share: Option<GearShare>,
     margin: Option<GearMargin>,
+    /// Whether that share is of the track as it was before it moved.
+    fades: bool,
     /// Whether what is heard was held against the profiles.
     judged: bool,
 }
@@ -170,6 +182,7 @@ impl ShareHearing {
             weight: 0.0,
             due: 0,
             lead: Phase::ZERO,
+            turned: Phase::ZERO,
             step: 0,
             swing: [0.0; 2],
             rings: RINGS,
@@ -178,6 +191,7 @@ impl ShareHearing {
             fitting: None,
             share: None,
             margin: None,
+            fades: false,
             judged: false,
         }
     }
@@ -187,8 +201,12 @@ impl ShareHearing {
         self.energy = [0.0; SECTORS];
         (self.weight, self.due, self.cycles) = (0.0, 0, 0.0);
         self.fitting = None;
+        self.unlearn();
+    }
+
+    fn unlearn(&mut self) {
         (self.share, self.margin) = (None, None);
-        self.judged = false;
+        (self.fades, self.judged) = (false, false);
     }
 
     /// The share; `None` where it is not known.
@@ -231,6 +249,7 @@ impl ShareHearing {
 
     /// Takes a cycle.
     pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
+        self.fade();
         if !tuned.stands {
             return;
         }
@@ -243,7 +262,13 @@ impl ShareHearing {
             *sum = *sum * keep + energy;
         }
         self.weight = self.weight * KEEP + 1.0;
-        self.lead = tuned.lead;
+        let apart = (tuned.lead - self.turned).bits() as i32;
+        self.turned += Phase::from_bits((apart as f32 / self.weight) as i32 as u32);
+        self.lead = if apart.unsigned_abs() > TURNED {
+            self.turned
+        } else {
+            tuned.lead
+        };
         self.step = tuned.step;
         self.swing = [cycle.in_phase, cycle.quadrature];
         self.due += 1;
@@ -251,6 +276,16 @@ impl ShareHearing {
             self.due = 0;
             if self.profile().is_some() && self.fitting.is_none() {
                 self.fitting = Some(Fitting::default());
+            }
+        }
+    }
+
+    /// What is known of a track that has moved is known less surely in each cycle.
+    fn fade(&mut self) {
+        if let Some(share) = self.share.as_mut().filter(|_| self.fades) {
+            share.error += FADES;
+            if share.error > TELLS {
+                self.unlearn();
             }
         }
     }
@@ -278,20 +313,26 @@ impl ShareHearing {
         };
         if let Some(profiler) = &self.profiler {
             let settings = profiler.settings();
-            let tones = self.tones.as_flattened().iter();
-            let mut tones = tones.zip(self.profiled.as_flattened());
-            let same = settings.order == order
-                && !apart(settings.k, self.k, MOVED * settings.k)
-                && tones.all(|(is, was)| !apart(*was, *is, MOVED));
+            let within = |most: f32| {
+                let tones = self.tones.as_flattened().iter();
+                let mut tones = tones.zip(self.profiled.as_flattened());
+                settings.order == order
+                    && !apart(settings.k, self.k, most * settings.k)
+                    && tones.all(|(is, was)| !apart(*was, *is, most))
+            };
+            let (same, near) = (within(MOVED), within(NEAR));
             if same && settings.restitution == restitution && settings.scatter == scatter {
                 return;
             }
             if !same {
-                // What was heard so far was of another track.
+                // What was heard so far was of another track; parts in gear stay in it where that is near.
                 self.energy = [0.0; SECTORS];
                 (self.weight, self.due) = (0.0, 0);
-                (self.share, self.margin) = (None, None);
-                self.judged = false;
+                if near {
+                    self.fades = true;
+                } else {
+                    self.unlearn();
+                }
             }
         }
         self.fitting = None;
@@ -344,7 +385,7 @@ impl ShareHearing {
             let share = told(&found, profile);
             self.margin = share.and(self.margin_of(&found));
             self.share = share;
-            self.judged = true;
+            (self.fades, self.judged) = (false, true);
             return false;
         }
         if let Some(off) = fitting.off.get_mut(fitting.tried) {
