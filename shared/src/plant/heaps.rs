@@ -2,12 +2,16 @@
 
 use core::f64::consts::TAU;
 
-use super::{ClosedLoop, EnvelopeLoop, Moment, Scene};
+use super::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
 use crate::control::Target;
 
 /// Cycles until the parts begin to grow heavy, and in which they do: a second.
-const BEGIN: usize = 1500;
+const BEGIN: usize = 700;
 const DUMP: usize = 50;
+/// Cycles after it in which the next share in gear is told.
+const AFTER: usize = 100;
+/// Cycles until the hopper opens over the empty track.
+const EMPTY: usize = 250;
 
 /// A track of 10 kg with 24 parts in gear.
 fn feeder(quality: f32) -> Scene {
@@ -27,41 +31,94 @@ fn feeder(quality: f32) -> Scene {
     scene
 }
 
-/// How far the track's amplitude is off its reference while the parts come to weigh `most` of the track's mass, at most.
-fn dip(most: f64, mut cycle: impl FnMut(f64) -> (Moment, f64)) -> f64 {
-    let mut dip = 0.0_f64;
-    for n in 0..BEGIN + DUMP + 10 {
-        let share = n.saturating_sub(BEGIN).min(DUMP) as f64 / DUMP as f64 * most;
-        let (moment, amplitude) = cycle(share.max(1e-6));
-        assert_eq!(moment.report.fault, None);
-        if n >= BEGIN {
-            dip = dip.max((amplitude / f64::from(moment.report.reference) - 1.0).abs());
-        }
+/// A cycle of either fidelity: what the board had of it, and the track's motion along sine and cosine of the output's phase, in m.
+trait Heaped {
+    fn heap(&mut self, share: f64);
+    fn run(&mut self) -> (Moment, [f64; 2]);
+    fn dump(&mut self);
+}
+
+impl Heaped for EnvelopeLoop {
+    fn heap(&mut self, share: f64) {
+        self.heap(share);
     }
-    dip
+
+    fn run(&mut self) -> (Moment, [f64; 2]) {
+        (self.cycle(), [self.amplitude(), 0.0])
+    }
+
+    fn dump(&mut self) {
+        self.apply(Change::Dump(1.0));
+    }
 }
 
-fn envelope(quality: f32, most: f64) -> f64 {
-    let mut closed = EnvelopeLoop::build(&feeder(quality)).unwrap();
-    dip(most, |share| {
-        closed.heap(share);
-        (closed.cycle(), closed.amplitude())
-    })
-}
+impl Heaped for ClosedLoop {
+    fn heap(&mut self, share: f64) {
+        self.heap(share);
+    }
 
-fn waveform(quality: f32, most: f64) -> f64 {
-    let mut closed = ClosedLoop::build(&feeder(quality)).unwrap();
-    dip(most, |share| {
-        closed.heap(share);
+    fn run(&mut self) -> (Moment, [f64; 2]) {
         let (mut sine, mut cosine, mut count) = (0.0, 0.0, 0.0);
-        let moment = closed.cycle_shown(|sample| {
+        let moment = self.cycle_shown(|sample| {
             let phase = TAU * 50.0 * sample.time;
             sine += f64::from(sample.displacement) * libm::sin(phase);
             cosine += f64::from(sample.displacement) * libm::cos(phase);
             count += 1.0;
         });
-        (moment, libm::hypot(sine, cosine) * 2.0 / count)
-    })
+        (moment, [sine, cosine].map(|sum| sum * 2.0 / count))
+    }
+
+    fn dump(&mut self) {
+        self.apply(Change::Dump(1.0));
+    }
+}
+
+/// How far a cycle's amplitude is off its reference.
+fn off(moment: &Moment, [sine, cosine]: [f64; 2]) -> f64 {
+    libm::hypot(sine, cosine) / f64::from(moment.report.reference) - 1.0
+}
+
+/// How far the track's amplitude is off its reference while the parts come to weigh `most` of the track's mass, at most.
+fn dip(most: f64, mut closed: impl Heaped) -> f64 {
+    let mut dip = 0.0_f64;
+    for n in 0..BEGIN + DUMP + AFTER {
+        let share = n.saturating_sub(BEGIN).min(DUMP) as f64 / DUMP as f64 * most;
+        closed.heap(share.max(1e-6));
+        let (moment, motion) = closed.run();
+        assert_eq!(moment.report.fault, None);
+        // They strike on, on a track that turns and whose k moves.
+        assert!(n < BEGIN || moment.report.in_gear > 0.7, "{n}");
+        if (BEGIN..BEGIN + DUMP + 10).contains(&n) {
+            dip = dip.max(off(&moment, motion).abs());
+        }
+    }
+    dip
+}
+
+/// How far it is off at most, and by its root mean square, in the three seconds in which all parts fall onto the empty track and after.
+fn fallen(most: f64, mut closed: impl Heaped) -> [f64; 2] {
+    closed.heap(most);
+    for _ in 0..EMPTY {
+        closed.run();
+    }
+    closed.dump();
+    let (mut worst, mut squares, cycles) = (0.0_f64, 0.0, DUMP + AFTER);
+    for _ in 0..cycles {
+        let (moment, motion) = closed.run();
+        assert_eq!(moment.report.fault, None);
+        let off = off(&moment, motion);
+        worst = worst.max(off.abs());
+        squares += off * off;
+    }
+    [worst, libm::sqrt(squares / cycles as f64)]
+}
+
+fn envelope(quality: f32, most: f64) -> f64 {
+    dip(most, EnvelopeLoop::build(&feeder(quality)).unwrap())
+}
+
+fn waveform(quality: f32, most: f64) -> f64 {
+    dip(most, ClosedLoop::build(&feeder(quality)).unwrap())
 }
 
 /// Where what the accelerometer lacks of the impacts' push is left out as soon as gear is no longer heard for sure, 4 and 7 %.
@@ -76,4 +133,99 @@ fn the_track_keeps_its_amplitude_while_its_load_grows() {
     }
     let dip = waveform(50.0, 0.1);
     assert!(dip < 0.03, "{dip}");
+}
+
+/// A hopper's 24 parts on the empty track: of six seeds and Q 10, 25 and 50 the worst are 1.4 and 0.34 % at 2 % of the track's mass, 1.7 and
+/// 0.54 % at 5 %, and 2.7 and 0.98 % at 10 %, the last sample by sample.
+#[test]
+fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
+    let scene = |quality| Scene {
+        waiting: 24,
+        ..feeder(quality)
+    };
+    for (quality, most, held) in [(10.0, 0.02, [0.015, 0.004]), (25.0, 0.05, [0.02, 0.006])] {
+        let scene = scene(quality);
+        for [worst, rms] in [
+            fallen(most, EnvelopeLoop::build(&scene).unwrap()),
+            fallen(most, ClosedLoop::build(&scene).unwrap()),
+        ] {
+            assert!(worst < held[0] && rms < held[1], "{quality}: {worst} {rms}");
+        }
+    }
+    let [worst, rms] = fallen(0.1, ClosedLoop::build(&scene(50.0)).unwrap());
+    assert!(worst < 0.03 && rms < 0.01, "{worst} {rms}");
+}
+
+/// Cycles of the past that tell the next one, and those that the weights are found from; as many are foretold with them.
+const PAST: usize = 6;
+const TOLD: usize = 900;
+
+/// Weights of the least squares, by Gauss's elimination of the normal equations.
+fn least_squares<const N: usize>(rows: &[[f64; N]], wanted: &[f64]) -> [f64; N] {
+    let (mut square, mut found) = ([[0.0; N]; N], [0.0; N]);
+    for (row, wanted) in rows.iter().zip(wanted) {
+        for i in 0..N {
+            found[i] += row[i] * wanted;
+            for j in 0..N {
+                square[i][j] += row[i] * row[j];
+            }
+        }
+    }
+    for i in 0..N {
+        let pivot = square[i];
+        for j in 0..N {
+            if j != i {
+                let ratio = square[j][i] / pivot[i];
+                for n in i..N {
+                    square[j][n] -= ratio * pivot[n];
+                }
+                found[j] -= ratio * found[i];
+            }
+        }
+    }
+    core::array::from_fn(|n| found[n] / square[n][n])
+}
+
+/// What of a cycle's amplitude nothing before it tells, neither the track's true motion nor any output, its own included: no loop that acts once a
+/// cycle can be nearer than that. It is 3.9 % of the parts' share of the track's mass, for 24 parts of scatter 0.02.
+#[test]
+fn what_no_loop_can_foresee_of_the_amplitude_goes_with_the_load() {
+    for most in [0.05, 0.1] {
+        let mut closed = ClosedLoop::build(&feeder(25.0)).unwrap();
+        let (mut before, mut history) = (0.0, std::vec::Vec::new());
+        for n in 0..BEGIN + 200 + 2 * TOLD {
+            closed.heap(most * ((n + 1) as f64 / BEGIN as f64).min(1.0));
+            let (moment, motion) = closed.run();
+            let [sine, cosine] = motion;
+            // The motion of the cycle, and the output that drove it.
+            let cycle = [off(&moment, motion), libm::atan2(cosine, sine), before];
+            before = f64::from(moment.report.command.amplitude);
+            if n >= BEGIN + 200 {
+                history.push(cycle);
+            }
+        }
+        let mean: [f64; 3] = core::array::from_fn(|part| {
+            history.iter().map(|cycle| cycle[part]).sum::<f64>() / history.len() as f64
+        });
+        let (mut rows, mut wanted) = (std::vec::Vec::new(), std::vec::Vec::new());
+        for seen in history.windows(PAST + 1) {
+            let mut row = [0.0; 3 * PAST + 1];
+            for (n, cycle) in seen[..PAST].iter().enumerate() {
+                for part in 0..3 {
+                    row[3 * n + part] = cycle[part] - mean[part];
+                }
+            }
+            row[3 * PAST] = seen[PAST][2] - mean[2];
+            rows.push(row);
+            wanted.push(seen[PAST][0] - mean[0]);
+        }
+        let weights = least_squares(&rows[..TOLD], &wanted[..TOLD]);
+        let missed = rows[TOLD..].iter().zip(&wanted[TOLD..]).map(|(row, off)| {
+            let told = row.iter().zip(weights).map(|(part, weight)| part * weight);
+            let missed = off - told.sum::<f64>();
+            missed * missed
+        });
+        let rms = libm::sqrt(missed.sum::<f64>() / (rows.len() - TOLD) as f64);
+        assert!((0.034..0.046).contains(&(rms / most)), "{most}: {rms}");
+    }
 }
