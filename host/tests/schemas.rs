@@ -30,6 +30,7 @@ const DESK: &[(&str, &[&str])] = &[
         ],
     ),
     ("bench", &["bench --rounds 1 --launches 512"]),
+    ("bench-chains", &["bench --show chains --rounds 1"]),
     (
         "bench-scaling",
         &["bench --show scaling --rounds 1 --impacts 1000"],

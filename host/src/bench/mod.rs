@@ -5,6 +5,7 @@
 //! state that a kernel holds.
 
 pub mod bracket;
+pub mod chains;
 pub mod contest;
 pub mod instructions;
 pub mod scaling;

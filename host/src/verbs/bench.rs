@@ -1,5 +1,6 @@
 //! `kband bench`: run time against error of every arithmetic, and what users wait for.
 
+mod chained;
 mod scaled;
 mod waited;
 
@@ -20,6 +21,7 @@ use crate::report::{Printout, Table, columns, number};
   kband bench --format json
   kband bench --out time-against-error.svg
   kband bench --on qemu
+  kband bench --show chains
   kband bench --show verbs --only diagram
   kband bench --show scaling --impacts 100000000 --out scaling.svg
 
@@ -39,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Show::Kernels)]
     show: Show,
 
-    /// How often everything is measured [default: 11, of verbs 3].
+    /// How often everything is measured [default: 11, of chains 41, of verbs 3].
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1000))]
     rounds: Option<usize>,
 
@@ -79,6 +81,8 @@ enum On {
 pub enum Show {
     /// Run time against error of every arithmetic.
     Kernels,
+    /// An impact of one orbit, each from where the one before ended.
+    Chains,
     /// What users wait for: whole commands, with one thread and with two.
     Verbs,
     /// The cost of an impact by how many are made, with one thread and with two.
@@ -98,6 +102,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     match arguments.show {
         Show::Kernels => kernels(arguments, desk),
+        Show::Chains => chained::run(arguments, desk),
         Show::Verbs => waited::run(arguments, desk),
         Show::Scaling => scaled::run(arguments, desk),
     }

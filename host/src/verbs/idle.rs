@@ -41,17 +41,21 @@ const IDLE: &[Idle] = &[
     },
     Idle {
         verb: "bench",
-        case: |given| given.is("show", "verbs") || given.is("show", "scaling"),
-        said: "with --show verbs and --show scaling",
+        case: |given| {
+            ["chains", "verbs", "scaling"]
+                .iter()
+                .any(|of| given.is("show", of))
+        },
+        said: "with --show chains, --show verbs and --show scaling",
         options: &["on", "launches"],
         why: "they are of --show kernels",
     },
     Idle {
         verb: "bench",
-        case: |given| given.is("show", "verbs"),
-        said: "with --show verbs",
+        case: |given| given.is("show", "verbs") || given.is("show", "chains"),
+        said: "with --show verbs and --show chains",
         options: &["out", "theme", "width", "font-size"],
-        why: "whole commands are timed, and have no picture",
+        why: "what is timed there has no picture",
     },
     Idle {
         verb: "bench",

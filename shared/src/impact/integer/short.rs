@@ -134,7 +134,8 @@ impl NearLaunch {
         }
     }
 
-    /// Whether 2 psi is above the greatest `d G` by rounding alone.
+    /// Whether 2 psi is above the greatest `d G` by rounding alone, or by what `G` leaves out: it is `cos d^3 / 60` too small, at
+    /// most 4e-6.
     #[inline(never)]
     fn skims(&self) -> bool {
         let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(self.cosine as u32));
@@ -150,7 +151,9 @@ impl NearLaunch {
             d = d.saturating_add(step).clamp(Fixed::<34>::ZERO, last);
         }
         let gap = self.twice - wide_signed(d.0, self.mean_and_slope(d).0);
-        gap < i64::from(d.0) << 3
+        let cube = high(self.cosine, high(d.0, high(d.0, d.0))) >> 6;
+        let left_out = i64::from((cube >> 6) + (cube >> 9)) + (1 << 3);
+        gap < i64::from(d.0) * left_out
     }
 }
 
