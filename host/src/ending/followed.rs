@@ -61,6 +61,11 @@ impl Followed {
         self.time
     }
 
+    /// Whether its last impacts come near a cycle, however slowly.
+    pub(super) fn settles(&self) -> bool {
+        self.memory.settles()
+    }
+
     /// Takes the next impact, and says what is known of the ending.
     #[inline]
     pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {

@@ -14,6 +14,9 @@ const CYCLE: f64 = 4_294_967_296.0;
 /// 1.5e-6 rad, more than the classifier allows itself, so that it finds no more than is found here.
 const NEAR: u32 = 1024;
 
+/// How far two impacts may be apart of which the later comes near the earlier: 1/1024 cycle, 6e-3 rad.
+const SLOWLY: u32 = 1 << 22;
+
 /// The last flights of an orbit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Memory {
@@ -45,6 +48,17 @@ impl Memory {
     /// classifier calls it chaos. Times within a cycle are enough for that, which a CPU compares four at
     /// once.
     fn may_repeat(&self) -> bool {
+        self.repeats(NEAR, |near, of| 2 * near >= of)
+    }
+
+    /// Whether there is a number of impacts after which each nearly repeats, as on the way to a cycle that attracts slowly.
+    pub(super) fn settles(&self) -> bool {
+        self.repeats(SLOWLY, |near, of| near == of)
+    }
+
+    /// Whether there is a number of impacts after which as many of them as `enough` asks for, of all, are repeated within
+    /// `apart`.
+    fn repeats(&self, apart: u32, enough: impl Fn(usize, usize) -> bool) -> bool {
         let mut now = 0_u64;
         let times = self.flights.iter().map(|flight| {
             now = now.wrapping_add((flight * (CYCLE / TAU)).round() as u64);
@@ -56,9 +70,9 @@ impl Memory {
             let later = &times[impacts..];
             let pairs = later.iter().zip(times);
             let near = pairs.map(|(later, earlier)| {
-                u32::from(later.wrapping_sub(*earlier).wrapping_add(NEAR) <= 2 * NEAR)
+                u32::from(later.wrapping_sub(*earlier).wrapping_add(apart) <= 2 * apart)
             });
-            2 * near.sum::<u32>() as usize >= later.len()
+            enough(near.sum::<u32>() as usize, later.len())
         })
     }
 }

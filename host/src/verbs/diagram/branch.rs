@@ -119,8 +119,12 @@ impl Flown<'_> {
                 ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
             }
         }
-        // The long ones first.
-        tasks.sort_by_key(|(start, _)| *start == ColumnStart::Rest);
+        // Threads begin at either end: each finds a long one there.
+        tasks.sort_by_key(|(start, _)| match start {
+            ColumnStart::Up => 0,
+            ColumnStart::Rest => 1,
+            ColumnStart::Down => 2,
+        });
         let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
             let (start, column) = tasks[task];
             let mut order: Vec<usize> = (0..columns).collect();
