@@ -29,10 +29,8 @@ pub(crate) use limits::{GearLimits, peaks};
 pub(crate) use plan::{GearPlan, GearPlanSettings, GearPlanner};
 #[cfg(feature = "control")]
 pub(crate) use rider::Tones;
-#[cfg(all(feature = "control", feature = "unstable"))]
+#[cfg(all(feature = "control", any(test, feature = "unstable")))]
 pub use strikes::StrikeCount;
-#[cfg(all(feature = "control", not(feature = "unstable")))]
-pub(crate) use strikes::StrikeCount;
 #[cfg(feature = "control")]
 pub(crate) use strikes::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
 

@@ -12,9 +12,9 @@ use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::drive::{Shape, UPPER};
 use crate::feeder::Restitution;
-use crate::regime::gear::{
-    GROUPS, PLACES, StrikeCount, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE,
-};
+#[cfg(any(test, feature = "unstable"))]
+use crate::regime::gear::StrikeCount;
+use crate::regime::gear::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
 
 /// Drive cycles that the energy heard is remembered for: five seconds at 50 Hz.
 const MEMORY: f32 = 256.0;
@@ -236,11 +236,13 @@ impl ShareHearing {
     }
 
     /// What strikes are being counted of; `None` where none are, and once they are counted or known.
+    #[cfg(any(test, feature = "unstable"))]
     pub fn asked(&self) -> Option<&StrikeSettings> {
         self.profiler.as_ref()?.asked()
     }
 
     /// Spares that count ([`StrikeProfiler::know`]).
+    #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, count: &StrikeCount) {
         if let Some(profiler) = &mut self.profiler {
             profiler.know(count);

@@ -135,7 +135,9 @@ impl<L: Lane> Hump<L> {
 
 /// The gap next to where it is lowest over the hump `begin..end`, on which it is convex: there its tangent bounds it from
 /// below. Newton's steps from the middle, where the slope grows the fastest, come to it from one side.
-#[inline(always)]
+// Not inlined on a microcontroller, nor is `settle`: they stand in four places of the soft double's, 6 KiB of flash.
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn lowest<L: Lane>(track: &Track<L>, launch: &Launch<L>, begin: L, end: L) -> (L, Near<L>) {
     /// A smaller curvature is that of an end.
     const FLAT: f64 = 1e-9;
@@ -439,7 +441,8 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
 
 /// The last step, of third order; the mask says where it was so short that what it leaves is below
 /// rounding. The phase may be a hair below zero.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn settle<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,

@@ -83,6 +83,7 @@ impl StrikeProfile {
 ///
 /// Two counts of the same take as many steps and find the same, so that one that is told need not count
 /// ([`Controller::strikes_known`](crate::control::Controller::strikes_known)).
+#[cfg(any(test, feature = "unstable"))]
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeCount {
     /// What was counted.
@@ -91,6 +92,7 @@ pub struct StrikeCount {
     profile: StrikeProfile,
 }
 
+#[cfg(any(test, feature = "unstable"))]
 impl StrikeCount {
     /// Counts to the end.
     pub fn of(settings: StrikeSettings) -> Result<Self, OutOfRange> {
@@ -185,12 +187,14 @@ impl StrikeProfiler {
     }
 
     /// What is being counted; `None` once it is counted or known.
+    #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn asked(&self) -> Option<&StrikeSettings> {
         Some(&self.settings).filter(|_| self.part <= PARTS && self.known.is_none())
     }
 
     /// Spares the count, if it is this one: the same is then found after as many steps.
+    #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, count: &StrikeCount) {
         if self.asked() == Some(&count.settings) {
             self.profile = count.profile;
