@@ -389,6 +389,7 @@ pub(crate) fn landing<L: Lane>(
 
 /// The end of a low flight that clears a hump by little or dips into it, as nearly all do whose [`stretch`] is not certain.
 /// The mask says where it is certain to be the first impact.
+#[cfg(any(test, feature = "analysis"))]
 #[inline(always)]
 pub(crate) fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
     let stretch = stretch_over::<L, true>(track, launch);
@@ -396,7 +397,7 @@ pub(crate) fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing<L>
     landing(track, launch, &stretch, &close)
 }
 
-/// [`over`] and [`once`] with as many steps as it takes, for the few that it takes more; `None` where it is not
+/// The end of a low flight with as many steps as it takes, for the few that it takes more than `over` and [`once`] have; `None` where it is not
 /// certain then either.
 #[cold]
 pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
