@@ -6,6 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use kband::feeder::OutOfRange;
 use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, PartState, Single};
 
 use super::{median, textbook};
@@ -38,15 +39,18 @@ pub const CHAINS: [Chain; 3] = [
     Chain {
         name: "wide chaos",
         k: 0.2,
-        restitution: 0.9,
+        restitution: 0.95,
     },
 ];
 
-/// Where each begins.
-const START: PartState = PartState {
-    phase: 0.7,
-    velocity: 0.36,
-};
+/// Where turn `n` begins: near each other, so that no turn repeats another and none of those that are timed rests.
+fn start(n: u32) -> PartState {
+    PartState {
+        phase: 0.7,
+        velocity: 0.36 + 1e-4 * f64::from(n),
+    }
+}
+
 /// Impacts before an orbit is timed, and of a turn.
 const SETTLING: u32 = 1000;
 const IMPACTS: u32 = 4096;
@@ -62,27 +66,23 @@ pub struct Timed {
     pub nanoseconds: f64,
 }
 
-/// An orbit under way: makes so many impacts.
-type Orbit = Box<dyn FnMut(u32)>;
+/// Flies turn `n` of a chain; nanoseconds for an impact.
+type Turn = Box<dyn Fn(u32) -> f64>;
 
 /// Times every kernel on every chain in turns.
 pub fn timed(rounds: usize, desk: &Desk) -> Result<Vec<Timed>, Refusal> {
     let progress = Progress::new("bench", CHAINS.len() as u64);
     let mut lines = Vec::new();
     for chain in CHAINS {
-        let mut orbits = orbits(chain)?;
-        let mut times = vec![Vec::new(); orbits.len()];
-        for _ in 0..rounds {
-            for ((_, orbit), times) in orbits.iter_mut().zip(&mut times) {
+        let kernels = kernels(chain)?;
+        let mut times = vec![Vec::new(); kernels.len()];
+        for n in 0..rounds as u32 {
+            for ((_, turn), times) in kernels.iter().zip(&mut times) {
                 desk.go_on()?;
-                // Another turn first, for what the others' turns have taken from the caches.
-                orbit(IMPACTS);
-                let begun = Instant::now();
-                orbit(IMPACTS);
-                times.push(begun.elapsed().as_nanos() as f64 / f64::from(IMPACTS));
+                times.push(turn(n));
             }
         }
-        let kernels = orbits.into_iter().zip(times);
+        let kernels = kernels.into_iter().zip(times);
         lines.extend(kernels.map(|((kernel, _), times)| Timed {
             kernel,
             chain,
@@ -94,47 +94,52 @@ pub fn timed(rounds: usize, desk: &Desk) -> Result<Vec<Timed>, Refusal> {
     Ok(lines)
 }
 
-/// Every kernel on a chain, settled.
-fn orbits(chain: Chain) -> Result<Vec<(&'static str, Orbit)>, Refusal> {
-    let mut orbits = vec![
-        ("textbook", by_textbook(chain)),
+/// Every kernel on a chain.
+fn kernels(chain: Chain) -> Result<Vec<(&'static str, Turn)>, Refusal> {
+    let Chain { k, restitution, .. } = chain;
+    let by_textbook = move |state: PartState| {
+        let flight = textbook::first_impact(k, state.phase, state.velocity);
+        PartState {
+            phase: flight.phase,
+            velocity: restitution * flight.arrival,
+        }
+    };
+    Ok(vec![
+        ("textbook", turn(Ok, by_textbook)),
         kernel::<Exact>(chain)?,
         kernel::<Map>(chain)?,
         kernel::<Hybrid>(chain)?,
         kernel::<Single>(chain)?,
         kernel::<Integer>(chain)?,
-    ];
-    for (_, orbit) in &mut orbits {
-        orbit(SETTLING);
-    }
-    Ok(orbits)
+    ])
 }
 
-fn kernel<K: Kernel + 'static>(chain: Chain) -> Result<(&'static str, Orbit), Refusal> {
+fn kernel<K: Kernel + 'static>(chain: Chain) -> Result<(&'static str, Turn), Refusal> {
     let kernel = K::build(chain.k, chain.restitution)?;
-    let mut state = K::state(START.phase, START.velocity)?;
-    Ok((
-        K::NAME,
-        Box::new(move |impacts| {
-            for _ in 0..impacts {
-                state = kernel.impact(state).next;
-            }
-            state = black_box(state);
-        }),
-    ))
+    let state = |start: PartState| K::state(start.phase, start.velocity);
+    Ok((K::NAME, turn(state, move |state| kernel.impact(state).next)))
 }
 
-fn by_textbook(Chain { k, restitution, .. }: Chain) -> Orbit {
-    let mut state = START;
-    Box::new(move |impacts| {
-        for _ in 0..impacts {
-            let flight = textbook::first_impact(k, state.phase, state.velocity);
-            state = PartState {
-                phase: flight.phase,
-                velocity: restitution * flight.arrival,
-            };
+/// The turns of what makes the next state of one.
+fn turn<S: Copy + 'static>(
+    state: impl Fn(PartState) -> Result<S, OutOfRange> + 'static,
+    next: impl Fn(S) -> S + 'static,
+) -> Turn {
+    Box::new(move |n| {
+        // Every start is a state of every kernel.
+        let Ok(mut state) = state(start(n)) else {
+            return f64::NAN;
+        };
+        // Long enough for what the others' turns have taken from the caches, too.
+        for _ in 0..SETTLING {
+            state = next(state);
         }
-        state = black_box(state);
+        let begun = Instant::now();
+        for _ in 0..IMPACTS {
+            state = next(state);
+        }
+        black_box(state);
+        begun.elapsed().as_nanos() as f64 / f64::from(IMPACTS)
     })
 }
 
@@ -147,11 +152,13 @@ mod tests {
     fn no_chain_rests() {
         for chain in CHAINS {
             let map = Map::build(chain.k, chain.restitution).unwrap();
-            let mut state = START;
-            for n in 0..SETTLING + 22 * 2 * IMPACTS {
-                let impact = map.impact(state);
-                assert!(impact.flight > 1e-3, "{chain:?} {n}: {state:?}");
-                state = impact.next;
+            for n in 0..100 {
+                let mut state = start(n);
+                for _ in 0..SETTLING + IMPACTS {
+                    let impact = map.impact(state);
+                    assert!(impact.flight > 0.0, "{chain:?} {n}: {state:?}");
+                    state = impact.next;
+                }
             }
         }
     }

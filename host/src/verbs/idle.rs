@@ -299,8 +299,11 @@ mod tests {
                 "with --phase and --velocity" => &["--phase 0.5 --velocity 0.4"],
                 "with --print-scene and --schema" => &["--print-scene", "--schema"],
                 "with --on" | "with --on qemu" => &["--on qemu"],
-                "with --show verbs and --show scaling" => &["--show verbs", "--show scaling"],
-                "with --show verbs" | "without --show scaling" => &["--show verbs"],
+                "with --show chains, --show verbs and --show scaling" => {
+                    &["--show chains", "--show verbs", "--show scaling"]
+                }
+                "with --show verbs and --show chains" => &["--show verbs", "--show chains"],
+                "without --show scaling" => &["--show verbs"],
                 "without --show verbs" => &["--show scaling"],
                 "without --b" => &["--k 0.4"],
                 other => panic!("no example of {other}"),
