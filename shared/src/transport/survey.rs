@@ -1,6 +1,6 @@
 //! Measuring one orbit after it has settled.
 
-use super::{Conveyed, Conveying};
+use super::conveyed::{Conveyed, Conveying};
 use crate::feeder::OutOfRange;
 use crate::impact::{Along, Contact, Ended, Map, Observer, Orbit, PartState, Scatter};
 

@@ -1,7 +1,7 @@
 //! Measuring one orbit on a track of several tones, on which parts rub.
 
-use super::survey::told;
-use super::{Conveyed, Effort, Measured, Origin};
+use super::conveyed::Conveyed;
+use super::survey::{Effort, Measured, Origin, told};
 use crate::impact::{AlongLaw, Ended, Friction, OrbitEvent, WaveMap, WaveOrbit};
 
 /// Most phases of a turn at which the track throws a part off: after as many lift-offs they follow each other in a circle.
