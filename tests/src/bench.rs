@@ -133,6 +133,23 @@ fn one<K: Tried>(
     })
 }
 
+/// What spoils an impact.
+#[cfg(test)]
+type Spoil = Box<dyn Fn(&mut Impact<PartState>) + Sync>;
+
+/// Ways to spoil an impact: its flight by a share `off` of it, longer and shorter, the speed, the phase, another root, none.
+#[cfg(test)]
+pub(crate) fn spoils(off: f64) -> [Spoil; 6] {
+    [
+        Box::new(move |impact| impact.flight *= 1.0 + off),
+        Box::new(move |impact| impact.flight *= 1.0 - off),
+        Box::new(|impact| impact.next.velocity += 1e-2),
+        Box::new(|impact| impact.next.phase = 6.0 - 0.9 * impact.next.phase),
+        Box::new(|impact| impact.flight += 1.0),
+        Box::new(|impact| impact.flight = 0.0),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -214,17 +231,7 @@ mod tests {
             } else {
                 1e-2
             };
-            let shares = [
-                noticed(name, |impact| impact.flight *= 1.0 + off),
-                noticed(name, |impact| impact.flight *= 1.0 - off),
-                noticed(name, |impact| impact.next.velocity += 1e-2),
-                noticed(name, |impact| {
-                    impact.next.phase = 6.0 - 0.9 * impact.next.phase
-                }),
-                // Another root, and none.
-                noticed(name, |impact| impact.flight += 1.0),
-                noticed(name, |impact| impact.flight = 0.0),
-            ];
+            let shares = spoils(off).map(|spoil| noticed(name, spoil));
             println!("{name}: {shares:.4?}");
             assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");
         }

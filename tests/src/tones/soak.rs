@@ -557,17 +557,7 @@ mod tests {
         for (n, name) in NAMES.iter().enumerate() {
             // Far above what each rounds, far below the distance of another root.
             let off = if n < 2 { 1e-9 } else { 1e-2 };
-            let shares = [
-                noticed(n, |impact| impact.flight *= 1.0 + off),
-                noticed(n, |impact| impact.flight *= 1.0 - off),
-                noticed(n, |impact| impact.next.velocity += 1e-2),
-                noticed(n, |impact| {
-                    impact.next.phase = 6.0 - 0.9 * impact.next.phase
-                }),
-                // Another root, and none.
-                noticed(n, |impact| impact.flight += 1.0),
-                noticed(n, |impact| impact.flight = 0.0),
-            ];
+            let shares = crate::bench::spoils(off).map(|spoil| noticed(n, spoil));
             println!("{name}: {shares:.4?}");
             // Slow arrivals, and flights of next to nothing, are held to less; another root is always noticed.
             assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");
