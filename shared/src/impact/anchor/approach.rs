@@ -17,8 +17,9 @@ pub(super) fn fall<F: Flight>(
     height: f32,
     rise: f32,
 ) -> Option<Approach> {
-    let square = rise * rise + 2.0 * track.k() * height;
-    if !(rise > 0.0 && square >= track.tall()) {
+    // With the sign of the rise: of a part that sinks it is below 2 k h, and so below what is asked.
+    let square = rise * abs(rise) + 2.0 * track.k() * height;
+    if !(square >= track.tall()) {
         return None;
     }
     fall_at::<F>(track, phase, rise, square_root_single(square))

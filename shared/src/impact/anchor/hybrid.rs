@@ -119,11 +119,39 @@ impl Hybrid {
             pull.max(Fixed::<30>::STEP)
         };
         launch.pull = pull.single() + self.excess;
-        self.low(&flight, &launch)
+        let Launch {
+            velocity,
+            cosine,
+            pull,
+            ..
+        } = launch;
+        self.low(phase, sine, flight.rise, velocity, cosine, pull)
     }
 
+    /// A flight that is not tall. It comes in registers: a struct would be stored before it is known whether it is needed.
     #[inline(never)]
-    fn low(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
+    fn low(
+        &self,
+        phase: u32,
+        sine: Fixed<30>,
+        rise: Fixed<48, i64>,
+        velocity: f32,
+        cosine: f32,
+        pull: f32,
+    ) -> Landing<HybridState> {
+        let flight = &Ballistic {
+            kernel: self,
+            phase,
+            sine,
+            rise,
+        };
+        let launch = &Launch {
+            phase,
+            velocity,
+            sine: sine.single(),
+            cosine,
+            pull,
+        };
         match candidate::<Ballistic<'_>>(&self.shape, launch) {
             Candidate::Hop { flight, arrival } => return self.hop(launch, flight, arrival, false),
             Candidate::Near { node, offset } => {
@@ -131,7 +159,7 @@ impl Hybrid {
                 if let Some(settled) = settle::<Ballistic<'_>>(self.shape.k, &local, offset) {
                     let steps = flight.steps_at(node, &settled);
                     if self.shape.ends::<Ballistic<'_>>(flight.phase, steps)
-                        || self.shape.clears(launch, steps)
+                        || self.shape.clears(phase, velocity + cosine, pull, steps)
                     {
                         return self.landing(flight.phase, steps, speed(&settled, slope), false);
                     }
@@ -139,7 +167,7 @@ impl Hybrid {
             }
             Candidate::Final(_) | Candidate::Unknown => {}
         }
-        self.searched(*flight, *launch)
+        self.searched(&{ *flight }, &{ *launch })
     }
 
     #[inline(always)]
@@ -153,10 +181,10 @@ impl Hybrid {
         hop(launch.phase, flight, arrival, self.restitution, grazes)
     }
 
-    #[inline(never)]
-    fn searched(&self, flight: Ballistic<'_>, launch: Launch) -> Landing<HybridState> {
-        let (found, grazes) = search(&self.shape, &launch, &flight);
-        settled(self.shape.k, self.restitution, &flight, found, grazes)
+    #[inline(always)]
+    fn searched(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
+        let (found, grazes) = search(&self.shape, launch, flight);
+        settled(self.shape.k, self.restitution, flight, found, grazes)
     }
 
     /// The state after an impact at `speed`.

@@ -171,7 +171,7 @@ fn segment<F: OverSine>(
                 spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
             if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
-                let (poke, touches) = lowest(shape, *launch, flight, middle, over_top, slope);
+                let (poke, touches) = lowest(shape, launch.phase, flight, middle, over_top, slope);
                 grazes |= touches;
                 if let Some(mut bracket) = poke {
                     bracket.low = begin;
@@ -182,7 +182,7 @@ fn segment<F: OverSine>(
         }
         let mut turns = 1;
         if begin + hump_length < through - 3.0 * TAU {
-            turns += skip(shape, *launch, begin + TAU);
+            turns += skip(shape, v, sine, begin + TAU);
         }
         begin += turns as f32 * TAU;
         begin_steps += i64::from(turns) << 32;
@@ -196,11 +196,10 @@ fn segment<F: OverSine>(
 }
 
 /// Humps between the one that begins at `begin` and the last after it that lies under a ball above
-/// height 1 with all between them.
+/// height 1 with all between them, which left at `v` from where the sine is `sine`.
 #[inline(never)]
-fn skip(shape: &Shape, launch: Launch, begin: f32) -> i32 {
-    let v = launch.velocity + launch.cosine;
-    let leaving = v * v - 2.0 * shape.k * (1.0 - launch.sine);
+fn skip(shape: &Shape, v: f32, sine: f32, begin: f32) -> i32 {
+    let leaving = v * v - 2.0 * shape.k * (1.0 - sine);
     let speed = root(leaving);
     let (rises, sinks) = ((v - speed) * shape.inverse, (v + speed) * shape.inverse);
     let last = begin + shape.hump_length;
@@ -216,7 +215,7 @@ fn skip(shape: &Shape, launch: Launch, begin: f32) -> i32 {
 #[inline(never)]
 fn lowest<F: Flight>(
     shape: &Shape,
-    launch: Launch,
+    phase: u32,
     flight: &F,
     middle: f32,
     over_top: f32,
@@ -226,7 +225,7 @@ fn lowest<F: Flight>(
     let k = shape.k;
     let (mut low, mut high) = (-half, half);
     let mut d = smaller(larger(-slope / (1.0 - k), low), high);
-    for _ in 0..40 {
+    for round in 0..40 {
         // sin and cos of d: the track is cos(d) around the middle of its hump.
         let (s, c) = sine_cosine_single(Phase::from_bits((d * STEPS_PER_RADIAN) as i32 as u32));
         let rate = slope - k * d + s;
@@ -238,9 +237,12 @@ fn lowest<F: Flight>(
             high
         };
         // The gap is convex: above its tangent from here to the end of the hump beyond its lowest point.
-        let gap = over_top + d * (slope - shape.half_k * d) + (1.0 - c);
-        if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {
-            return (None, false);
+        // A third tangent costs more, over the orbits tried, than the rounds that it spares.
+        if round < 2 {
+            let gap = over_top + d * (slope - shape.half_k * d) + (1.0 - c);
+            if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {
+                return (None, false);
+            }
         }
         let newton = d - rate / (c - k);
         let next = if newton > low && newton < high {
@@ -255,7 +257,7 @@ fn lowest<F: Flight>(
         }
     }
     let time = middle + d;
-    let (node, offset) = node_of(launch.phase, time);
+    let (node, offset) = node_of(phase, time);
     let local = flight.local(node);
     let (height, gain, b2) = expand(k, &local, offset);
     let rate = local.slope + gain;

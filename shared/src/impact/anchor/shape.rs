@@ -1,7 +1,7 @@
 //! A track as the search knows it: which flights a comparison tells, in f32.
 
 use super::flight::{
-    Flight, Launch, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
+    Flight, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
 };
 use crate::arithmetic::Phase;
 use crate::arithmetic::positive::Positive;
@@ -78,20 +78,19 @@ impl Shape {
             && steps <= i64::from(to_lift_off) + i64::from(self.hump)
     }
 
-    /// Whether a down-crossing `steps` after launch comes before the hump after the next one, and the flight
+    /// Whether a down-crossing `steps` after a launch at `phase` with the ball's velocity `v` comes before the hump after the next one, and the flight
     /// clears the next one.
     ///
     /// From its begin, where `u` has the height `h` and falls at `p`, `u` is above `h - p x + f x^3 / 6`
     /// with `f = 0.8 lift_off_cosine`, as far as `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The least of that, at
     /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; from there on `u` rises.
     #[inline(never)]
-    pub fn clears(&self, launch: &Launch, steps: i64) -> bool {
-        let to_lift_off = self.lift_off.wrapping_sub(launch.phase).wrapping_sub(1);
+    pub fn clears(&self, phase: u32, v: f32, pull: f32, steps: i64) -> bool {
+        let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
         let x = to_lift_off as f32 * RADIANS_PER_STEP;
-        let v = launch.velocity + launch.cosine;
         // Less and more than rounding makes them. Without the first, 41 of 420 000 launches in f32 are not flagged
         // that touch within rounding; ten times as much changes none.
-        let height = x * (v - self.half_k * x) - launch.pull - 1e-4;
+        let height = x * (v - self.half_k * x) - pull - 1e-4;
         let fall = larger(self.lift_off_cosine + self.k * x - v, 0.0) + 1e-5;
         height > 0.0
             && fall < self.skim

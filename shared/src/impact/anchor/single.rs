@@ -113,7 +113,7 @@ impl Single {
         } else {
             larger(pull, 1e-20)
         };
-        self.low(&flight, &launch)
+        self.low(&{ flight }, &{ launch })
     }
 
     /// The same with this restitution, 0..=1, at the impact.
@@ -146,7 +146,9 @@ impl Single {
             Candidate::Final(approach) => {
                 let steps = steps_after(flight.phase, &approach);
                 if self.shape.ends::<Ballistic>(flight.phase, steps)
-                    || self.shape.clears(launch, steps)
+                    || self
+                        .shape
+                        .clears(flight.phase, flight.rise, launch.pull, steps)
                 {
                     return self.landing(flight.phase, steps, approach.arrival(), false);
                 }

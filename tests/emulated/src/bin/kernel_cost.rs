@@ -23,11 +23,11 @@ fn run() {
     // The bounds are for the CPU that the kernel is meant for: what was counted, and 3 % for another compiler.
     if cfg!(target_abi = "eabihf") {
         let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
-        hybrid.is_held("hybrid", [309, 1293]);
-        assert!(worst <= 423, "hybrid: {worst}");
+        hybrid.is_held("hybrid", [298, 1293]);
+        assert!(worst <= 412, "hybrid: {worst}");
         let worst = single.worst.max(cost::sweep::<Single>(&counter));
-        single.is_held("f32", [185, 1311]);
-        assert!(worst <= 289, "f32: {worst}");
+        single.is_held("f32", [175, 1311]);
+        assert!(worst <= 281, "f32: {worst}");
         let hybrid_on_tones = cost::measure_on_tones::<WaveHybrid>(&counter);
         let single_on_tones = cost::measure_on_tones::<WaveSingle>(&counter);
         hybrid_on_tones.is_held_on_tones(&hybrid);
@@ -75,14 +75,14 @@ mod cost {
             assert!(self.set_up <= set_up, "{name}: {}", self.set_up);
         }
 
-        /// A second tone may cost as much again.
+        /// A second tone may cost as much again, with the same 3 %.
         pub fn is_held_on_tones(&self, one: &Self) {
             for (two, one) in [
                 (self.orbits, one.orbits),
                 (self.high, one.high),
                 (self.low, one.low),
             ] {
-                assert!(two <= 2 * one, "{two} for {one}");
+                assert!(100 * two <= 206 * one, "{two} for {one}");
             }
         }
     }

@@ -70,10 +70,16 @@ impl WaveHybrid {
     #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
         match &self.shape {
-            Shape::Sine(hybrid) => hybrid.land(state),
+            Shape::Sine(hybrid) => on_sine(hybrid, state),
             Shape::Tones(tones) => tones.land(state, self.restitution),
         }
     }
+}
+
+/// Apart from the tones, which need all registers.
+#[inline(never)]
+fn on_sine(hybrid: &Hybrid, state: HybridState) -> Landing<HybridState> {
+    hybrid.land(state)
 }
 
 impl Turned {
