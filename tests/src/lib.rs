@@ -14,4 +14,6 @@ pub mod states;
 pub mod tones;
 pub mod verdict;
 
-pub use kband_machines::{chip, draw, emulator, hazards, images, probe, rig, root, terminal};
+pub use kband_machines::{
+    chip, count, draw, emulator, hazards, images, probe, rig, root, terminal,
+};

@@ -3,6 +3,8 @@
 use std::time::Duration;
 
 use kband_emulated::kernels;
+use kband_tests::chip::core::Class;
+use kband_tests::count::{self, Counts};
 use kband_tests::emulator::{self, Clock, Machine, Options};
 use kband_tests::images;
 
@@ -35,5 +37,54 @@ fn an_impact_costs_what_the_kernels_promise() {
         let text = run("kernel_cost", machine, Clock::Instructions);
         println!("{text}");
         assert!(text.contains("instructions hybrid orbits "), "{text}");
+    }
+}
+
+/// Instructions of each class that an impact takes in the mean of the orbits, by kernel and CPU.
+const BY_CLASS: [(Machine, &str, [f64; Class::ALL.len()]); 3] = [
+    (
+        Machine::CortexM4F,
+        "hybrid",
+        [94.8, 22.1, 0.0, 92.8, 3.5, 30.8, 27.9, 4.7, 13.3, 0.0],
+    ),
+    (
+        Machine::CortexM4F,
+        "f32",
+        [30.8, 0.0, 0.0, 84.9, 3.1, 24.4, 15.4, 1.0, 9.4, 0.0],
+    ),
+    (
+        Machine::CortexM0,
+        "integer",
+        [1211.9, 185.0, 0.0, 0.0, 0.0, 0.0, 316.0, 177.9, 166.5, 0.0],
+    ),
+];
+
+#[test]
+fn an_impact_takes_the_instructions_of_each_class_that_are_told() {
+    for machine in [Machine::CortexM4F, Machine::CortexM0] {
+        let image = images::build("kband-emulated", "kernel_orbits", machine);
+        let calls = count::calls(&image, "fly");
+        let told: Vec<_> = BY_CLASS.iter().filter(|told| told.0 == machine).collect();
+        assert_eq!(calls.len(), told.len() * kernels::ORBITS.len() * 2);
+        for ((_, name, told), calls) in told
+            .into_iter()
+            .zip(calls.chunks(2 * kernels::ORBITS.len()))
+        {
+            // Of each two calls the first brings the orbit to where it stays.
+            let settled = calls.iter().skip(1).step_by(2);
+            let sum = settled.fold(Counts::default(), |sum, counts| {
+                std::array::from_fn(|class| sum[class] + counts[class])
+            });
+            let impacts = kernels::ORBITS.len() as f64 * f64::from(kernels::IMPACTS);
+            for ((count, told), (_, class)) in sum.iter().zip(told).zip(Class::ALL) {
+                let count = *count as f64 / impacts;
+                println!("{name} on {machine:?}: {class} {count:.1}");
+                // What was counted, and 3 % for another compiler; half an instruction where there are few.
+                assert!(
+                    count <= told * 1.03 + 0.5,
+                    "{name}: {class} {count:.1}, told {told}"
+                );
+            }
+        }
     }
 }

@@ -88,6 +88,9 @@ pub const ORBITS: [[f64; 4]; 11] = [
     [0.05, 0.9, 2.0, 3.0],
 ];
 
+/// Impacts over which the cost of an orbit is told.
+pub const IMPACTS: u32 = 500;
+
 /// Chatter: from lift-off to rest and again.
 pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
 

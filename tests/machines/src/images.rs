@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, PoisonError};
 
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader as _, ProgramHeader as _};
 use object::{Object, ObjectSymbol};
 
 use crate::emulator::Machine;
@@ -88,22 +90,54 @@ pub fn symbol(image: &Path, name: &str) -> u32 {
         .address() as u32
 }
 
+/// What an image's flash holds: pieces by their addresses, in their order.
+///
+/// # Panics
+/// Where the file is no image.
+#[must_use]
+pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
+    let bytes = std::fs::read(image).expect("the image is read");
+    let header =
+        FileHeader32::<object::Endianness>::parse(&*bytes).expect("an ELF file of 32 bits");
+    let endian = header.endian().expect("an order of bytes");
+    let headers = header.program_headers(endian, &*bytes).expect("segments");
+    let mut segments: Vec<_> = headers
+        .iter()
+        .filter(|segment| segment.p_type(endian) == PT_LOAD)
+        .map(|segment| {
+            let data = segment.data(endian, &*bytes).expect("a segment's bytes");
+            (segment.p_paddr(endian), data.to_vec())
+        })
+        .filter(|(_, data)| !data.is_empty())
+        .collect();
+    segments.sort_by_key(|(at, _)| *at);
+    segments
+}
+
 /// Where a static of an image's program lies, by its name without its modules.
 ///
 /// # Panics
 /// As [`symbol`].
 #[must_use]
 pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
+    let found = places(image, name).into_iter().next();
+    found.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
+}
+
+/// Where the statics or functions of this name lie, without their modules; a generic function has several.
+///
+/// # Panics
+/// Where the file is no image.
+#[must_use]
+pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
     // A mangled name has each part's length before it.
     let part = format!("{}{name}", name.len());
-    let found = file
-        .symbols()
-        .find(|symbol| symbol.size() > 0 && symbol.name().is_ok_and(|full| full.contains(&part)));
-    let found = found.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
-    let start = found.address() as u32;
-    start..start + found.size() as u32
+    file.symbols()
+        .filter(|symbol| symbol.size() > 0 && symbol.name().is_ok_and(|full| full.contains(&part)))
+        .map(|symbol| symbol.address() as u32..(symbol.address() + symbol.size()) as u32)
+        .collect()
 }
 
 /// Compiles one source file for `machine` and links it with these scripts, looked for in `folders` in

@@ -3,6 +3,7 @@
 
 pub mod browser;
 pub mod chip;
+pub mod count;
 pub mod draw;
 pub mod emulator;
 pub mod hazards;

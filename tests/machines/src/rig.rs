@@ -16,14 +16,13 @@ use kband::plant::{Change, Scene};
 use kband::wire::{
     FRAME_MOST, Outgoing, Receiver, Request, Response, crc32, read_answer, write_request,
 };
-use object::elf::{FileHeader32, PT_LOAD};
-use object::read::elf::{FileHeader, ProgramHeader};
 
 use crate::chip::clocks::{Cause, TICKS};
 use crate::chip::core::{Bus, STACK};
 use crate::chip::gpio::Wire;
 use crate::chip::world::{Seen, World};
 use crate::chip::{Chip, Hang, flash};
+use crate::images;
 
 /// What is done to a board.
 #[derive(Clone, Debug, PartialEq)]
@@ -369,17 +368,9 @@ fn respoken(frame: &[u8], schema: u16) -> Vec<u8> {
 #[must_use]
 pub fn holding(image: &Path) -> Chip {
     let mut chip = Chip::default();
-    let bytes = std::fs::read(image).expect("the image is read");
-    let header =
-        FileHeader32::<object::Endianness>::parse(&*bytes).expect("an ELF file of 32 bits");
-    let endian = header.endian().expect("an order of bytes");
-    for segment in header.program_headers(endian, &*bytes).expect("segments") {
-        let data = segment.data(endian, &*bytes).expect("a segment's bytes");
-        if segment.p_type(endian) != PT_LOAD || data.is_empty() {
-            continue;
-        }
-        let at = (segment.p_paddr(endian) - flash::START) as usize;
-        chip.flash_mut()[at..at + data.len()].copy_from_slice(data);
+    for (address, data) in images::segments(image) {
+        let at = (address - flash::START) as usize;
+        chip.flash_mut()[at..at + data.len()].copy_from_slice(&data);
     }
     chip.board.bridge.reset();
     chip.board.supplied = false;

@@ -19,7 +19,8 @@ pub(super) fn fall<F: Flight>(
 ) -> Option<Approach> {
     // With the sign of the rise: of a part that sinks it is below 2 k h, and so below what is asked.
     let square = rise * abs(rise) + 2.0 * track.k() * height;
-    if !(square >= track.tall()) {
+    let is_tall = square >= track.tall();
+    if !is_tall {
         return None;
     }
     fall_at::<F>(track, phase, rise, square_root_single(square))

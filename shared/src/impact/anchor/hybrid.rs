@@ -30,8 +30,8 @@ use crate::impact::set_up::SetUp;
 /// | launches within 0.1 rad of lift-off | 7e-10 | 2.1e-8 | 7.2e-6 | 7.1e-8 |
 ///
 /// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
-/// hump, at any flight time; nearer it is flagged. About 300 instructions an
-/// impact on a Cortex-M4F, at most 411 on any locked or chaotic orbit tried.
+/// hump, at any flight time; nearer it is flagged. About 290 instructions an
+/// impact on a Cortex-M4F, at most 400 on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
 /// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it,

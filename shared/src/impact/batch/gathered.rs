@@ -5,8 +5,8 @@ use super::lanes::Set;
 use super::plan::{Kind, Plan};
 use super::stages::{ROOM, Stages};
 use crate::arithmetic::lane::{Lane, WIDEST};
-use crate::impact::double::first::hard;
-use crate::impact::double::launch::Launch;
+use crate::impact::double::first::{hard, hard_hop, searched};
+use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::{Landing, Near};
 use crate::impact::double::{low, short, tall};
 
@@ -59,7 +59,15 @@ pub(super) fn advance<L: Lane>(
                 short::landing(&stages.track::<L>(n), &stages.launch(n), stages.guess(n));
             stages.put_landing(n, &landing);
             if L::any(!certain) {
-                search_for::<L>(columns, grazing, stages, n, certain, *register);
+                decide::<L>(
+                    columns,
+                    grazing,
+                    stages,
+                    n,
+                    certain,
+                    *register,
+                    |track, launch, _| hard_hop(track, launch),
+                );
             }
         }
         let mut open = Open::NONE;
@@ -77,7 +85,7 @@ pub(super) fn advance<L: Lane>(
             }
             if L::any(!certain & stretch.certain) {
                 let certain = certain | !stretch.certain;
-                search_for::<L>(columns, grazing, stages, n, certain, *register);
+                decide::<L>(columns, grazing, stages, n, certain, *register, hard);
             }
         }
         open.land::<L>(columns, grazing, stages);
@@ -127,10 +135,18 @@ impl Open {
             let places = &self.places[at..self.count.min(at + L::WIDTH)];
             let mut lanes = [self.lanes[at]; WIDEST];
             lanes[..places.len()].copy_from_slice(&self.lanes[at..at + places.len()]);
-            let (landing, certain) = low::over::<L>(&columns.track(lanes), &columns.launch(lanes));
-            let certain = L::bits(certain);
-            let [flight, phase, arrival] =
-                [landing.flight, landing.phase, landing.arrival].map(L::to_array);
+            let (landing, certain, stretch) =
+                low::over::<L>(&columns.track(lanes), &columns.launch(lanes));
+            let (certain, told) = (L::bits(certain), L::bits(stretch.certain));
+            let [flight, phase, arrival, start, low, high] = [
+                landing.flight,
+                landing.phase,
+                landing.arrival,
+                stretch.start,
+                stretch.low,
+                stretch.high,
+            ]
+            .map(L::to_array);
             for (m, (lane, place)) in lanes.into_iter().zip(places).enumerate() {
                 let landing = if certain >> m & 1 == 1 {
                     Landing {
@@ -140,7 +156,18 @@ impl Open {
                     }
                 } else {
                     let all = [lane; WIDEST];
-                    let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
+                    let (track, launch) = (columns.track(all), columns.launch(all));
+                    let (landing, grazes) = if told >> m & 1 == 1 {
+                        let stretch = low::Stretch {
+                            start: start[m],
+                            low: low[m],
+                            high: high[m],
+                            certain: f64::mask(1),
+                        };
+                        hard(&track, &launch, stretch)
+                    } else {
+                        searched(&track, &launch)
+                    };
                     grazing.put(lane.into(), grazes);
                     landing
                 };
@@ -186,19 +213,21 @@ fn begin<L: Lane>(
 
 /// The landings of those lanes of register `n` of which the closed forms are not certain.
 #[inline(always)]
-fn search_for<L: Lane>(
+fn decide<L: Lane>(
     columns: &Columns,
     grazing: &mut Set,
     stages: &mut Stages,
     n: usize,
     certain: L::Mask,
     (lanes, count): ([u8; WIDEST], usize),
+    landing: impl Fn(&Track<f64>, &Launch<f64>, low::Stretch<f64>) -> (Landing<f64>, bool),
 ) {
     let certain = L::bits(certain);
     for (m, lane) in lanes.into_iter().enumerate().take(count) {
         if certain >> m & 1 == 0 {
             let all = [lane; WIDEST];
-            let (landing, grazes) = hard(&columns.track(all), &columns.launch(all));
+            let stretch = stages.stretch_of::<L>(n, m);
+            let (landing, grazes) = landing(&columns.track(all), &columns.launch(all), stretch);
             replace::<L>(stages, n, m, count, &landing);
             grazing.put(lane.into(), grazes);
         }

@@ -113,6 +113,19 @@ impl Stages {
         }
     }
 
+    /// The stretch of one lane of register `n`.
+    #[inline(always)]
+    pub fn stretch_of<L: Lane>(&self, n: usize, lane: usize) -> low::Stretch<f64> {
+        let [start, low, high, certain] =
+            [0, 1, 2, 3].map(|m| self.0.0[(n * QUANTITIES + BEGIN + m) * L::WIDTH + lane]);
+        low::Stretch {
+            start,
+            low,
+            high,
+            certain: Lane::below(0.0, certain),
+        }
+    }
+
     #[inline(always)]
     pub fn put_guess<L: Lane>(&mut self, n: usize, guess: L) {
         self.put(n, CLOSE, [guess]);

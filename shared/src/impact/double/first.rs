@@ -60,34 +60,48 @@ fn not_tall(
     if velocity <= 0.0 && f64::any(launch.rests(track)) {
         return None;
     }
-    let (landing, certain) = if f64::any(launch.is_short(track)) {
-        short::landing(track, &launch, short::guess(track, &launch))
-    } else {
-        let stretch = if f64::any(launch.meets_once(track)) {
-            low::once(track, &launch)
+    if f64::any(launch.is_short(track)) {
+        let (landing, certain) = short::landing(track, &launch, short::guess(track, &launch));
+        return Some(if f64::any(certain) {
+            (landing, false)
         } else {
-            low::stretch(track, &launch)
-        };
-        let close = low::approach(track, &launch, &stretch);
-        low::landing(track, &launch, &stretch, &close)
+            hard_hop(track, &launch)
+        });
+    }
+    let stretch = if f64::any(launch.meets_once(track)) {
+        low::once(track, &launch)
+    } else {
+        low::stretch(track, &launch)
     };
+    let close = low::approach(track, &launch, &stretch);
+    let (landing, certain) = low::landing(track, &launch, &stretch, &close);
     Some(if f64::any(certain) {
         (landing, false)
     } else {
-        hard(track, &launch)
+        hard(track, &launch, stretch)
     })
 }
 
-/// The first impact of a flight of which its kind's quick form is not certain, and whether it grazes.
+/// The first impact of a short flight of which the quick form is not certain, and whether it grazes.
 #[cold]
-pub(crate) fn hard(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    let careful = if f64::any(launch.is_short(track)) {
-        short::careful(track, launch)
-    } else {
-        low::careful(track, launch)
-    };
-    careful.map_or_else(
-        || search::landing(track, launch, search::PassedHumps::Skip),
-        |landing| (landing, false),
-    )
+pub(crate) fn hard_hop(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+    short::careful(track, launch)
+        .map_or_else(|| searched(track, launch), |landing| (landing, false))
+}
+
+/// The same of a low flight, with the stretch that was found.
+#[cold]
+pub(crate) fn hard(
+    track: &Track<f64>,
+    launch: &Launch<f64>,
+    stretch: low::Stretch<f64>,
+) -> (Landing<f64>, bool) {
+    low::careful(track, launch, stretch)
+        .map_or_else(|| searched(track, launch), |landing| (landing, false))
+}
+
+/// The same of any flight, by the search.
+#[cold]
+pub(crate) fn searched(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+    search::landing(track, launch, search::PassedHumps::Skip)
 }

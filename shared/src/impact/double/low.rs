@@ -388,31 +388,37 @@ pub(crate) fn landing<L: Lane>(
 }
 
 /// The end of a low flight that clears a hump by little or dips into it, as nearly all do whose [`stretch`] is not certain.
-/// The mask says where it is certain to be the first impact.
+/// The mask says where it is certain to be the first impact; with it comes the stretch that it is looked for in.
 #[cfg(any(test, feature = "analysis"))]
 #[inline(always)]
-pub(crate) fn over<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
+pub(crate) fn over<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+) -> (Landing<L>, L::Mask, Stretch<L>) {
     let stretch = stretch_over::<L, true>(track, launch);
     let close = approach(track, launch, &stretch);
-    landing(track, launch, &stretch, &close)
+    let (landing, certain) = landing(track, launch, &stretch, &close);
+    (landing, certain, stretch)
 }
 
-/// The end of a low flight with as many steps as it takes, for the few that it takes more than `over` and [`once`] have; `None` where it is not
-/// certain then either.
+/// The end of a low flight of which [`landing`] is not certain, with as many steps as it takes in the stretch that was found,
+/// or where that is not certain in the one that is found closely; `None` where it is not certain then either.
 #[cold]
-pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
-    let stretch = if f64::any(launch.meets_once(track)) {
-        once(track, launch)
-    } else {
-        stretch_over::<f64, true>(track, launch)
-    };
+pub(crate) fn careful(
+    track: &Track<f64>,
+    launch: &Launch<f64>,
+    mut stretch: Stretch<f64>,
+) -> Option<Landing<f64>> {
     if !f64::any(stretch.certain) {
-        return None;
-    }
-    let close = approach(track, launch, &stretch);
-    let (landing, certain) = landing(track, launch, &stretch, &close);
-    if f64::any(certain) {
-        return Some(landing);
+        stretch = stretch_over::<f64, true>(track, launch);
+        if !f64::any(stretch.certain) {
+            return None;
+        }
+        let close = approach(track, launch, &stretch);
+        let (landing, certain) = landing(track, launch, &stretch, &close);
+        if f64::any(certain) {
+            return Some(landing);
+        }
     }
     let mut d = stretch.start;
     for _ in 0..8 {
@@ -501,7 +507,7 @@ mod tests {
             if f64::any(told) || f64::any(stretch(&track, &launch).certain) {
                 continue;
             }
-            let (landing, certain) = over(&track, &launch);
+            let (landing, certain, _) = over(&track, &launch);
             // What is left to the search arrives too slowly to be told by steps.
             if !f64::any(certain) {
                 continue;

@@ -4,6 +4,7 @@
 //! a memory adds is the bus's to say. That registers, flags and memory are right is shown by QEMU: see
 //! `tests/tests/core.rs`.
 
+mod class;
 mod code;
 mod decode;
 mod exceptions;
@@ -11,6 +12,7 @@ mod execute;
 mod float;
 mod op;
 
+pub use class::Class;
 pub use code::Code;
 
 /// Memory and peripherals as the core sees them; `None` where nothing answers.

@@ -1,0 +1,27 @@
+//! The orbits whose instructions are counted by class: of each kernel for this CPU each orbit twice, the first impacts,
+//! which bring it to where it stays, and as many more.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+use core::hint::black_box;
+
+use kband_emulated::kernels::{IMPACTS, Machine, ORBITS, begin, fly};
+
+kband_emulated::image!(run);
+
+fn run() {
+    use kband::impact::{Hybrid, Integer, Single};
+    if cfg!(target_abi = "eabihf") {
+        orbits::<Hybrid>();
+        orbits::<Single>();
+    } else {
+        orbits::<Integer>();
+    }
+}
+
+fn orbits<K: Machine>() {
+    for values in ORBITS {
+        let (kernel, start) = begin::<K>(black_box(values));
+        let settled = fly(&kernel, start, IMPACTS);
+        black_box(fly(&kernel, settled, IMPACTS));
+    }
+}

@@ -1,0 +1,101 @@
+//! Classes of instructions, as a cost is told by them.
+
+use super::decode::decode;
+use super::op::{Op, Single, Unary};
+
+/// What kind of work an instruction is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// Integer arithmetic, logic, shifts and moves.
+    Integer,
+    /// Integer products.
+    Multiply,
+    /// Integer quotients.
+    Divide,
+    /// Single precision but for quotients, roots and moves.
+    Float,
+    /// Quotients and roots in single precision.
+    FloatDivide,
+    /// Moves of single precision, constants among them, and between both kinds of registers.
+    FloatMove,
+    /// Loads.
+    Load,
+    /// Stores.
+    Store,
+    /// Branches, and what makes instructions conditional.
+    Branch,
+    /// Anything else.
+    Other,
+}
+
+impl Class {
+    /// All of them, with their names.
+    pub const ALL: [(Self, &'static str); 10] = [
+        (Self::Integer, "integer"),
+        (Self::Multiply, "multiply"),
+        (Self::Divide, "divide"),
+        (Self::Float, "float"),
+        (Self::FloatDivide, "float divide, root"),
+        (Self::FloatMove, "float move"),
+        (Self::Load, "load"),
+        (Self::Store, "store"),
+        (Self::Branch, "branch"),
+        (Self::Other, "other"),
+    ];
+
+    /// That of the instruction of one or two halfwords.
+    #[must_use]
+    pub fn of(first: u16, second: u16) -> Self {
+        match decode(first, second) {
+            Op::Data(..)
+            | Op::ShiftBy(..)
+            | Op::MoveTop(..)
+            | Op::Near(..)
+            | Op::Extend(..)
+            | Op::Saturate(..)
+            | Op::SaturateHalves(..)
+            | Op::Parallel(..)
+            | Op::Saturating(..)
+            | Op::Select(..)
+            | Op::Pack(..)
+            | Op::Turn(..)
+            | Op::Insert(..)
+            | Op::Extract(..) => Self::Integer,
+            Op::Multiply(..)
+            | Op::MultiplyAdd(..)
+            | Op::MultiplySubtract(..)
+            | Op::Product(..)
+            | Op::Long(..) => Self::Multiply,
+            Op::Divide(..) => Self::Divide,
+            Op::Single(Single::Divide, ..) | Op::Unary(Unary::Root, ..) => Self::FloatDivide,
+            Op::Unary(Unary::Move, ..)
+            | Op::SingleNumber(..)
+            | Op::SingleMove(..)
+            | Op::SingleMovePair(..)
+            | Op::FromStatus(..)
+            | Op::ToStatus(..) => Self::FloatMove,
+            Op::Single(..) | Op::Unary(..) | Op::Fixed(..) | Op::SingleCompare(..) => Self::Float,
+            Op::Load(..)
+            | Op::LoadPair(..)
+            | Op::LoadMany(..)
+            | Op::LoadExclusive(..)
+            | Op::SingleLoad(..)
+            | Op::SingleLoadMany(..) => Self::Load,
+            Op::Store(..)
+            | Op::StorePair(..)
+            | Op::StoreMany(..)
+            | Op::StoreExclusive(..)
+            | Op::SingleStore(..)
+            | Op::SingleStoreMany(..) => Self::Store,
+            Op::Branch(..)
+            | Op::BranchIf(..)
+            | Op::Call(..)
+            | Op::Exchange(..)
+            | Op::CallRegister(..)
+            | Op::CompareBranch(..)
+            | Op::Table(..)
+            | Op::IfThen(..) => Self::Branch,
+            _ => Self::Other,
+        }
+    }
+}
