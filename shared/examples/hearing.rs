@@ -73,13 +73,14 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
                 .iter_mut()
                 .for_each(|watch| watch.begin(f64::from(cycle) * TAU));
         }
-        let controller = closed.controller_mut();
-        if let (Some(asked), Some(plan)) = (controller.gear_asked().copied(), known.as_ref())
-            && plan.settings == asked
-        {
-            controller.gear_known(plan.clone());
-        }
-        let report = closed.cycle().report;
+        closed.advance_spared(|controller| {
+            if let (Some(asked), Some(plan)) = (controller.gear_asked(), known.as_ref())
+                && plan.settings == *asked
+            {
+                controller.gear_known(plan.clone());
+            }
+        });
+        let report = closed.moment().report;
         if known.is_none()
             && let Some(plan) = closed.controller().gear_planned()
         {

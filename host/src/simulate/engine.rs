@@ -107,8 +107,7 @@ impl Engine<'_> {
     pub fn cycle(&mut self) -> Result<Glance, Refusal> {
         match self {
             Self::Envelope(closed) => {
-                Plans::share(closed.controller_mut());
-                closed.advance();
+                closed.advance_spared(Plans::share);
                 let controller = closed.controller();
                 let amplitude = controller.amplitude();
                 Ok(Glance {

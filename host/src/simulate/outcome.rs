@@ -48,6 +48,7 @@ impl Outcome {
     pub fn run(file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
         let watch = Watch {
             drawn: true,
+            regime: true,
             ..Watch::default()
         };
         Self::watched(file, file.fidelity.unwrap_or_default(), watch, desk)
@@ -125,11 +126,12 @@ impl Outcome {
             if n % 1024 == 1023 {
                 go_on(1024)?;
             }
-            if !moving && record.settles(time) {
+            let ends = record.ends(time);
+            if !moving && (ends || record.settles(time)) {
                 moving = true;
                 engine.watch_displacement();
             }
-            if !watched && record.ends(time) {
+            if !watched && ends && watch.regime {
                 watched = true;
                 engine.watch(true);
             }

@@ -29,6 +29,8 @@ pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
 pub struct Watch<'a> {
     /// Whether it is to be drawn.
     pub drawn: bool,
+    /// Whether the regime that the controller hears at the end is told, also where it does not act on it.
+    pub regime: bool,
     /// Whether every cycle is kept.
     pub kept: bool,
     /// Takes every cycle.
@@ -41,6 +43,7 @@ impl Watch<'_> {
     /// Every cycle is kept.
     pub const KEPT: Self = Self {
         drawn: false,
+        regime: true,
         kept: true,
         cycle: None,
         sample: None,
@@ -177,7 +180,8 @@ impl Record {
         if let Some(sketch) = &mut self.sketch {
             sketch.take(glance, strikes);
         }
-        if (late || self.kept.is_some() || glance.events.iter().next().is_some())
+        let ends = time > self.duration - END;
+        if (ends || self.kept.is_some() || glance.events.iter().next().is_some())
             && let Some(moment) = moment()
         {
             self.keep(&moment);

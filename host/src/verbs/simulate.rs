@@ -292,6 +292,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             let (mut cycle, mut sample);
             let mut watch = Watch {
                 drawn: true,
+                regime: true,
                 ..Watch::default()
             };
             if let Some(rows) = cycles {

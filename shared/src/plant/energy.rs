@@ -44,6 +44,8 @@ pub struct RingingEnergy {
     began: u64,
     phase: u32,
     step: u32,
+    /// Whole samples in a sector.
+    sector: u32,
     sums: [f64; SECTORS],
     next: usize,
     /// `e^(2 i phase)` in the middle of each sector.
@@ -68,6 +70,7 @@ impl RingingEnergy {
             began: 0,
             phase: 0,
             step: 1,
+            sector: 1 << BELOW,
             sums: [0.0; SECTORS],
             next: 0,
             middles: core::array::from_fn(|n| turn(2.0 * TAU * (n as f64 + 0.5) / SECTORS as f64)),
@@ -76,7 +79,11 @@ impl RingingEnergy {
 
     /// Begins a cycle at a sample and a phase of the output.
     pub fn begin(&mut self, sample: u64, phase: Phase, step: u32) {
-        (self.began, self.phase, self.step) = (sample, phase.bits(), step.max(1));
+        let step = step.max(1);
+        if step != self.step {
+            self.sector = (1 << BELOW) / step;
+        }
+        (self.began, self.phase, self.step) = (sample, phase.bits(), step);
     }
 
     /// A ringing that begins at a sample with `e^(i angle)` times its height.
@@ -93,25 +100,45 @@ impl RingingEnergy {
 
     /// Sums what rings before a sample.
     pub fn advance(&mut self, to: u64) {
-        while self.begun < BEGIN && self.at < to {
-            let residual = (self.left + self.fresh * self.besides[self.begun]).im;
-            self.sums[(self.phase_at(self.at) >> BELOW) as usize] += residual * residual;
-            self.left *= self.decay.at(1);
-            self.begun += 1;
-            self.at += 1;
+        let (mut left, mut phase) = (self.left, self.phase_at(self.at));
+        let decay = self.decay.at(1);
+        let fresh = self.besides.iter().skip(self.begun);
+        let begins = (to.saturating_sub(self.at) as usize).min(BEGIN - self.begun);
+        for besides in fresh.take(begins) {
+            let residual = (left + self.fresh * besides).im;
+            self.sums[(phase >> BELOW) as usize] += residual * residual;
+            left *= decay;
+            phase = phase.wrapping_add(self.step);
         }
-        while self.at < to && self.left.norm_sqr() > SILENT {
-            let phase = self.phase_at(self.at);
+        self.begun += begins;
+        self.at += begins as u64;
+        let mut before = self.tail(left);
+        while self.at < to && left.norm_sqr() > SILENT {
             let ahead = (1 << BELOW) - (phase & ((1 << BELOW) - 1));
-            let end = to.min(self.at + u64::from(ahead.div_ceil(self.step)));
-            let after = self.left * self.decay.at(end - self.at);
-            self.sums[(phase >> BELOW) as usize] += self.tail(self.left) - self.tail(after);
-            (self.left, self.at) = (after, end);
+            let samples = (to - self.at).min(u64::from(self.samples_in(ahead)));
+            left *= self.decay.at(samples);
+            let after = self.tail(left);
+            self.sums[(phase >> BELOW) as usize] += before - after;
+            before = after;
+            phase = phase.wrapping_add((samples as u32).wrapping_mul(self.step));
+            self.at += samples;
         }
+        self.left = left;
         if self.at < to {
             self.left = Complex::new(0.0, 0.0);
             self.at = to;
         }
+    }
+
+    /// Samples that begin within so much of the phase, at most a sector.
+    fn samples_in(&self, ahead: u32) -> u32 {
+        // What begins within a step of a sector's beginning needs no division.
+        let step = i64::from(self.step);
+        let left = i64::from(ahead) - i64::from(self.sector) * step;
+        if left > step || left <= -step {
+            return ahead.div_ceil(self.step);
+        }
+        self.sector + u32::from(left > 0)
     }
 
     /// Sum of the squares of `Im(left r^n)` over all n from 0 on.
@@ -150,6 +177,40 @@ mod tests {
     use super::super::scene::SensorModel;
     use super::*;
     use crate::control::{Energy, HighPass, Onset, Standard};
+
+    #[test]
+    fn samples_of_a_sector_are_counted_without_a_division() {
+        let none = [Complex::new(0.0, 0.0); BEGIN];
+        let mut energy = RingingEnergy::new(Complex::new(-0.05, 0.754), &none, &none);
+        let sector = 1_u32 << BELOW;
+        for step in [
+            1,
+            12_345_679,
+            u32::MAX / 400 + 1,
+            sector - 1,
+            sector,
+            sector + 1,
+            1 << 30,
+        ] {
+            energy.begin(0, Phase::ZERO, step);
+            for ahead in [
+                1,
+                step - 1,
+                step,
+                step + 1,
+                sector / 3,
+                sector - step.min(sector - 1),
+                sector,
+            ] {
+                let ahead = ahead.clamp(1, sector);
+                assert_eq!(
+                    energy.samples_in(ahead),
+                    ahead.div_ceil(step),
+                    "{step} {ahead}"
+                );
+            }
+        }
+    }
 
     /// Impacts at random, two of them almost at once: each sector's energy is that of the samples.
     #[test]

@@ -74,6 +74,17 @@ impl EnvelopeLoop {
 
     /// As [`EnvelopeLoop::cycle`], for who does not read each [moment](EnvelopeLoop::moment).
     pub fn advance(&mut self) {
+        self.pass(|_| {});
+    }
+
+    /// As [`EnvelopeLoop::advance`], where `share` spares the controller what it begins to search for in this cycle and another one has
+    /// found: before the first slice of it.
+    #[cfg(any(test, feature = "unstable"))]
+    pub fn advance_spared(&mut self, share: impl FnOnce(&mut Controller)) {
+        self.pass(share);
+    }
+
+    fn pass(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
             self.restart();
@@ -90,6 +101,7 @@ impl EnvelopeLoop {
             self.running.amplitude = self.pending.amplitude;
             self.running.overtones = self.pending.overtones;
         }
+        share(&mut self.controller);
         for _ in 0..PLAN_SLICES {
             if !self.controller.plan_step() {
                 break;
@@ -155,11 +167,6 @@ impl EnvelopeLoop {
     #[must_use]
     pub fn controller(&self) -> &Controller {
         &self.controller
-    }
-
-    /// The controller, to share what it plans.
-    pub fn controller_mut(&mut self) -> &mut Controller {
-        &mut self.controller
     }
 
     /// Impacts of the last cycle.

@@ -42,6 +42,9 @@ impl Powers {
             return exp(self.log * n as f64);
         }
         let (coarse, fine) = ((n >> BITS) as usize, n as usize % SIZE);
+        if coarse == 0 {
+            return self.fine[fine];
+        }
         self.coarse[coarse % SIZE] * self.fine[fine]
     }
 }

@@ -49,6 +49,7 @@ pub(super) fn run(
         let fidelity = arguments.fidelity(&file)?;
         let watch = Watch {
             drawn: true,
+            regime: true,
             ..Watch::default()
         };
         Outcome::watched(&file, fidelity, watch, desk)

@@ -90,6 +90,9 @@ impl Track {
     fn at(&self, phase: Phase) -> [f32; 3] {
         let (sine, cosine) = sine_cosine_single(phase);
         let [[straight, across], third] = self.tones;
+        if self.tones == [[0.0; 2]; UPPER] {
+            return [sine, cosine, sine];
+        }
         let (sine2, cosine2) = (2.0 * sine * cosine, 1.0 - 2.0 * sine * sine);
         let second = straight * sine2 + across * cosine2;
         let mut motion = [
@@ -415,6 +418,11 @@ impl GearHearing {
         }
         // How likely the next phase is if it was a flight: dR/dt is arrival after over arrival before, over d.
         let flown = gauss(out) / (0.4 * (high - low) + scatter) / duration;
+        let bounced = gauss((apart - BOUNCED[0]) / BOUNCED[1]) / BOUNCED[1];
+        // It cannot be likelier than where every bounce is too slow to be heard.
+        if REACHED * (bounced + landed) <= flown {
+            return None;
+        }
         // And if the part bounced too slowly to be heard: its restitution is then below what a long flight takes.
         let least = last.shortest(self.k, &self.track).min(self.faintest(noise)) / speed;
         if least <= 0.0 {
@@ -423,7 +431,6 @@ impl GearHearing {
         let width = 0.29 * (high - low) + scatter;
         // The logistic curve in place of the error function: within 0.01.
         let short = 1.0 / (1.0 + libm::expf(-1.7 * (least - 0.5 * (low + high)) / width));
-        let bounced = gauss((apart - BOUNCED[0]) / BOUNCED[1]) / BOUNCED[1];
         (REACHED * short * (bounced + landed) > flown).then_some(arrival)
     }
 

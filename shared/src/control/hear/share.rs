@@ -71,6 +71,8 @@ const LATER: f32 = 0.5;
 /// Parts of the mixture: in gear by group, out of it with landings from rest that ring apart and with such that ring as one, noise.
 const PARTS: usize = GROUPS + 3;
 const NOISE: usize = GROUPS + 2;
+/// Those that ring as they strike: in gear by group, and out of it.
+const STRUCK: usize = GROUPS + 1;
 /// Rounds of a fit: each weighs by what the one before found.
 const ROUNDS: usize = 3;
 
@@ -103,6 +105,10 @@ pub struct Tuned {
 }
 
 type Row = [f32; SECTORS];
+/// What each part of the mixture leaves in a sector, sector by sector: what is done for all parts is done side by side, in fours.
+type Rows = [[f32; LANES]; SECTORS];
+/// The parts and one that is nobody's.
+const LANES: usize = PARTS.next_multiple_of(4);
 
 /// What is heard of all parts together.
 #[derive(Clone, Debug)]
@@ -469,22 +475,21 @@ impl ShareHearing {
         let lead = lead - libm::floorf(lead);
         let landing = profile.landing.unwrap_or(Phase::ZERO);
         let landing = landing.bits() as f32 * (1.0 / Phase::TURN as f32) - lead;
-        let mut rows = [[1.0 / SECTORS as f32; SECTORS]; PARTS];
-        let groups = profile.in_gear.iter().zip(profile.periods[0]);
-        for (row, (struck, periods)) in rows.iter_mut().zip(groups) {
-            *row = if periods < KNOWN {
-                [0.0; SECTORS]
-            } else {
-                rung(struck, lead, turns)
-            };
-        }
-        let (out, landed) = (rung(&profile.out, lead, turns), landed(landing, turns));
-        let known = if profile.losses < LOSSES { 0.0 } else { 1.0 };
-        let apart_and_as_one = rows.iter_mut().skip(GROUPS).zip([1.0, together(profile)]);
-        for (row, times) in apart_and_as_one {
-            for ((row, out), landed) in row.iter_mut().zip(out).zip(landed) {
-                *row = known * (out + times * profile.landed * landed);
+        let mut rows = [[1.0 / SECTORS as f32; LANES]; SECTORS];
+        let [first, second, third, fourth] = &profile.in_gear;
+        let struck = [first, second, third, fourth, &profile.out];
+        ring(&mut rows, struck, lead, turns);
+        for (group, periods) in profile.periods[0].into_iter().enumerate() {
+            if periods < KNOWN {
+                rows.iter_mut().for_each(|row| row[group] = 0.0);
             }
+        }
+        let known = if profile.losses < LOSSES { 0.0 } else { 1.0 };
+        let together = together(profile);
+        for (row, landed) in rows.iter_mut().zip(landed(landing, turns)) {
+            let out = row[GROUPS];
+            row[GROUPS] = known * (out + profile.landed * landed);
+            row[GROUPS + 1] = known * (out + together * profile.landed * landed);
         }
         let inverse = 1.0 / self.weight;
         let leak = self.leak();
@@ -515,11 +520,13 @@ impl ShareHearing {
         let samples = Phase::TURN as f32 / self.step.max(1) as f32 / SECTORS as f32;
         let level = 0.5 * (re * re + im * im);
         let double = [re * re - im * im, 2.0 * re * im];
-        core::array::from_fn(|n| {
+        // At the doubled phase both halves of the turn are one.
+        let half: [f32; SECTORS / 2] = core::array::from_fn(|n| {
             let middle = Phase::from_bits((2 * n as u32 + 1) << 26);
             let (sine, cosine) = sine_cosine_single(middle + middle);
             samples * (level + 0.5 * SQUEEZED * (double[0] * cosine - double[1] * sine))
-        })
+        });
+        core::array::from_fn(|n| half[n % half.len()])
     }
 }
 
@@ -573,9 +580,9 @@ fn together(profile: &StrikeProfile) -> f32 {
     1.0 + (TOGETHER - 1.0) * profile.landings
 }
 
-/// A profile as it is heard: by the phase of the output, which the track leads by so many turns, where the energy of each
-/// impact falls by e in so many turns.
-fn rung(profile: &[f32; PLACES], lead: f32, turns: f32) -> Row {
+/// Profiles as they are heard, one in each of the first parts of the rows: by the phase of the output, which the track leads by so
+/// many turns, where the energy of each impact falls by e in so many turns.
+fn ring(rows: &mut Rows, profiles: [&[f32; PLACES]; STRUCK], lead: f32, turns: f32) {
     let width = 1.0 / PLACES as f32;
     let left = libm::expf(-width / turns);
     // Impacts lie evenly over their place: what of their energy falls into it.
@@ -584,20 +591,28 @@ fn rung(profile: &[f32; PLACES], lead: f32, turns: f32) -> Row {
     let whole = libm::floorf(places);
     let share = places - whole;
     let first = whole as i32 as usize;
-    let at = |n: usize| {
-        let [low, high] = [n + first, n + first + 1].map(|n| profile[n % PLACES]);
-        low + (high - low) * share
+    let struck_at = |n: usize| {
+        let [low, high] = [n + first, n + first + 1].map(|n| n % PLACES);
+        profiles.map(|profile| profile[low] + (profile[high] - profile[low]) * share)
     };
-    let (mut rings, mut row) = (0.0, [0.0; SECTORS]);
     // Twice around: the first time tells what rings at its end.
-    for n in 0..2 * PLACES {
-        let struck = at(n);
-        if n >= PLACES {
-            row[(n - PLACES) * SECTORS / PLACES] += stays * struck + rings * (1.0 - left);
+    let mut rings = [0.0; STRUCK];
+    for n in 0..PLACES {
+        for (rings, struck) in rings.iter_mut().zip(struck_at(n)) {
+            *rings = *rings * left + (1.0 - stays) * struck;
         }
-        rings = rings * left + (1.0 - stays) * struck;
     }
-    row
+    for (sector, row) in rows.iter_mut().enumerate() {
+        let mut heard = [0.0; STRUCK];
+        for n in 0..PLACES / SECTORS {
+            let struck = struck_at(sector * (PLACES / SECTORS) + n);
+            for ((heard, rings), struck) in heard.iter_mut().zip(&mut rings).zip(struck) {
+                *heard += stays * struck + *rings * (1.0 - left);
+                *rings = *rings * left + (1.0 - stays) * struck;
+            }
+        }
+        row[..STRUCK].copy_from_slice(&heard);
+    }
 }
 
 /// The energy of an impact of unit energy, at so many turns of the output.
@@ -617,7 +632,7 @@ fn landed(at: f32, turns: f32) -> Row {
 
 /// Weights of the rows, none negative, whose sum is nearest to what is heard, each sector weighed by its own energy: that
 /// of impacts scatters as their number does.
-fn unmix(heard: &Row, rows: &[Row; PARTS]) -> Mixture {
+fn unmix(heard: &Row, rows: &Rows) -> Mixture {
     let mean = heard.iter().sum::<f32>() / SECTORS as f32;
     let least = 0.01 * mean + f32::MIN_POSITIVE;
     let mut found = *heard;
@@ -628,27 +643,24 @@ fn unmix(heard: &Row, rows: &[Row; PARTS]) -> Mixture {
     let mut weights = [0.0; PARTS];
     let mut covariance = [[0.0; PARTS]; PARTS];
     for _ in 0..ROUNDS {
-        let mut matrix = [[0.0; PARTS]; PARTS];
-        let mut sums = [0.0; PARTS];
-        for n in 0..SECTORS {
-            let weight = 1.0 / (found[n] + least);
-            for a in 0..PARTS {
-                let weighed = rows[a][n] * weight;
-                sums[a] += weighed * heard[n];
-                for b in 0..=a {
-                    matrix[a][b] += weighed * rows[b][n];
+        let mut matrix = [[0.0; LANES]; PARTS];
+        let mut sums = [0.0; LANES];
+        for ((row, found), heard) in rows.iter().zip(found).zip(heard) {
+            let weight = 1.0 / (found + least);
+            let weighed = row.map(|part| part * weight);
+            for (sum, weighed) in sums.iter_mut().zip(weighed) {
+                *sum += weighed * heard;
+            }
+            for (a, (line, weighed)) in matrix.iter_mut().zip(weighed).enumerate() {
+                // Up to the diagonal, and on to the end of its four.
+                for (product, part) in line.iter_mut().zip(row).take((a | 3) + 1) {
+                    *product += weighed * part;
                 }
             }
         }
-        for a in 1..PARTS {
-            let (above, below) = matrix.split_at_mut(a);
-            for (row, product) in above.iter_mut().zip(below[0]) {
-                row[a] = product;
-            }
-        }
         (weights, covariance) = solve(&matrix, &sums, &weights);
-        for n in 0..SECTORS {
-            found[n] = (0..PARTS).map(|a| weights[a] * rows[a][n]).sum();
+        for (found, row) in found.iter_mut().zip(rows) {
+            *found = (0..PARTS).map(|a| weights[a] * row[a]).sum();
         }
     }
     let (mut off, mut astray) = (0.0, 0.0);
@@ -666,10 +678,10 @@ fn unmix(heard: &Row, rows: &[Row; PARTS]) -> Mixture {
 }
 
 /// The non-negative weights of least squares by Lawson and Hanson's active set, from weights that are none negative; and
-/// their covariance, with no row and column of those that are 0.
+/// their covariance, with no row and column of those that are 0. Of the matrix what is not above its diagonal is read.
 fn solve(
-    matrix: &[[f32; PARTS]; PARTS],
-    sums: &[f32; PARTS],
+    matrix: &[[f32; LANES]; PARTS],
+    sums: &[f32; LANES],
     from: &[f32; PARTS],
 ) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
     // Scaled to a diagonal of 1.
@@ -683,7 +695,7 @@ fn solve(
     let mut scaled = [[0.0; PARTS]; PARTS];
     for a in 0..PARTS {
         for b in 0..PARTS {
-            scaled[a][b] = matrix[a][b] * scale[a] * scale[b];
+            scaled[a][b] = matrix[a.max(b)][a.min(b)] * scale[a] * scale[b];
         }
         // Kept from being singular.
         scaled[a][a] += 1e-5;
@@ -756,49 +768,79 @@ fn solve(
 
 /// The inverse of what of a symmetric matrix is within; 0 elsewhere.
 fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PARTS]; PARTS] {
-    let mut left = [[0.0; PARTS]; PARTS];
-    let mut right = [[0.0; PARTS]; PARTS];
+    let mut inverse = [[0.0; PARTS]; PARTS];
     for a in 0..PARTS {
         for b in 0..PARTS {
             if within[a] && within[b] {
-                left[a][b] = matrix[a][b];
+                inverse[a][b] = matrix[a][b];
             }
         }
-        if within[a] {
-            right[a][a] = 1.0;
-        } else {
-            left[a][a] = 1.0;
-        }
     }
+    // A column that is eliminated gives its place to the inverse's.
     for a in 0..PARTS {
         if !within[a] {
             continue;
         }
-        let pivot = 1.0 / left[a][a];
-        for b in 0..PARTS {
-            left[a][b] *= pivot;
-            right[a][b] *= pivot;
-        }
+        let pivot = 1.0 / inverse[a][a];
+        inverse[a][a] = 1.0;
+        let row = inverse[a].map(|part| part * pivot);
+        inverse[a] = row;
         for other in 0..PARTS {
             if other != a && within[other] {
-                let factor = left[other][a];
-                for b in 0..PARTS {
-                    left[other][b] -= factor * left[a][b];
-                    right[other][b] -= factor * right[a][b];
+                let factor = core::mem::take(&mut inverse[other][a]);
+                for (part, row) in inverse[other].iter_mut().zip(row) {
+                    *part -= factor * row;
                 }
             }
         }
     }
-    right
+    inverse
 }
 
 #[cfg(all(test, feature = "plant"))]
 mod tests {
     use core::f64::consts::TAU;
 
+    use super::{PARTS, inverted};
     use crate::control::target::Target;
-    use crate::plant::{ClosedLoop, EnvelopeLoop, Scene};
+    use crate::plant::{ClosedLoop, EnvelopeLoop, Noise, Scene};
     use crate::regime::gear::GearWatch;
+
+    #[test]
+    fn a_matrix_times_its_inverse_is_one_where_it_is_within() {
+        let mut noise = Noise::new(7);
+        for chosen in 0..1_u32 << PARTS {
+            let within: [bool; PARTS] = core::array::from_fn(|n| chosen >> n & 1 == 1);
+            let mut matrix = [[0.0; PARTS]; PARTS];
+            for a in 0..PARTS {
+                for b in 0..a {
+                    matrix[a][b] = 0.3 * (noise.uniform() - 0.5);
+                    matrix[b][a] = matrix[a][b];
+                }
+                matrix[a][a] = 1.0;
+            }
+            let inverse = inverted(&matrix, &within);
+            for a in 0..PARTS {
+                for b in 0..PARTS {
+                    let product: f32 = (0..PARTS)
+                        .filter(|n| within[*n])
+                        .map(|n| matrix[a][n] * inverse[n][b])
+                        .sum();
+                    let both = within[a] && within[b];
+                    // Off the diagonal the sums of six are below 0.9: condition below 20, and seven roundings of each of seven steps.
+                    let expected = if both && a == b { 1.0 } else { 0.0 };
+                    if within[a] {
+                        assert!(
+                            (product - expected).abs() < 49.0 * 20.0 * f32::EPSILON,
+                            "{a} {b}: {product}"
+                        );
+                    } else {
+                        assert_eq!(inverse[a][b], 0.0);
+                    }
+                }
+            }
+        }
+    }
 
     /// Parts of a lot, evenly over it, at a fixed k.
     fn scene(lot: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
