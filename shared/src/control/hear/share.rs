@@ -811,14 +811,17 @@ mod tests {
         let mut noise = Noise::new(7);
         for chosen in 0..1_u32 << PARTS {
             let within: [bool; PARTS] = core::array::from_fn(|n| chosen >> n & 1 == 1);
-            let mut matrix = [[0.0; PARTS]; PARTS];
-            for a in 0..PARTS {
-                for b in 0..a {
-                    matrix[a][b] = 0.3 * (noise.uniform() - 0.5);
-                    matrix[b][a] = matrix[a][b];
-                }
-                matrix[a][a] = 1.0;
-            }
+            let drawn: [[f32; PARTS]; PARTS] =
+                core::array::from_fn(|_| core::array::from_fn(|_| 0.3 * (noise.uniform() - 0.5)));
+            let matrix: [[f32; PARTS]; PARTS] = core::array::from_fn(|a| {
+                core::array::from_fn(|b| {
+                    if a == b {
+                        1.0
+                    } else {
+                        drawn[a.max(b)][a.min(b)]
+                    }
+                })
+            });
             let inverse = inverted(&matrix, &within);
             for a in 0..PARTS {
                 for b in 0..PARTS {
