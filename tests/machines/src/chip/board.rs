@@ -10,7 +10,7 @@ use super::power::{LOWEST, Power, Supply};
 use super::serial::Serial;
 use super::system::{Asks, NMI, System};
 use super::voltage::Voltage;
-use super::watchdog::{Independent, Window};
+use super::watchdog::{Independent, WINDOW_CONTROL, Window};
 use super::world::{STEP, Seen, World};
 
 /// Where the RAM lies.
@@ -48,6 +48,9 @@ pub struct Board {
     pub stall: u32,
     /// An interrupt may be due.
     pub attention: bool,
+    /// Looks in a row at the status of the busy flash, with nothing written and nothing else read of registers between but the
+    /// count of the window watchdog.
+    pub looks: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
     /// A reset that is due.
@@ -106,6 +109,7 @@ impl Default for Board {
             cycle: 63,
             stall: 0,
             attention: false,
+            looks: 0,
             float: false,
             reset: None,
             supplied: true,
@@ -417,6 +421,13 @@ impl Board {
         }
     }
 
+    /// How long nothing changes that a core sees which looks at nothing but the flash's status and the window watchdog's count.
+    #[must_use]
+    pub fn is_still_until(&self) -> u64 {
+        let counts = self.window.counts_at(self.now, self.lower());
+        self.next.min(self.flash.busy()).min(counts)
+    }
+
     /// The flash is busy: whoever reads it waits.
     fn wait_for_flash(&mut self) {
         if self.flash.busy() > self.now && self.cycle > 0 {
@@ -443,6 +454,14 @@ impl Board {
         }
         let (now, lower) = (self.now, self.lower());
         let offset = address & 0x3ff;
+        match address {
+            flash::STATUS if self.flash.busy() > now => {
+                self.looks = self.looks.saturating_add(1);
+                self.attention = true;
+            }
+            WINDOW_CONTROL => {}
+            _ => self.looks = 0,
+        }
         match address {
             0x4000_2c00..0x4000_3000 => self.window.read(offset, now, lower),
             0x4000_3000..0x4000_3400 => self.watchdog.read(offset, now),
@@ -544,6 +563,7 @@ impl Board {
     }
 
     fn own(&mut self, address: u32) -> u32 {
+        self.looks = 0;
         match address {
             IDENTITY => self.identity.0,
             0xe004_2004 => self.stops[0],
@@ -687,6 +707,7 @@ impl Bus for Board {
 
     #[inline]
     fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
+        self.looks = 0;
         let at = address.wrapping_sub(MEMORY) as usize;
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }

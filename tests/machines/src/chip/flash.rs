@@ -12,6 +12,8 @@ const SIZE: usize = 1024 * 1024;
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
 /// The registers of its controller.
 pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
+/// Its status register.
+pub const STATUS: u32 = REGISTERS.start + 0x0c;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];

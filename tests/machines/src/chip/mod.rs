@@ -123,8 +123,19 @@ pub struct Chip {
     gone: bool,
     /// What the handlers took, by the number of their exception.
     handlers: [Handler; EXCEPTIONS],
+    /// The core after its last look at the status of the busy flash.
+    looked: Option<Box<Looked>>,
     /// The core executes nothing from this instruction on, but for interrupts above it: what hangs it, and how.
     pub hangs: Option<Hang>,
+}
+
+/// A core that has looked at the status of the busy flash.
+#[derive(Clone, Debug)]
+struct Looked {
+    core: Core,
+    at: u64,
+    /// Ticks and instructions since the look before, where the core was the same then.
+    took: Option<(u64, u64)>,
 }
 
 /// How a program is hung.
@@ -158,6 +169,7 @@ impl Default for Chip {
             was_reset: false,
             gone: false,
             handlers: [Handler::default(); EXCEPTIONS],
+            looked: None,
             hangs: None,
         }
     }
@@ -503,6 +515,36 @@ impl Chip {
             self.board.happen();
         }
         self.attend();
+        if self.board.looks > 0 {
+            self.looks_on(until);
+        }
+    }
+
+    /// A core that waits for the flash does the same again and again: as many rounds as nothing changes in pass at once.
+    #[cold]
+    fn looks_on(&mut self, until: u64) {
+        let now = self.board.now;
+        let before = self.looked.take().filter(|_| self.board.looks > 1);
+        let mut took = None;
+        if let Some(mut before) = before {
+            let rounds = self.core.instructions - before.core.instructions;
+            before.core.instructions = self.core.instructions;
+            let same = before.core == self.core;
+            took = same.then_some((now - before.at, rounds));
+            // The first rounds may find a line of the program that is not there yet.
+            if let Some((ticks, instructions)) = took.filter(|_| took == before.took) {
+                let still = self.board.is_still_until().min(until);
+                let rounds = still.saturating_sub(now + 1) / ticks.max(1);
+                self.core.instructions += rounds * instructions;
+                self.board.now += rounds * ticks;
+                self.board.cycles += rounds * ticks / self.board.cycle.max(1);
+            }
+        }
+        self.looked = Some(Box::new(Looked {
+            core: self.core.clone(),
+            at: self.board.now,
+            took,
+        }));
     }
 
     /// One instruction.
@@ -677,6 +719,51 @@ fn width(address: u32, length: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Run up to every few cycles, the chip executes each round of the wait; run at once, most of them pass together.
+    #[test]
+    fn a_wait_for_the_flash_that_passes_at_once_ends_as_one_that_is_executed() {
+        const CODE: u32 = 0x2000_1000;
+        // ldr r2, [r0]; ldr r4, [r1]; tst r2, r3; bne back to the first; b to itself.
+        let program = [0x6802_u16, 0x680c, 0x421a, 0xd1fb, 0xe7fe];
+        let mut chip = Chip::default();
+        let vectors = [0x2002_0000_u32, 0x0800_0009, 0xe7fe_e7fe];
+        for (place, word) in chip.flash_mut().chunks_exact_mut(4).zip(vectors) {
+            place.copy_from_slice(&word.to_le_bytes());
+        }
+        chip.power_on();
+        chip.run(TICKS / 1000);
+        chip.board.flash.erases_in = Some(TICKS / 100);
+        for (half, code) in program.into_iter().zip((CODE..).step_by(2)) {
+            chip.board.store(code, 2, half.into()).unwrap();
+        }
+        // The clock of the window watchdog, its slowest count, and that it runs; the keys of the flash, and sector 11.
+        for (address, value) in [
+            (0x4002_3840, 1 << 11),
+            (0x4000_2c04, 0x1ff),
+            (0x4000_2c00, 0xff),
+            (0x4002_3c04, 0x4567_0123),
+            (0x4002_3c04, 0xcdef_89ab),
+            (0x4002_3c10, 2 | 11 << 3 | 2 << 8),
+            (0x4002_3c10, 2 | 11 << 3 | 2 << 8 | 1 << 16),
+        ] {
+            chip.board.store(address, 4, value).unwrap();
+        }
+        chip.core.r[..4].copy_from_slice(&[0x4002_3c0c, 0x4000_2c00, 0, 1 << 16]);
+        chip.core.r[15] = CODE;
+        let mut executed = chip.clone();
+        let end = chip.board.now + TICKS / 80;
+        chip.run(end);
+        while executed.board.now < end {
+            let soon = executed.board.now + 3 * executed.board.cycle;
+            executed.run(soon.min(end));
+        }
+        assert_eq!(chip.core.r[15], CODE + 8, "the wait is over");
+        assert_eq!(chip.core, executed.core);
+        assert_eq!(chip.board.now, executed.board.now);
+        assert_eq!(chip.board.cycles, executed.board.cycles);
+        assert_eq!(chip.board.reset, None);
+    }
 
     #[test]
     fn a_fault_within_a_fault_locks_up_once_until_the_watchdog_bites() {

@@ -2,6 +2,9 @@
 
 use super::clocks::TICKS;
 
+/// The control register of the window watchdog, which has its count.
+pub const WINDOW_CONTROL: u32 = 0x4000_2c00;
+
 /// The independent one, from an oscillator of its own.
 #[derive(Clone, Debug)]
 pub struct Independent {
@@ -179,6 +182,16 @@ impl Window {
         let step = self.step(cycle).max(1);
         let passed = now / step - self.since / step;
         (self.control & 0x7f).saturating_sub(passed.min(0x7f) as u32)
+    }
+
+    /// When the count is next another one, in ticks.
+    #[must_use]
+    pub fn counts_at(&self, now: u64, cycle: u64) -> u64 {
+        if !self.running() {
+            return u64::MAX;
+        }
+        let step = self.step(cycle).max(1);
+        (now / step + 1) * step
     }
 
     /// A register.

@@ -72,7 +72,7 @@ pub const LINK: usize = 14;
 pub const COUNTER: usize = 15;
 
 /// Registers and state of the core.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Core {
     /// r0 to r15; between two instructions r15 is the address of the next.
     pub r: [u32; 16],
