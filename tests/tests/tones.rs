@@ -261,6 +261,45 @@ fn a_launch_from_a_level_push_is_said_to_graze_in_f32() {
     assert!(!impact.grazes && impact.flight > 126.0, "{impact:?}");
 }
 
+/// The gap is level for 0.1 rad over a hump, 1.5e-7 above 0, half a rad before the impact: within the roundings of f32.
+/// Found by seed 20261127.
+#[test]
+fn a_flight_that_is_level_with_a_hump_is_said_to_graze_in_f32() {
+    let tone = |amplitude, angle| Tone { amplitude, angle };
+    let tones = [
+        tone(0.246_266_911_271_959_54, 1.163_124_047_413_816_5),
+        tone(0.073_840_432_567_521_93, 2.725_558_356_411_393),
+    ];
+    let single = WaveSingle::on_tones(tones, 0.455_613_970_756_530_76, 0.5).unwrap();
+    let at = |velocity| single.impact(WaveSingle::state(4.725_681_662_626_832, velocity).unwrap());
+    assert!(at(1.652_770_400_047_302_2).grazes);
+    // By 1e-3 faster it is well above, by 1e-3 slower well below.
+    let [above, below] = [at(1.653_8), at(1.651_8)];
+    assert!(
+        !above.grazes && !below.grazes && above.flight - below.flight > 0.1,
+        "{above:?} {below:?}"
+    );
+}
+
+/// From the near root of the parabola, where this part all but rests on the track, Householder's steps lead 1468 rad away and back:
+/// f32 measures the distance from launch along the way. Found by seed 20261128.
+#[test]
+fn steps_that_stray_lose_no_digits_in_f32() {
+    let second = Tone {
+        amplitude: 0.077_611_366_286_873_82,
+        angle: 1.514_443_180_465_87,
+    };
+    let tones = [second, Tone::default()];
+    let k = 0.369_701_445_102_691_65;
+    let start = WaveSingle::state(1.629_070_890_210_085_7, 0.000_190_977_909_369_394_18).unwrap();
+    let impact = WaveSingle::on_tones(tones, k, 0.5).unwrap().impact(start);
+    let expected = WaveMap::on_tones(tones, k, 0.5).unwrap();
+    let expected = expected.impact(WaveSingle::observe(start));
+    // Ten roundings of a rise of 1 over 3 rad, by a speed of arrival of 1.3.
+    let off = (impact.flight - expected.flight).abs();
+    assert!(off < 1.5e-6, "{off:e}");
+}
+
 /// Three rad after these launches the ball is 20 below a track that it met after one: where integers tell no more of a height
 /// than that it is beyond 2, it is no impact. Found by seed 20261123.
 #[test]

@@ -179,9 +179,17 @@ impl Track {
             |from: f64, [at, least]: [f64; 2]| least / self.rounding(phase, velocity, from + at);
         let mut clearance = lowest([velocity, quotient[1], quotient[2], -bound / 24.0, 0.0], d)
             .map_or(f64::INFINITY, |[at, least]| near(0.0, [at, at * least]));
+        let mut before = f64::INFINITY;
+        let mut falls = true;
         for n in 0..40_000 {
             let at = launched.gap(d);
             let rounding = self.rounding(phase, velocity, d);
+            // Where the gap is all but level its bound within a step has no lowest point: the one before it was low then.
+            if falls && at[0] > before {
+                clearance = clearance.min(before / rounding);
+            }
+            falls = at[0] < before;
+            before = at[0];
             if at[0] <= 0.0 {
                 break;
             }

@@ -76,6 +76,10 @@ const NEAR: f32 = 2.0;
 /// what bounds the error.
 const SIMPLE: f32 = 0.1;
 
+/// Longest step in nodes, a turn, of a kernel that settles no further: one from where the part is hardly nearer to the track leads
+/// far away, and where the next leads back the distance has lost its last digits.
+const STRAYED: u32 = 256;
+
 /// Householder's third-order step on nodes until it is short: from a node `late` after the part was at
 /// height `base`, going down at `speed`.
 #[inline(always)]
@@ -120,6 +124,9 @@ pub(super) fn approach<F: Flight>(
                 bend,
                 end: (next, step - count * SPACING),
             });
+        }
+        if F::FINAL && jump.unsigned_abs() > STRAYED {
+            return None;
         }
         node = next;
         late += count * SPACING;

@@ -337,12 +337,19 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
             }
             let steps = i64::from(wait) + 1 + (i64::from(turn) << 32);
             let over_begin = edges.gap(begin, steps, &hump.begin);
+            let over_end = || edges.gap(end, steps + i64::from(hump.length), &hump.end);
             // A launch one step before the hump is at its begin: above the track from there on.
             if over_begin.height <= 0.0 && begin > 0.0 {
+                // Rounding alone may have put the begin there.
+                grazes |= over_begin.height > -edges.rounding(begin)
+                    && edges.is_level(begin, end, over_begin, over_end());
                 return (concave(launch, low, begin, over_begin, hump), grazes);
             }
-            let over_end = edges.gap(end, steps + i64::from(hump.length), &hump.end);
+            let over_end = over_end();
             if over_end.height <= 0.0 {
+                grazes |= over_end.slope > 0.0
+                    && over_end.height > -edges.rounding(end)
+                    && edges.is_level(begin, end, over_begin, over_end);
                 let bracket = Bracket {
                     low: begin,
                     high: end,
@@ -518,18 +525,34 @@ impl<F: Edged> Edges<'_, F> {
                 begin,
             ),
         });
-        let rounding = if x < self.short {
-            // Some roundings of f32 and of the pull: of each of its tones where it is a sum in f32.
-            let pull = if self.launch.is_near_level() {
-                F::PULL
-            } else {
-                larger(F::PULL, 6e-8 * self.track.tones.bound(2))
-            };
-            x * (4e-7 * self.launch.velocity + pull * x)
+        (bracket, abs(lowest) < self.rounding(x))
+    }
+
+    /// Whether the gap over the hump from `begin` to `end`, below 0 at one of them, is nowhere farther below 0 than its rounding.
+    #[inline(never)]
+    fn is_level(&self, begin: f32, end: f32, over_begin: Gap, over_end: Gap) -> bool {
+        if over_begin.slope >= 0.0 {
+            over_begin.height > -self.rounding(begin)
+        } else if over_end.slope <= 0.0 {
+            over_end.height > -self.rounding(end)
         } else {
-            F::ROUNDING + F::DRIFT * x
+            let share = over_begin.slope / (over_end.slope - over_begin.slope);
+            self.lowest(begin, end, share).1
+        }
+    }
+
+    /// What rounding may take from the gap after `x`.
+    fn rounding(&self, x: f32) -> f32 {
+        if x >= self.short {
+            return F::ROUNDING + F::DRIFT * x;
+        }
+        // Some roundings of f32 and of the pull: of each of its tones where it is a sum in f32.
+        let pull = if self.launch.is_near_level() {
+            F::PULL
+        } else {
+            larger(F::PULL, 6e-8 * self.track.tones.bound(2))
         };
-        (bracket, abs(lowest) < rounding)
+        x * (4e-7 * self.launch.velocity + pull * x)
     }
 
     /// The slope of the gap and half its curvature after `x`, in f32.
