@@ -6,6 +6,7 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
+use kband::arithmetic::Phase;
 use kband::control::{Command, Cycle, Overtone, Signal, UPPER};
 
 /// Cycles up, commands down.
@@ -36,6 +37,7 @@ impl Exchange {
             cycle: Mailbox::new(),
             command: Mutex::new(Cell::new(Command {
                 amplitude: 0.0,
+                lead: Phase::ZERO,
                 overtones: [Overtone::NONE; UPPER],
                 step: 0,
                 immediate: true,

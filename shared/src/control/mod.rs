@@ -49,7 +49,7 @@ pub use hear::{AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, Load, Overtone,
 #[cfg(feature = "plant")]
 pub(crate) use hear::{
     Fold, HEARD_PER_CYCLE, Heard, HighPass, MOST_BLANKED, Onset, OnsetDetector, QUARTILE, SECTORS,
-    SECTORS_HANDED, Sectors, Standard,
+    SECTORS_HANDED, Sectors, Standard, outweighed, repeated,
 };
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{Inputs, StartCause};

@@ -4,7 +4,7 @@
 use core::f64::consts::{FRAC_PI_2, TAU};
 
 use heapless::Vec;
-use num_complex::Complex64 as Complex;
+use num_complex::{Complex32, Complex64 as Complex};
 
 use super::drive::Swing;
 use super::feeder::{STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter};
@@ -22,7 +22,7 @@ use super::upper::UpperEnvelope;
 use crate::arithmetic::Phase;
 use crate::control::{
     Command, Cycle, HEARD_PER_CYCLE, Heard, Onset, QUARTILE, SAMPLE_RATE, SECTORS_HANDED, Standard,
-    phase_step,
+    outweighed, phase_step, repeated,
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::{Contact, Wave, WaveMap};
@@ -73,6 +73,8 @@ pub struct EnvelopePlant {
     strikes: Vec<Strike, STRIKES>,
     /// Impacts heard whose cycle has not ended, in the order of time.
     waiting: Vec<HeardAt, WAITING>,
+    /// Acceleration as the demodulator had it last under a load, along sine and cosine of the phase.
+    shown: Complex,
     /// The detector's median, which follows the noise over some cycles.
     median: f64,
 }
@@ -122,6 +124,7 @@ impl EnvelopePlant {
             watched: true,
             strikes: Vec::new(),
             waiting: Vec::new(),
+            shown: Complex::new(0.0, 0.0),
             median: 1.0 / codes,
         };
         plant.sense();
@@ -152,10 +155,10 @@ impl EnvelopePlant {
     /// Runs one drive cycle as it is told.
     /// `next` is what the signal path is told for the cycle after it: what it is to fold, and to leave out.
     pub(crate) fn cycle(&mut self, told: &Command, next: &Command) -> Cycle {
-        let (output, step) = (told.amplitude, told.step);
+        let (output, step) = (f64::from(told.amplitude), told.step);
         self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
-        let driven = self.output(f64::from(output), step, middle);
+        let driven = self.output(output, told.lead.radians(), step, middle);
         let pushed = (self.load.as_mut()).map_or(Complex::new(0.0, 0.0), |load| {
             load.begin(f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN))
         });
@@ -184,16 +187,13 @@ impl EnvelopePlant {
         };
         // What is heard only in the cycle that follows is stamped with the phases of this one.
         let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
-        let readings = read.filter(|_| clipped);
+        // Parts with mass seldom ring all at once: where no reading was cut off the closed form holds, which blanks what rings.
+        let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
+        let readings = read.filter(|_| cut);
         let struck = self.listen(loudest);
         let swing = self.drive.steady_swing() * self.sense.factor;
         cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
         let mut found = self.drive.end();
-        if let Some(load) = &self.load {
-            // What the impacts themselves push is read as ringing, and blanked.
-            found.in_phase -= load.struck().im;
-            found.quadrature -= load.struck().re;
-        }
         if let Some(upper) = &mut self.upper {
             let ([cosine, sine], above) = upper.end(samples);
             found.in_phase += cosine;
@@ -205,10 +205,11 @@ impl EnvelopePlant {
             }
         }
         let heeded = 1.0 - self.onset.blanked(samples);
-        let found = readings.unwrap_or(Demodulated {
+        let mut found = readings.unwrap_or(Demodulated {
             in_phase: found.in_phase + struck.re / heeded,
             quadrature: found.quadrature + struck.im / heeded,
         });
+        self.blank(&mut found, samples);
         self.read(&mut cycle, found, loudest + added, middle);
         self.tell(&mut cycle, samples);
         self.readings.finish(next.fold, step, &mut cycle);
@@ -220,10 +221,15 @@ impl EnvelopePlant {
 
     /// The output with what the bus's ripple adds at the drive's frequency: `sin(wt) r sin(Wt)` is
     /// `r/2 cos((W - w)t)` beside what the drive does not answer.
-    fn output(&self, output: f64, step: u32, middle: f64) -> Complex {
+    fn output(&self, output: f64, lead: f64, step: u32, middle: f64) -> Complex {
         let output = output * f64::from(self.gain);
+        let ahead = if lead == 0.0 {
+            Complex::new(1.0, 0.0)
+        } else {
+            turn(lead)
+        };
         if self.ripple <= 0.0 {
-            return Complex::new(output, 0.0);
+            return ahead * output;
         }
         let turns = f64::from(step) / Phase::TURN;
         let apart = (2.0 * self.mains - 2.0 * turns) * TAU;
@@ -232,7 +238,27 @@ impl EnvelopePlant {
         let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
         // cos(x + wt) = Im(i e^(i x) e^(i wt)).
         let ripple = turn(beat) * (0.5 * f64::from(self.ripple) * sinc(0.5 * apart * samples));
-        (Complex::new(1.0, 0.0) + Complex::new(0.0, 1.0) * ripple) * output
+        (ahead + ahead.conj() * Complex::new(0.0, 1.0) * ripple) * output
+    }
+
+    /// What the demodulator makes of a cycle in which impacts push: they are read as ringing and blanked, and with them what of the motion is
+    /// there, for which the last cycle's stands.
+    fn blank(&mut self, found: &mut Demodulated, samples: u32) {
+        let Some(load) = &self.load else {
+            return;
+        };
+        let struck = load.struck();
+        let share = self.onset.blanked(samples) as f32;
+        let between = struck * f64::from(outweighed(share));
+        let now = Complex::new(found.quadrature, found.in_phase) - between;
+        // A push is a quarter turn ahead of the jump that it gives.
+        let ahead = struck * Complex::new(0.0, 1.0 / libm::sqrt(struck.norm_sqr()).max(1e-30));
+        let at = Complex32::new(ahead.re as f32, ahead.im as f32);
+        let repeated = repeated(at, share);
+        let repeated = Complex::new(f64::from(repeated.re), f64::from(repeated.im));
+        let shown = now + repeated * (self.shown - now).conj();
+        (found.quadrature, found.in_phase) = (shown.re, shown.im);
+        self.shown = shown;
     }
 
     /// Largest height of ringing that this cycle's strikes may add up to, in m/s^2.
@@ -486,6 +512,7 @@ impl EnvelopePlant {
     /// Puts what was demodulated into the readings of the board.
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
         cycle.noise = (self.median / QUARTILE) as f32;
+        cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
         if self.lost {
             cycle.sectors.energy = [0.0; SECTORS_HANDED];
             let code = (self.sense.zero + 0.5) as u16;

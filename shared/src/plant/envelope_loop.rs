@@ -99,6 +99,7 @@ impl EnvelopeLoop {
         self.pending = self.controller.command();
         if self.pending.immediate {
             self.running.amplitude = self.pending.amplitude;
+            self.running.lead = self.pending.lead;
             self.running.overtones = self.pending.overtones;
         }
         share(&mut self.controller);

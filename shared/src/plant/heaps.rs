@@ -124,27 +124,29 @@ fn waveform(quality: f32, most: f64) -> f64 {
 /// Where what the accelerometer lacks of the impacts' push is left out as soon as gear is no longer heard for sure, 4 and 7 %.
 #[test]
 fn the_track_keeps_its_amplitude_while_its_load_grows() {
-    for (quality, most, held) in [(25.0, 0.1, 0.03), (50.0, 0.05, 0.022)] {
+    for (quality, most, held) in [(25.0, 0.1, 0.03), (50.0, 0.05, 0.022), (50.0, 0.1, 0.03)] {
         let dips = [envelope(quality, most), waveform(quality, most)];
         assert!(
             dips.iter().all(|dip| *dip < held),
             "{quality} {most}: {dips:?}"
         );
     }
-    let dip = waveform(50.0, 0.1);
-    assert!(dip < 0.03, "{dip}");
 }
 
-/// A hopper's 24 parts on the empty track: of six seeds and Q 10, 25 and 50 the worst are 1.4 and 0.34 % at 2 % of the track's mass, 1.7 and
-/// 0.54 % at 5 %, and 2.7 and 0.98 % at 10 %, the last sample by sample.
+/// A hopper's 24 parts on the empty track, in both fidelities; where the amplitude alone is held, and not the track's phase, a fifth of the track's mass
+/// swings by 9 % sample by sample and by 36 % in the envelope.
 #[test]
 fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
-    let scene = |quality| Scene {
-        waiting: 24,
-        ..feeder(quality)
-    };
-    for (quality, most, held) in [(10.0, 0.02, [0.015, 0.004]), (25.0, 0.05, [0.02, 0.006])] {
-        let scene = scene(quality);
+    for (quality, most, held) in [
+        (10.0, 0.02, [0.016, 0.004]),
+        (25.0, 0.05, [0.02, 0.006]),
+        (50.0, 0.1, [0.03, 0.009]),
+        (50.0, 0.2, [0.08, 0.022]),
+    ] {
+        let scene = Scene {
+            waiting: 24,
+            ..feeder(quality)
+        };
         for [worst, rms] in [
             fallen(most, EnvelopeLoop::build(&scene).unwrap()),
             fallen(most, ClosedLoop::build(&scene).unwrap()),
@@ -152,8 +154,6 @@ fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
             assert!(worst < held[0] && rms < held[1], "{quality}: {worst} {rms}");
         }
     }
-    let [worst, rms] = fallen(0.1, ClosedLoop::build(&scene(50.0)).unwrap());
-    assert!(worst < 0.03 && rms < 0.01, "{worst} {rms}");
 }
 
 /// Cycles of the past that tell the next one, and those that the weights are found from; as many are foretold with them.
@@ -192,30 +192,36 @@ fn least_squares<const N: usize>(rows: &[[f64; N]], wanted: &[f64]) -> [f64; N] 
 fn what_no_loop_can_foresee_of_the_amplitude_goes_with_the_load() {
     for most in [0.05, 0.1] {
         let mut closed = ClosedLoop::build(&feeder(25.0)).unwrap();
-        let (mut before, mut history) = (0.0, std::vec::Vec::new());
+        let (mut before, mut history) = ([0.0; 2], std::vec::Vec::new());
         for n in 0..BEGIN + 200 + 2 * TOLD {
             closed.heap(most * ((n + 1) as f64 / BEGIN as f64).min(1.0));
             let (moment, motion) = closed.run();
             let [sine, cosine] = motion;
             // The motion of the cycle, and the output that drove it.
-            let cycle = [off(&moment, motion), libm::atan2(cosine, sine), before];
-            before = f64::from(moment.report.command.amplitude);
+            let [along, across] = before;
+            let phase = libm::atan2(cosine, sine);
+            let cycle = [off(&moment, motion), phase, along, across];
+            let command = moment.report.command;
+            let (ahead, straight) = libm::sincos(command.lead.radians());
+            before = [straight, ahead].map(|part| part * f64::from(command.amplitude));
             if n >= BEGIN + 200 {
                 history.push(cycle);
             }
         }
-        let mean: [f64; 3] = core::array::from_fn(|part| {
+        let mean: [f64; 4] = core::array::from_fn(|part| {
             history.iter().map(|cycle| cycle[part]).sum::<f64>() / history.len() as f64
         });
         let (mut rows, mut wanted) = (std::vec::Vec::new(), std::vec::Vec::new());
         for seen in history.windows(PAST + 1) {
-            let mut row = [0.0; 3 * PAST + 1];
+            let mut row = [0.0; 4 * PAST + 2];
             for (n, cycle) in seen[..PAST].iter().enumerate() {
-                for part in 0..3 {
-                    row[3 * n + part] = cycle[part] - mean[part];
+                for part in 0..4 {
+                    row[4 * n + part] = cycle[part] - mean[part];
                 }
             }
-            row[3 * PAST] = seen[PAST][2] - mean[2];
+            for part in 0..2 {
+                row[4 * PAST + part] = seen[PAST][2 + part] - mean[2 + part];
+            }
             rows.push(row);
             wanted.push(seen[PAST][0] - mean[0]);
         }
@@ -226,6 +232,7 @@ fn what_no_loop_can_foresee_of_the_amplitude_goes_with_the_load() {
             missed * missed
         });
         let rms = libm::sqrt(missed.sum::<f64>() / (rows.len() - TOLD) as f64);
+        std::println!("foreseen {most}: {}", rms / most);
         assert!((0.034..0.046).contains(&(rms / most)), "{most}: {rms}");
     }
 }

@@ -234,6 +234,7 @@ impl From<Command> for control::Command {
         let overtone = |[sine, cosine]: [f32; 2]| control::Overtone { sine, cosine };
         Self {
             amplitude: command.amplitude,
+            lead: Phase::ZERO,
             overtones: command.overtones.map(overtone),
             step: command.step,
             immediate: command.immediate,
@@ -572,6 +573,7 @@ mod tests {
             events,
             command: control::Command {
                 amplitude: 0.3,
+                lead: Phase::ZERO,
                 overtones: [
                     control::Overtone {
                         sine: 0.25,

@@ -2,8 +2,7 @@
 
 use core::f32::consts::TAU;
 
-use crate::arithmetic::Phase;
-use crate::arithmetic::square_root_single;
+use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::aim::{NoSetpoint, Selection};
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::supervise::{
@@ -14,7 +13,8 @@ use crate::control::target::Target;
 use num_complex::Complex32 as Complex;
 
 use crate::control::drive::{
-    AmplitudeLoop, Asked, Move, Reference, Resonance, Scale, Shape, Tones, TrackMotion, UPPER, size,
+    AmplitudeLoop, Asked, Move, Reference, Resonance, Scale, Shape, Struck, Tones, TrackMotion,
+    UPPER, size,
 };
 use crate::control::hear::{
     Cycle, Deafness, GearHearing, HeardWith, Listener, LoadMeter, Sound, Tuned, Weighed, Weighing,
@@ -112,6 +112,8 @@ pub struct Controller {
     limits: LimitMonitor,
     reference: Reference,
     output: f32,
+    /// How far it leads, in rad.
+    ahead: f32,
     tones: Tones,
     /// What weighs the parts, where the mass of the track is told.
     meter: Option<LoadMeter>,
@@ -161,6 +163,7 @@ impl Controller {
             limits: LimitMonitor::default(),
             reference: Reference::default(),
             output: 0.0,
+            ahead: 0.0,
             tones: Tones::build(settings)?,
             meter: LoadMeter::build(settings),
             weighing: Weighing::default(),
@@ -226,7 +229,7 @@ impl Controller {
         self.machine.count();
         let sine = -cycle.quadrature / self.scale.square;
         let cosine = -cycle.in_phase / self.scale.square;
-        let [sine, cosine] = self.weigh(sine, cosine);
+        let [sine, cosine] = self.weigh(cycle, sine, cosine);
         let measured = square_root_single(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
         let motion = self.motion(cycle, Complex::new(sine, cosine));
@@ -245,11 +248,16 @@ impl Controller {
         } else {
             // A sensor that may be lost is not followed: the output waits for the verdict.
             if !blind {
-                self.output = self.amplitude.cycle(
-                    measured,
-                    self.reference.now,
-                    self.scale.most_output(self.expected[0]),
-                );
+                let reference = self.reference.now;
+                let most = self.scale.most_output(self.expected[0]);
+                let struck = Struck {
+                    at: (self.meter.as_ref()).map_or(Complex::default(), LoadMeter::struck),
+                    silent: self.meter.as_ref().is_none_or(LoadMeter::silent),
+                };
+                [self.output, self.ahead] = self
+                    .amplitude
+                    .under_load(motion.first, struck, reference, most)
+                    .unwrap_or_else(|| [self.amplitude.cycle(measured, reference, most), 0.0]);
                 let wanted = self.machine.listens_for_chaos();
                 let heard_with = HeardWith {
                     count: self.count,
@@ -302,7 +310,8 @@ impl Controller {
         } else {
             0.0
         };
-        let driven = self.output - load;
+        let (_, along) = sine_cosine_single(phase_of(self.ahead));
+        let driven = self.output * along - load;
         self.expected = [self.scale.after(newest, driven), newest, before];
         self.seen = Seen {
             amplitude: measured,
@@ -317,16 +326,18 @@ impl Controller {
     }
 
     /// Weighs the parts; the track's motion along sine and cosine of the output's phase, with what they push of it, in m.
-    fn weigh(&mut self, sine: f32, cosine: f32) -> [f32; 2] {
+    fn weigh(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
         if self.meter.is_none() {
             return [sine, cosine];
         }
         let one = self.listener.margin();
         let phases = &self.listener.phases;
         let goal = self.selection.setpoint(&self.scale);
+        let (across, along) = sine_cosine_single(phase_of(self.ahead));
         let seen = Weighed {
             motion: Complex::new(sine, cosine),
-            output: self.output,
+            output: Complex::new(along, across) * self.output,
+            blanked: cycle.blanked,
             square: self.scale.square,
             frequency: self.resonance.frequency(),
             normal_gravity: self.scale.normal_gravity,
@@ -336,7 +347,7 @@ impl Controller {
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
             sine: self.selection.shape().is_sine(),
             concentration: phases.concentration(),
-            rate: phases.rate(),
+            heard: !cycle.heard.is_empty(),
             stands: self.machine.kick().is_none()
                 && self.machine.running()
                 && self.selection.chosen()
@@ -551,7 +562,7 @@ impl Controller {
 
     /// Everything at rest, drive off.
     fn rest(&mut self) {
-        self.output = 0.0;
+        (self.output, self.ahead) = (0.0, 0.0);
         self.reference.now = 0.0;
         self.amplitude.reset();
         self.tones.rest();
@@ -574,6 +585,7 @@ impl Controller {
     fn sweep(&mut self, measured: f32, events: &mut Events) {
         let output = self.sweep_amplitude() / self.scale.strength;
         self.output = output.min(self.settings.output_maximum);
+        self.ahead = 0.0;
         self.reference.now = measured;
         let ended = self.resonance.swept(measured);
         self.retune();
@@ -585,7 +597,7 @@ impl Controller {
 
     fn follow_resonance(&mut self, measured: f32) {
         if self.resonance.tracks() && measured > FOLLOWED * self.settings.safe_amplitude {
-            self.resonance.follow(self.lead);
+            self.resonance.follow(self.lead - self.ahead);
             self.retune();
         }
     }

@@ -2,7 +2,7 @@
 
 use super::Controller;
 use crate::control::aim::NoSetpoint;
-use crate::control::angle::radians_of;
+use crate::control::angle::{phase_of, radians_of};
 use crate::control::drive::size;
 use crate::control::hear::{Command, GearShare, Load, LoadMeter, Overtone};
 use crate::control::identify::Identification;
@@ -53,6 +53,7 @@ impl Controller {
         let overtones = self.tones.output();
         Command {
             amplitude: self.output,
+            lead: phase_of(self.ahead),
             overtones: overtones.map(|[sine, cosine]| Overtone { sine, cosine }),
             step: self.scale.step,
             immediate: !self.machine.running() || self.amplitude.at_once(),

@@ -9,7 +9,7 @@
 use num_complex::Complex32 as Complex;
 
 use super::envelope::{Envelope, size};
-use super::observer::Observer;
+use super::observer::{Observer, Struck};
 use super::scale::least;
 use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
@@ -181,7 +181,8 @@ impl AmplitudeLoop {
             output: [0.0; 3],
             model: Complex::default(),
             saturated: false,
-            observer: (settings.track_mass > 0.0 && envelope.first_order).then(Observer::default),
+            observer: (settings.track_mass > 0.0 && envelope.first_order)
+                .then(|| Observer::at(0.0, 0.0, 0.0)),
         })
     }
 
@@ -189,7 +190,7 @@ impl AmplitudeLoop {
     #[must_use]
     pub fn load(&self) -> f32 {
         self.observer
-            .map_or(0.0, |observer| observer.load() / self.gain)
+            .map_or(0.0, |observer| observer.load(self.tuning.keep) / self.gain)
     }
 
     /// Whether the output is to take effect at once, not only where the phase wraps.
@@ -208,7 +209,7 @@ impl AmplitudeLoop {
         self.output = [0.0; 3];
         self.model = Complex::default();
         self.saturated = false;
-        self.observer = self.observer.map(|_| Observer::default());
+        self.observer = self.observer.map(|_| Observer::at(0.0, 0.0, 0.0));
     }
 
     /// Takes over at an amplitude (m) that an output has brought about and holds.
@@ -222,8 +223,8 @@ impl AmplitudeLoop {
             self.gain = amplitude / output;
             self.learned = 1.0 / LEARNING;
         }
-        self.observer =
-            (self.observer).map(|_| Observer::at(amplitude, output * self.gain - amplitude));
+        let driven = output * self.gain;
+        self.observer = (self.observer).map(|_| Observer::at(amplitude, driven, self.tuning.keep));
     }
 
     /// Fewest cycles that a soft start may take, and the share of its pace that it may have now.
@@ -248,15 +249,8 @@ impl AmplitudeLoop {
         self.reference = [reference, newest, before, oldest];
         self.since += 0.25;
         let old = self.gain;
-        // What a load takes is no gain that is lost: where it is observed, the gain is the one told.
-        if self.observer.is_none() {
-            self.learn(measured);
-        }
-        let (raw, output) = if let Some(observer) = &mut self.observer {
-            let driven = self.output[0] * self.gain;
-            let raw = observer.cycle(measured, driven, reference, self.tuning.keep) / self.gain;
-            (raw, saturate(raw, low, high))
-        } else if self.envelope.first_order {
+        self.learn(measured);
+        let (raw, output) = if self.envelope.first_order {
             // What the feedforward now does, the integral term need not do any more.
             self.integral_term += self.reference[2] * (1.0 / old - 1.0 / self.gain);
             self.at_resonance(measured, low, high)
@@ -275,6 +269,32 @@ impl AmplitudeLoop {
         let [newest, before, _] = self.output;
         self.output = [output, newest, before];
         output
+    }
+
+    /// As [`AmplitudeLoop::cycle`] where parts load the track, of its motion along sine and cosine of the output's phase; gives how far the output
+    /// leads in rad, too. What a load takes is no gain that is lost: the gain is the one told.
+    pub fn under_load(
+        &mut self,
+        motion: Complex,
+        struck: Struck,
+        reference: f32,
+        most: f32,
+    ) -> Option<[f32; 2]> {
+        let Tuning {
+            keep, low, high, ..
+        } = self.tuning;
+        let observer = self.observer.as_mut()?;
+        let high = high.min(most) * self.gain;
+        let low = if reference > 0.0 {
+            (low * self.gain).min(high)
+        } else {
+            0.0
+        };
+        let ahead = motion * Complex::new(0.0, 1.0);
+        let wanted = observer.cycle(ahead, struck, reference, keep);
+        self.saturated = size(wanted) > high && (wanted.re > 0.0);
+        let [driven, lead] = observer.drive(wanted, low, high);
+        Some([driven / self.gain, lead])
     }
 
     /// Learns the gain from the cycle that ended, where the output is large enough to tell it: the mean of the start's

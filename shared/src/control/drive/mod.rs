@@ -31,6 +31,7 @@ pub use answer::Answer;
 pub use envelope::size;
 #[cfg(feature = "unstable")]
 pub use margins::LoopMargins;
+pub use observer::Struck;
 pub use reference::{Move, Reference};
 pub use resonance::Resonance;
 pub use scale::Scale;

@@ -8,30 +8,29 @@ use core::f32::consts::{PI, TAU};
 
 use num_complex::Complex32 as Complex;
 
+use super::blanked::{outweighed, repeated};
 use crate::arithmetic::{sine_cosine_single, square_root_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::settings::Settings;
 
-/// Weight of a cycle in the power taken that corrects the amplitude, and in the one that weighs: what the parts take scatters from cycle
-/// to cycle by a third of its mean, and by 4 % over 64 cycles.
-const QUICK: f32 = 1.0 / 6.0;
+/// Weight of a cycle in the power taken that weighs: what the parts take scatters from cycle to cycle by a third of its mean, and by 4 %
+/// over 64 cycles.
 const SLOW: f32 = 1.0 / 64.0;
 /// Cycles before a mass is told.
 const BEFORE: f32 = 64.0;
-/// Impacts per cycle below which the track is empty, and the weight of a cycle in the power that it takes then.
-const EMPTY: f32 = 0.01;
+/// Weight of a cycle in what the empty track takes.
 const TARE: f32 = 1.0 / 32.0;
 /// Cycles without an impact before it is taken for empty.
 const EMPTIED: f32 = 16.0;
+/// Weight of a cycle in the share that is blanked, and in how far the impacts agree.
+const GATHERED: f32 = 0.1;
 /// Share of their time in gear from which on the parts are weighed: what is out of gear takes another power.
 const IN_GEAR: f32 = 0.7;
-/// Most that a load may take off the amplitude's correction, over the mass of the track.
-const MOST: f32 = 0.5;
 
 /// What is on the track.
 ///
-/// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.8 % at most and
-/// the mass by 5.8 %, too high by some 3 % for every tenth of the track's mass (docs/theory-real-parts.md#t10.5).
+/// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.4 % at most and
+/// the mass by 2.9 % (docs/theory-real-parts.md#t10.5).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Mass of the parts in g (symbol m).
@@ -47,8 +46,10 @@ pub struct Load {
 pub struct Weighed {
     /// Motion between the impacts, as the demodulator has it, in m: along sine and cosine of the output's phase.
     pub motion: Complex,
-    /// Output of that cycle, as a share of full output.
-    pub output: f32,
+    /// Output of that cycle along sine and cosine of its phase, as a share of full output.
+    pub output: Complex,
+    /// Share of the cycle that the demodulator blanked.
+    pub blanked: f32,
     /// Square of the drive's angular frequency in 1/s^2 (symbol w^2).
     pub square: f32,
     /// Frequency in Hz.
@@ -67,8 +68,8 @@ pub struct Weighed {
     pub cosine: Option<f32>,
     /// Whether the track moves as a sine: a second tone takes power of its own.
     pub sine: bool,
-    /// Impacts heard per cycle.
-    pub rate: f32,
+    /// Whether an impact was heard in the cycle.
+    pub heard: bool,
     /// Whether the amplitude stands at its setpoint.
     pub stands: bool,
 }
@@ -88,13 +89,22 @@ pub struct LoadMeter {
     /// Along the track over normal to it, as cosine and sine of the lead; what a flight's fall takes back of it.
     along: [f32; 2],
     back: f32,
-    /// The force as the empty track shows it over the one told.
+    /// The force as the empty track shows it over the one told, and by how much the square of its resonance over the drive's is another.
     tare: f32,
+    detuned: f32,
     /// Cycles without an impact.
     silent: f32,
     amplitude: f32,
-    /// Mass over the track's, quickly and slowly, and cycles of the slow one.
-    quick: f32,
+    /// Share of a cycle that the demodulator blanks in the mean.
+    blanked: f32,
+    /// `e^(-i phase)` of the output at the impacts of parts in gear, and how far they agree.
+    at: Complex,
+    concentration: f32,
+    /// By how much less the spring has of the motion than the acceleration, in the mean.
+    less: f32,
+    /// The last motion, as the demodulator had it.
+    before: Complex,
+    /// Mass over the track's, and cycles of it.
     slow: f32,
     cycles: f32,
     load: Option<Load>,
@@ -119,9 +129,14 @@ impl LoadMeter {
             along: [cosine, sine].map(|part| part * settings.amplitude_ratio),
             back: libm::tanf(incline) * (1.0 + kept) / (1.0 - kept),
             tare: 1.0,
-            silent: 0.0,
+            detuned: 0.0,
+            silent: f32::INFINITY,
             amplitude: 0.0,
-            quick: 0.0,
+            blanked: 0.0,
+            at: Complex::new(0.0, 0.0),
+            concentration: 0.0,
+            less: 0.0,
+            before: Complex::new(0.0, 0.0),
             slow: 0.0,
             cycles: 0.0,
             load: None,
@@ -133,6 +148,18 @@ impl LoadMeter {
         (self.slow, self.cycles, self.load) = (0.0, 0.0, None);
     }
 
+    /// Where parts in gear strike: the mean of `e^(-i phase)` of the output.
+    #[must_use]
+    pub fn struck(&self) -> Complex {
+        self.at * self.concentration
+    }
+
+    /// Whether no part is heard.
+    #[must_use]
+    pub fn silent(&self) -> bool {
+        self.silent > EMPTIED
+    }
+
     /// What is on the track; `None` where the parts are not in gear, or not for long.
     #[must_use]
     pub fn load(&self) -> Option<Load> {
@@ -141,7 +168,8 @@ impl LoadMeter {
 
     /// Takes a cycle; the track's motion with what the impacts push of it, in m.
     ///
-    /// Between the impacts the acceleration lacks what these give. The demodulator blanks them.
+    /// Between the impacts the acceleration lacks what these give, as the demodulator blanks them. The motion is that by which the spring,
+    /// the loss and the drive bring about the acceleration that is left, whatever the parts do.
     pub fn cycle(&mut self, seen: &Weighed) -> Complex {
         let Weighed {
             motion,
@@ -150,7 +178,6 @@ impl LoadMeter {
             frequency,
             normal_gravity,
             in_gear,
-            concentration,
             order,
             ..
         } = *seen;
@@ -159,49 +186,55 @@ impl LoadMeter {
         let slip = (1.0 - restitution) / (1.0 + restitution);
         // What would be b at k = 1.
         let unit = normal_gravity / square;
-        let corrected = |share: f32, amplitude: f32, cosine: f32| {
-            // Twice the weight, against the cosine of the phase since the impact, at the track's phase; whether the parts are heard to be in gear does
-            // not matter, how far they strike at one phase does.
-            let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
-            let direction = motion * (1.0 / amplitude);
-            motion + direction * Complex::new(sine, cosine) * (2.0 * share * unit * concentration)
-        };
         let bare = square_root_single(motion.norm_sqr());
+        let before = core::mem::replace(&mut self.before, motion);
+        self.silent = if seen.heard { 0.0 } else { self.silent + 1.0 };
         if bare < 1e-3 * unit {
             self.amplitude = bare;
             return motion;
         }
-        let cosine_at = |amplitude: f32| {
-            (seen.cosine).unwrap_or_else(|| (PI * turns * unit / amplitude * slip).min(1.0))
-        };
-        let found = corrected(self.quick, bare, cosine_at(bare));
-        let amplitude = square_root_single(found.norm_sqr());
-        let (k, cosine) = (unit / amplitude, cosine_at(amplitude));
         // The output is held between samples, half of one late.
-        let held = PI * frequency * (1.0 / SAMPLE_RATE as f32);
+        let (sine, cosine) = sine_cosine_single(phase_of(PI * frequency / SAMPLE_RATE as f32));
         let natural = self.natural * self.natural / square;
-        let (sine, along) = sine_cosine_single(phase_of(held));
-        let lag = -(found.im * along + found.re * sine) / amplitude;
-        let given = natural * self.force * output * lag / amplitude;
-        let empty = square_root_single(natural) * self.loss;
+        let told = output * Complex::new(cosine, -sine) * (natural * self.force);
+        let forced = told * self.tare;
+        let loss = square_root_single(natural) * self.loss;
+        let empty = Complex::new(natural - 1.0 + self.detuned, loss);
+        if self.silent() {
+            (self.amplitude, self.load) = (bare, None);
+            (self.blanked, self.concentration, self.less) = (0.0, 0.0, 0.0);
+            // What lies on a track that throws it is heard.
+            if seen.stands && bare > unit {
+                let shown = told / motion;
+                self.tare += (loss / shown.im.max(0.1 * loss) - self.tare) * TARE;
+                self.detuned += ((shown * self.tare).re - empty.re) * TARE;
+            }
+            return motion;
+        }
+        // Where the parts strike, by the motion before.
+        self.blanked += (seen.blanked - self.blanked) * GATHERED;
+        if seen.concentration > 0.0 {
+            self.concentration += (seen.concentration - self.concentration) * GATHERED;
+        }
+        let cosine_at = |k: f32| (seen.cosine).unwrap_or_else(|| (PI * turns * k * slip).min(1.0));
+        let cosine = cosine_at(unit / bare);
+        let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
+        self.at = motion * (1.0 / bare) * Complex::new(cosine, -sine);
+        let between = motion - repeated(self.at, seen.blanked) * (before - motion).conj();
+        let weight = outweighed(self.blanked);
+        let mut more = (between + forced * weight) / ((empty * weight + 1.0) * between);
+        // What lies on the track is mass of it: its push is in the acceleration.
+        self.less += (1.0 - more.re - self.less) * GATHERED;
+        more.re += self.less.max(0.0);
+        let found = between * more;
+        let amplitude = square_root_single(found.norm_sqr());
+        let k = unit / amplitude;
+        let cosine = cosine_at(k);
         // What the swing itself takes up as it grows.
         let grown = (amplitude - self.amplitude) / (PI * amplitude);
         self.amplitude = amplitude;
-        self.silent = if seen.rate < EMPTY {
-            self.silent + 1.0
-        } else {
-            0.0
-        };
-        if self.silent > EMPTIED {
-            (self.quick, self.load) = (0.0, None);
-            if seen.stands && given > 0.0 {
-                self.tare += (empty / given - self.tare) * TARE;
-            }
-            return found;
-        }
-        let taken = given * self.tare - empty - grown;
+        let taken = (forced / found - empty).im - grown;
         let share = taken / (2.0 * k * cosine.max(0.1));
-        self.quick += (share.clamp(0.0, MOST) - self.quick) * QUICK;
         if !seen.stands || !seen.sine || in_gear < IN_GEAR {
             self.forget();
             return found;
@@ -274,7 +307,8 @@ mod tests {
         let between = motion * (Complex::new(1.0, 0.0) + pushed);
         let seen = Weighed {
             motion: between,
-            output,
+            output: Complex::new(output, 0.0),
+            blanked: 0.0,
             square,
             frequency: 50.0,
             normal_gravity,
@@ -284,7 +318,7 @@ mod tests {
             restitution: None,
             cosine: None,
             sine: true,
-            rate: 1.0,
+            heard: true,
             stands: true,
         };
         (seen, motion)
@@ -330,7 +364,7 @@ mod tests {
         let settings = settings();
         let mut meter = LoadMeter::build(&settings).unwrap();
         let (mut empty, _) = seen(&settings, 0.4, 0.0);
-        (empty.rate, empty.in_gear) = (0.0, 0.0);
+        (empty.heard, empty.in_gear) = (false, 0.0);
         empty.output *= 1.1;
         for _ in 0..400 {
             meter.cycle(&empty);

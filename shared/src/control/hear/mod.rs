@@ -14,6 +14,7 @@
 //! | `lock` | the phases at which a wanted lock strikes |
 //! | `listener` | whether the parts are locked, and their regime |
 
+mod blanked;
 mod deaf;
 mod energy;
 mod fold;
@@ -28,6 +29,8 @@ mod share;
 mod signal;
 mod weighing;
 
+#[cfg(feature = "plant")]
+pub use blanked::{outweighed, repeated};
 pub use deaf::{Deafness, Sound};
 #[cfg(all(test, feature = "plant"))]
 pub use energy::Energy;

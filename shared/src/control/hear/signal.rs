@@ -40,6 +40,8 @@ impl Overtone {
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
+    /// Lead of that output before the phase: where parts load the track it holds the track's phase by it.
+    pub lead: Phase,
     /// Second and third tone of the output; with the amplitude at most full output.
     pub overtones: [Overtone; UPPER],
     /// Advance of the phase per sample (see [`phase_step`](crate::control::phase_step)).
@@ -76,6 +78,8 @@ pub struct Cycle {
     pub saturated: u16,
     /// RMS of the noise in the residual in m/s^2.
     pub noise: f32,
+    /// Share of the samples that the demodulator blanked, 0..=1/3.
+    pub blanked: f32,
     /// The impacts heard, in the order of their time; what is too much is not kept.
     pub(crate) heard: Vec<Heard, HEARD_PER_CYCLE>,
     /// A part of what was folded ([`Command::fold`]) until a cycle before.
@@ -245,11 +249,14 @@ pub struct Signal {
     /// Of this cycle, and of the next.
     pace: Pace,
     next_pace: Pace,
-    amplitude: f32,
+    /// The output along sine and cosine of the phase.
+    amplitude: [f32; 2],
     /// Tones of the output above the first, and how many the drive affords: for these the demodulator looks too.
     overtones: [Overtone; UPPER],
     upper: usize,
     pending: Command,
+    /// Its output along sine and cosine.
+    next_amplitude: [f32; 2],
     /// Mean of the last cycle, taken off before demodulation so that gravity does not leak into it.
     mean: f32,
     sums: Sums,
@@ -286,17 +293,19 @@ impl Signal {
                 ..Pace::of(step, false)
             },
             next_pace: Pace::of(step, false),
-            amplitude: 0.0,
+            amplitude: [0.0; 2],
             overtones: [Overtone::NONE; UPPER],
             upper: settings.upper_tones(),
             pending: Command {
                 amplitude: 0.0,
+                lead: Phase::ZERO,
                 overtones: [Overtone::NONE; UPPER],
                 step,
                 immediate: false,
                 fold: None,
                 whole: false,
             },
+            next_amplitude: [0.0; 2],
             mean: 0.0,
             sums: Sums::NONE,
             multiples: [[0.0; 2]; UPPER],
@@ -320,6 +329,7 @@ impl Signal {
         high: 0,
         saturated: 0,
         noise: 0.0,
+        blanked: 0.0,
         heard: Vec::new(),
         folded: Folded {
             first: 0,
@@ -409,7 +419,8 @@ impl Signal {
                 strength,
             });
         }
-        let mut output = self.amplitude * sine;
+        let [along, across] = self.amplitude;
+        let mut output = along * sine + across * cosine;
         for ([cosine, sine], tone) in turns.iter().zip(&self.overtones) {
             output += tone.cosine * cosine + tone.sine * sine;
         }
@@ -450,6 +461,7 @@ impl Signal {
         cycle.mean = self.mean + ended.accelerations * inverse;
         self.mean = cycle.mean;
         cycle.noise = self.detector.noise();
+        cycle.blanked = blanked / ended.weight;
         let pending = &self.pending;
         self.fold
             .finish(pending.fold, pending.step, &mut cycle.folded);
@@ -463,7 +475,7 @@ impl Signal {
         (cycle.samples, cycle.saturated) = (samples, saturated);
         (cycle.low, cycle.high) = (low, high);
         before.heard.clear();
-        self.amplitude = pending.amplitude;
+        self.amplitude = self.next_amplitude;
         self.overtones[..TONES].copy_from_slice(&pending.overtones[..TONES]);
         self.pace = self.next_pace;
     }
@@ -479,17 +491,19 @@ impl Signal {
         self.pending = command;
         // Here and not where the cycle ends: that sample is the dearest.
         self.next_pace = Pace::of(command.step, command.whole);
+        let (sine, cosine) = sine_cosine_single(command.lead);
+        self.next_amplitude = [command.amplitude * cosine, command.amplitude * sine];
         if command.immediate {
-            self.amplitude = command.amplitude;
+            self.amplitude = self.next_amplitude;
             self.overtones = command.overtones;
         }
     }
 
     /// Switches the output off at once.
     pub fn off(&mut self) {
-        self.amplitude = 0.0;
+        self.amplitude = [0.0; 2];
+        self.next_amplitude = [0.0; 2];
         self.overtones = [Overtone::NONE; UPPER];
-        self.pending.amplitude = 0.0;
         self.pending.overtones = [Overtone::NONE; UPPER];
     }
 

@@ -1,0 +1,118 @@
+//! What the demodulator makes of a track that impacts throw in the samples that it blanks.
+//!
+//! Where parts strike in each cycle at one phase the track's velocity jumps there, and drive and loss take the jump back over the cycle:
+//! at the phase p since the impact the motion has beside its mean a sawtooth's part, `J saw(p) sin p` with `saw(p) = 1/2 - p/(2 pi)`. The
+//! demodulator fits mean, sine and cosine to the samples that it heeds, and blanks those in which the impact rings, where the sawtooth is largest.
+
+use core::f32::consts::{PI, TAU};
+
+use num_complex::Complex32 as Complex;
+
+use crate::arithmetic::sine_cosine_single;
+use crate::control::angle::phase_of;
+
+/// What it then finds of `J` too much, a quarter turn behind it, over the share that it blanks about the impacts: 0.43 where these have one phase
+/// and 0.3 where they scatter by 0.4 rad; parts of one lot in gear are between.
+const UNSEEN: f32 = 0.35;
+
+/// By what the impacts' push weighs more than it does in the fundamental, where a share of the cycle about them is blanked.
+#[must_use]
+pub fn outweighed(share: f32) -> f32 {
+    1.0 + PI * UNSEEN * share
+}
+
+/// What the demodulator has of the conjugate of what the last cycle's motion was more than this one's: in what is blanked it stands for it.
+/// `at` is `e^(-i phase)` of the middle of what is blanked.
+#[must_use]
+pub fn repeated(at: Complex, share: f32) -> Complex {
+    let (sine, _) = sine_cosine_single(phase_of(TAU * share));
+    at * at * (-sine / (TAU * (1.0 - share)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Solves three linear equations.
+    fn solved(mut rows: [[f64; 4]; 3]) -> [f64; 3] {
+        for i in 0..3 {
+            let pivot = rows[i];
+            for j in (0..3).filter(|j| *j != i) {
+                let ratio = rows[j][i] / pivot[i];
+                for (entry, pivot) in rows[j].iter_mut().zip(pivot) {
+                    *entry -= ratio * pivot;
+                }
+            }
+        }
+        core::array::from_fn(|n| rows[n][3] / rows[n][n])
+    }
+
+    /// Sine and cosine of the sawtooth by least squares, of impacts that scatter by so much, with a share about them left out.
+    fn fitted(scatter: f64, share: f64) -> [f64; 2] {
+        let turn = 2.0 * core::f64::consts::PI;
+        let motion = |phase: f64| {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for n in -20..=20 {
+                let off = f64::from(n) * 0.15;
+                let (own, at) = (libm::exp(-0.5 * off * off), phase - off * scatter);
+                let since = at - turn * libm::floor(at / turn);
+                sum += own * (0.5 - since / turn) * libm::sin(at);
+                weight += own;
+            }
+            sum / weight
+        };
+        let mut rows = [[0.0; 4]; 3];
+        for n in 0..720 {
+            let phase = (f64::from(n) - 359.5) / 720.0 * turn;
+            if phase.abs() < 0.5 * share * turn {
+                continue;
+            }
+            let (sine, cosine) = libm::sincos(phase);
+            let parts = [sine, cosine, 1.0, motion(phase)];
+            for (row, part) in rows.iter_mut().zip(parts) {
+                for (entry, other) in row.iter_mut().zip(parts) {
+                    *entry += part * other;
+                }
+            }
+        }
+        let [sine, cosine, _] = solved(rows);
+        [sine, cosine]
+    }
+
+    #[test]
+    fn the_sawtooth_is_found_between_that_of_one_phase_and_that_of_a_wide_scatter() {
+        for share in [0.1, 0.2, 0.3] {
+            let [one, wide] = [0.0, 0.4].map(|scatter| {
+                let (part, whole) = (fitted(scatter, share), fitted(scatter, 0.0));
+                assert!((part[0] - whole[0]).abs() < 1e-9);
+                part[1] - whole[1]
+            });
+            let told = f64::from(UNSEEN) * share;
+            assert!(wide < told && told < one, "{share}: {wide} {told} {one}");
+        }
+    }
+
+    /// Of a motion that was `last` in the cycle before and is `now`.
+    #[test]
+    fn what_is_blanked_is_the_last_cycle_s() {
+        let (last, now) = (Complex::new(1.1, 0.2), Complex::new(0.9, -0.1));
+        let (middle, share) = (2.0_f32, 0.25);
+        let mut found = Complex::new(0.0, 0.0);
+        let count = 3600;
+        for n in 0..count {
+            let phase = (n as f32 + 0.5) / count as f32 * TAU;
+            let turn = Complex::new(libm::cosf(phase), libm::sinf(phase));
+            let blanked = (phase - middle).abs() < 0.5 * share * TAU;
+            let shown = if blanked { last } else { now };
+            found += turn.conj() * (shown * turn).im * 2.0;
+            if blanked {
+                found -= last * Complex::new(0.0, -1.0);
+            }
+        }
+        // Im(c e^(i phase)) against e^(-i phase) is -i c.
+        let found = found * Complex::new(0.0, 1.0) / (count as f32 * (1.0 - share));
+        let at = Complex::new(libm::cosf(middle), -libm::sinf(middle));
+        let expected = now + repeated(at, share) * (last - now).conj();
+        assert!((found - expected).norm_sqr() < 1e-7, "{found} {expected}");
+    }
+}
