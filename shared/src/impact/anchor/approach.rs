@@ -23,19 +23,8 @@ pub(super) fn fall<F: Flight>(
     if !is_tall {
         return None;
     }
-    fall_at::<F>(track, phase, rise, square_root_single(square))
-}
-
-/// From the fall through height 0, at `speed`, of any flight.
-#[inline(always)]
-pub(super) fn fall_at<F: Flight>(
-    track: &impl Track,
-    phase: u32,
-    rise: f32,
-    speed: f32,
-) -> Option<Approach> {
-    let x = (rise + speed) * track.inverse();
-    let (node, offset) = F::node_of(phase, x);
+    let speed = square_root_single(square);
+    let (node, offset) = F::node_of(phase, (rise + speed) * track.inverse());
     approach::<F>(track, node, -offset, speed, 0.0)
 }
 
@@ -46,6 +35,8 @@ pub(crate) struct Approach {
     pub node: i32,
     /// Its length, rad.
     pub step: f32,
+    /// How long after the height of the first step it started, in rad.
+    late: f32,
     /// Speed downwards against the track at that node, half the rate at which it grows, A' and -A''.
     speed: f32,
     gain: f32,
@@ -62,6 +53,13 @@ impl Approach {
         let bend = 0.5 * self.surge - self.bend * (1.0 / 6.0) * self.step;
         self.speed + self.step * (self.gain + self.gain - bend * self.step)
     }
+
+    /// Whether the steps from a node `late` after that height have kept the distance.
+    #[inline(always)]
+    pub fn has_kept(&self, node: i32, late: f32) -> bool {
+        let walked = self.node.wrapping_sub(node) as f32 * SPACING;
+        abs(self.late - late - walked) < LOST
+    }
 }
 
 /// Steps after which an approach is given up for the search, which bounds its time. Of 420 000 launches none more
@@ -76,9 +74,9 @@ const NEAR: f32 = 2.0;
 /// what bounds the error.
 const SIMPLE: f32 = 0.1;
 
-/// Longest step in nodes, a turn, of a kernel that settles no further: one from where the part is hardly nearer to the track leads
-/// far away, and where the next leads back the distance has lost its last digits.
-const STRAYED: u32 = 256;
+/// What the distance from launch may have lost on the way, in rad, where a kernel settles no further: a step from where the part is
+/// hardly nearer to the track leads a thousand rad away, and the next one back.
+const LOST: f32 = 2e-6;
 
 /// Householder's third-order step on nodes until it is short: from a node `late` after the part was at
 /// height `base`, going down at `speed`.
@@ -118,15 +116,13 @@ pub(super) fn approach<F: Flight>(
             return Some(Approach {
                 node,
                 step,
+                late,
                 speed: u1,
                 gain: b2,
                 surge,
                 bend,
                 end: (next, step - count * SPACING),
             });
-        }
-        if F::FINAL && jump.unsigned_abs() > STRAYED {
-            return None;
         }
         node = next;
         late += count * SPACING;

@@ -119,8 +119,10 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
         base = 0.0;
     }
     let (node, offset) = F::node_of(launch.phase, near);
-    match approach::<F>(shape, node, (near - origin) - offset, speed, base) {
-        Some(approach) if F::FINAL => Candidate::Final(approach),
+    let late = (near - origin) - offset;
+    match approach::<F>(shape, node, late, speed, base) {
+        Some(approach) if F::FINAL && approach.has_kept(node, late) => Candidate::Final(approach),
+        Some(_) if F::FINAL => Candidate::Unknown,
         Some(approach) => {
             let (node, offset) = approach.end;
             Candidate::Near { node, offset }

@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 use super::launch::{Launch, Short};
 use super::track::{Edge, Hump, Limit, Track};
 use crate::arithmetic::fixed::Fixed;
-use crate::impact::anchor::approach::{Approach, approach, fall_at, householder};
+use crate::impact::anchor::approach::{Approach, approach, householder};
 use crate::impact::anchor::candidate::{LEAST, NEARLY_REAL};
 use crate::impact::anchor::flight::{
     self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
@@ -96,7 +96,10 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
             return Some((Candidate::Hop { flight, arrival }, limits));
         }
         let (node, offset) = F::node_of(phase, near);
-        if let Some(approach) = approach::<F>(track, node, near - offset, -rise, height) {
+        let late = near - offset;
+        if let Some(approach) = approach::<F>(track, node, late, -rise, height)
+            && (!F::FINAL || approach.has_kept(node, late))
+        {
             return Some((Candidate::Near(approach), limits));
         }
     }
@@ -109,12 +112,18 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
     if origin <= 0.0 {
         return None;
     }
-    let approach = if a1 <= 0.0 && origin < PUSHED * track.k {
-        let (node, offset) = F::node_of(phase, PUSHED);
-        approach::<F>(track, node, PUSHED - offset, -rise, height)?
+    let (near, start, speed, base) = if a1 <= 0.0 && origin < PUSHED * track.k {
+        (PUSHED, 0.0, -rise, height)
     } else {
-        fall_at::<F>(track, phase, rise, speed)?
+        let fall = origin * flight::Track::inverse(track);
+        (fall, fall, speed, 0.0)
     };
+    let (node, offset) = F::node_of(phase, near);
+    let late = (near - start) - offset;
+    let approach = approach::<F>(track, node, late, speed, base)?;
+    if F::FINAL && !approach.has_kept(node, late) {
+        return None;
+    }
     Some((Candidate::Near(approach), limits))
 }
 
