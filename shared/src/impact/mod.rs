@@ -47,7 +47,7 @@ pub use anchor::{Hybrid, Single, SingleState};
 pub use anchor::{WaveHybrid, WaveSingle};
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
-pub use double::{Exact, Map, Refined};
+pub use double::{Exact, Map, Recent, Refined};
 pub use integer::Integer;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use integer::WaveInteger;

@@ -220,13 +220,13 @@ pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
 
 /// The [`ROUNDER`] sum that names the node nearest to `phase`.
 #[inline(always)]
-fn name<L: Lane>(phase: L) -> L {
+pub(crate) fn name<L: Lane>(phase: L) -> L {
     phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDER)
 }
 
 /// Sine and cosine of `phase` in 0..2 pi from those of the nearest node.
 #[inline(always)]
-fn between<L: Lane>(phase: L, rounded: L, (sine, cosine): (L, L)) -> (L, L) {
+pub(crate) fn between<L: Lane>(phase: L, rounded: L, (sine, cosine): (L, L)) -> (L, L) {
     let count = rounded - L::splat(ROUNDER);
     let arc = Arc::of(
         (phase - count * L::splat(node::SPACING_HIGH)) - count * L::splat(node::SPACING_LOW),

@@ -19,7 +19,7 @@
 //! [`hard`].
 
 use super::launch::{Launch, Track};
-use super::step::Landing;
+use super::step::{Close, Landing};
 use super::{low, search, short, tall};
 use crate::arithmetic::lane::Lane;
 
@@ -39,17 +39,18 @@ pub(crate) fn first_impact(
         cosine,
     } = *launch;
     // By value: in memory the launch would delay the tall flights, too.
-    not_tall(track, phase, velocity, sine, cosine)
+    not_tall(track, phase, velocity, sine, cosine, |_| ())
 }
 
-/// [`first_impact`] of a flight that is not tall.
+/// [`first_impact`] of a flight that is not tall; `ended` is told where a low flight was found to end.
 #[inline(never)]
-fn not_tall(
+pub(super) fn not_tall(
     track: &Track<f64>,
     phase: f64,
     velocity: f64,
     sine: f64,
     cosine: f64,
+    ended: impl FnOnce(&Close<f64>),
 ) -> Option<(Landing<f64>, bool)> {
     let launch = Launch {
         phase,
@@ -76,6 +77,7 @@ fn not_tall(
     let close = low::approach(track, &launch, &stretch);
     let (landing, certain) = low::landing(track, &launch, &stretch, &close);
     Some(if f64::any(certain) {
+        ended(&close);
         (landing, false)
     } else {
         hard(track, &launch, stretch)

@@ -167,11 +167,18 @@ pub(crate) struct Stretch<L: Lane> {
 impl<L: Lane> Stretch<L> {
     /// Whether it is certain that a landing is the root in it.
     #[inline(always)]
-    fn holds(&self, landing: &Landing<L>) -> L::Mask {
+    pub(super) fn holds(&self, landing: &Landing<L>) -> L::Mask {
         self.certain
             & self.low.below(landing.flight)
             & landing.flight.below(self.high)
             & L::splat(SLOWEST).below(landing.arrival)
+    }
+
+    /// The [`ROUNDER`] sum that names the node nearest to its start.
+    #[inline(always)]
+    pub(super) fn node(&self, launch: &Launch<L>) -> L {
+        let per_node = L::splat(node::COUNT as f64 / TAU);
+        (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDER)
     }
 
     /// The stretch `low..high` in the half turn, upper or lower, with its middle at `centre`.
@@ -362,8 +369,12 @@ pub(crate) fn approach<L: Lane>(
     launch: &Launch<L>,
     stretch: &Stretch<L>,
 ) -> Close<L> {
-    let per_node = L::splat(node::COUNT as f64 / TAU);
-    let rounded = (stretch.start * per_node + launch.phase * per_node) + L::splat(ROUNDER);
+    approach_from(track, launch, stretch.node(launch))
+}
+
+/// [`approach`] from the node that the [`ROUNDER`] sum names.
+#[inline(always)]
+pub(super) fn approach_from<L: Lane>(track: &Track<L>, launch: &Launch<L>, rounded: L) -> Close<L> {
     let (sine, cosine) = L::node(rounded);
     // Near the impact to 1e-12 is near enough.
     let distance = (rounded - L::splat(ROUNDER)) * L::splat(node::SPACING) - launch.phase;
@@ -462,7 +473,12 @@ fn settle<L: Lane>(
     launch: &Launch<L>,
     close: &Close<L>,
 ) -> (Landing<L>, L::Mask) {
-    let near = Near::at(track, launch, close);
+    settle_near(track, &Near::at(track, launch, close))
+}
+
+/// [`settle`] from the gap.
+#[inline(always)]
+pub(super) fn settle_near<L: Lane>(track: &Track<L>, near: &Near<L>) -> (Landing<L>, L::Mask) {
     let per_slope = L::splat(1.0) / near.slope;
     let newton = (near.value * per_slope).lone();
     let curvature = near.sine - track.k;

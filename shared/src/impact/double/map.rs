@@ -4,6 +4,7 @@ use core::f64::consts::TAU;
 
 use super::first::first_impact;
 use super::launch::{Launch, Track};
+use super::recent::Recent;
 #[cfg(any(test, feature = "unstable"))]
 use super::search::{self, PassedHumps};
 use super::step::impact_of;
@@ -120,6 +121,12 @@ impl Kernel for Map {
     fn impact(&self, state: PartState) -> Impact<PartState> {
         let launch = Launch::new(state.phase, state.velocity);
         impact_of(self.restitution, state, first_impact(&self.track, &launch))
+    }
+
+    #[inline]
+    fn next_impact(&self, state: PartState, recent: &mut Recent) -> Impact<PartState> {
+        let landing = recent.first_impact(&self.track, state.phase, state.velocity);
+        impact_of(self.restitution, state, landing)
     }
 }
 

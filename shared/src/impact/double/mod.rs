@@ -10,9 +10,11 @@ pub(super) mod tall;
 
 pub(super) mod exact;
 mod map;
+mod recent;
 mod search;
 
 pub use exact::{Exact, Refined};
 pub use map::Map;
+pub use recent::Recent;
 #[cfg(any(test, feature = "unstable"))]
 pub use search::PassedHumps;

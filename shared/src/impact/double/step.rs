@@ -116,6 +116,12 @@ impl<L: Lane> Close<L> {
             back: node.distance - d,
         }
     }
+
+    /// The [`ROUNDER`] sum that names the node next to it.
+    #[inline(always)]
+    pub(super) fn next(&self) -> L {
+        self.rounded - self.back * L::splat(node::COUNT as f64 / TAU)
+    }
 }
 
 /// The gap near an impact, to rounding: the ball from the node that the approach began at, the track from
@@ -144,8 +150,18 @@ impl<L: Lane> Near<L> {
     /// At `close`.
     #[inline(always)]
     pub fn at(track: &Track<L>, launch: &Launch<L>, close: &Close<L>) -> Self {
+        Self::around(track, launch, close, close.next())
+    }
+
+    /// [`Near::at`], where the node next to the impact is known.
+    #[inline(always)]
+    pub(super) fn around(
+        track: &Track<L>,
+        launch: &Launch<L>,
+        close: &Close<L>,
+        rounded: L,
+    ) -> Self {
         let (half, back) = (track.half(), close.back);
-        let rounded = close.rounded - back * L::splat(node::COUNT as f64 / TAU);
         let (node_sine, node_cosine) = L::node(rounded);
         let x = (close.rounded - rounded) * L::splat(node::SPACING) - back;
         let count = close.rounded - L::splat(ROUNDER);
