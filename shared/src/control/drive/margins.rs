@@ -55,9 +55,10 @@ impl Plant {
         }
     }
 
-    /// At an angle per cycle, as a phasor: amplitude measured over output, both over their steady values.
-    fn at(&self, angle: f64) -> Complex {
-        let late = turned(-angle);
+    /// At an angle per cycle, as a phasor: amplitude measured over output, both over their steady values. The angle is given as what it
+    /// turns.
+    fn at(&self, turned: Complex) -> Complex {
+        let late = turned.conj();
         let of = |pole: Complex, mean: Complex| {
             late * late * (mean * late * (1.0 - pole) / (1.0 - pole * late) + (1.0 - mean))
         };
@@ -86,14 +87,14 @@ impl LoopMargins {
         let strength = |settings: &Settings| f64::from(settings.gain) * steady(settings);
         let wrong = strength(is) / strength(told);
         let [proportional, integral, learning] = control.gains().map(f64::from);
-        let open = |angle: f64| {
-            let sum = turned(angle) - 1.0;
+        let open = |turned: Complex| {
+            let sum = turned - 1.0;
             let control = if learning > 0.0 {
                 learning / sum
             } else {
                 wrong * proportional * (1.0 + integral / sum)
             };
-            control * plant.at(angle)
+            control * plant.at(turned)
         };
         Ok(Self::around(open, plant.pole))
     }
@@ -105,9 +106,9 @@ impl LoopMargins {
         is.check()?;
         let (plant, model) = (Plant::of(is), Plant::of(told));
         let [.., learning] = control.gains().map(f64::from);
-        let open = |angle: f64| {
-            let left = turned(angle) - 1.0 + learning;
-            learning * (plant.at(angle) - model.at(angle)) / left
+        let open = |turned: Complex| {
+            let left = turned - 1.0 + learning;
+            learning * (plant.at(turned) - model.at(turned)) / left
         };
         let found = (learning > 0.0).then(|| {
             let [first, second] = [plant, model].map(|of| Self::around(open, of.pole));
@@ -121,7 +122,7 @@ impl LoopMargins {
     }
 
     /// Of an open loop over the angle per cycle, which changes quickly where a pole turns.
-    fn around(open: impl Fn(f64) -> Complex, pole: Complex) -> Self {
+    fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
         // What decays within a few cycles is smooth enough for the even angles.
         let width = (-libm::log(length(pole))).min(0.2);
@@ -133,7 +134,7 @@ impl LoopMargins {
         let mut look = |angles: &mut dyn Iterator<Item = f64>| {
             let mut before: Option<Complex> = None;
             for angle in angles.filter(|angle| (LOWEST..=PI).contains(angle)) {
-                let now = open(angle);
+                let now = open(turned(angle));
                 if let Some(before) = before {
                     // Where the loop crosses the real axis below 0, and where the unit circle.
                     if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 && before.re < 0.0 {
