@@ -278,9 +278,9 @@ impl Part {
         self.rub(track, arrival, left);
         let velocity = left / (amplitude * track.angular);
         let state = PartState { phase, velocity };
-        // A chatter is closed below 5e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask. That of a part
+        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask. That of a part
         // which scatters is closed at its mean.
-        let slow = velocity < 1e-3 * (1.0 + k) || k > 1000.0;
+        let slow = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
         let closed = slow.then(|| {
             let contact = Contact::build(k, self.restitution.mean()).ok()?;
             contact.time_to_rest(state)

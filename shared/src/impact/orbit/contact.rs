@@ -50,11 +50,12 @@ impl Contact {
         // so the bracket is at least the smaller of these two.
         let pull = 1.0 + k;
         let least = (0.45 / pull).min(1.575 / (pull * pull));
+        let track = Track::new(k);
         Self {
-            track: Track::new(k),
             restitution,
             ceiling: libm::cbrt(REMAINDER / least) * pull * (1.0 - restitution),
-            lift_off: (k < 1.0).then(|| libm::asin(k)),
+            lift_off: (k < 1.0).then_some(track.lift_off),
+            track,
         }
     }
 
