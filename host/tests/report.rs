@@ -7,18 +7,20 @@ use kband_machines::browser::{Browser, keys};
 use serde_json::Value as Json;
 
 fn kband(folder: &Path, arguments: &[&str]) -> String {
+    kband_said(folder, arguments).0
+}
+
+/// What it printed, and what it said besides.
+fn kband_said(folder: &Path, arguments: &[&str]) -> (String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_kband"))
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())
         .output()
         .unwrap();
-    assert!(
-        output.status.success(),
-        "{arguments:?}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    String::from_utf8(output.stdout).unwrap()
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    (String::from_utf8(output.stdout).unwrap(), said)
 }
 
 /// The numbers in a text.
@@ -54,8 +56,11 @@ fn band(folder: &Path, lot: &str, frequency: &str) -> [f64; 4] {
 fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    kband(path, &["report", "--out", "page.html"]);
     let file = path.join("page.html");
+    // A page that is named takes the place of what is there.
+    std::fs::write(&file, "mine").unwrap();
+    let (_, said) = kband_said(path, &["report", "--out", "page.html"]);
+    assert!(said.contains("replaced page.html"), "{said}");
     let html = std::fs::read_to_string(&file).unwrap();
     assert!(html.len() < 2_000_000, "{} bytes", html.len());
 
