@@ -140,8 +140,8 @@ fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
     for (quality, most, held) in [
         (10.0, 0.02, [0.016, 0.004]),
         (25.0, 0.05, [0.02, 0.006]),
-        (50.0, 0.1, [0.03, 0.009]),
-        (50.0, 0.2, [0.08, 0.022]),
+        (50.0, 0.1, [0.03, 0.008]),
+        (50.0, 0.2, [0.08, 0.018]),
     ] {
         let scene = Scene {
             waiting: 24,

@@ -30,7 +30,7 @@ const IN_GEAR: f32 = 0.7;
 /// What is on the track.
 ///
 /// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.4 % at most and
-/// the mass by 2.9 % (docs/theory-real-parts.md#t10.5).
+/// the mass by 3.0 % (docs/theory-real-parts.md#t10.5).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Mass of the parts in g (symbol m).
