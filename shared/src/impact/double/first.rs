@@ -42,7 +42,7 @@ pub(crate) fn first_impact(
     not_tall(track, phase, velocity, sine, cosine, |_| ())
 }
 
-/// [`first_impact`] of a flight that is not tall; `ended` is told where a low flight was found to end.
+/// [`first_impact`] of a flight that is not tall; `near` is told where a low flight ends, before the last step.
 #[inline(never)]
 pub(super) fn not_tall(
     track: &Track<f64>,
@@ -50,7 +50,7 @@ pub(super) fn not_tall(
     velocity: f64,
     sine: f64,
     cosine: f64,
-    ended: impl FnOnce(&Close<f64>),
+    near: impl FnOnce(&Close<f64>),
 ) -> Option<(Landing<f64>, bool)> {
     let launch = Launch {
         phase,
@@ -75,9 +75,9 @@ pub(super) fn not_tall(
         low::stretch(track, &launch)
     };
     let close = low::approach(track, &launch, &stretch);
+    near(&close);
     let (landing, certain) = low::landing(track, &launch, &stretch, &close);
     Some(if f64::any(certain) {
-        ended(&close);
         (landing, false)
     } else {
         hard(track, &launch, stretch)

@@ -64,12 +64,13 @@ impl Recent {
         velocity: f64,
     ) -> Option<(Landing<f64>, bool)> {
         let flight = self.flights[place(self.launch)];
-        if flight.recurs
-            && flight.launch == self.launch
-            && let Some(landing) = flight.again(track, phase, velocity)
-        {
-            self.launch = in_one_turn(flight.end);
-            return Some((landing, false));
+        if flight.recurs && flight.launch == self.launch {
+            if let Some(landing) = flight.again(track, phase, velocity) {
+                self.launch = in_one_turn(flight.end);
+                return Some((landing, false));
+            }
+            // One that recurs and takes more than a step at its end is not tried each time.
+            self.flights[place(self.launch)] = Flight::default();
         }
         let node = foreseen(name(phase), self.launch);
         let launch = Launch::with(phase, velocity, between(phase, node, f64::node(node)));
