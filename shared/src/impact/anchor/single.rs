@@ -36,7 +36,7 @@ pub struct SingleState {
 /// | 3e-7..3, logarithmic | 6e-9 | 3.1e-6 | 3.9e-4 | 6.9e-5 |
 ///
 /// The first impact is the right one down to a gap of 1e-5 over a hump (times the flight time, where
-/// that is above 1); nearer it is flagged. About 170 instructions an impact on a Cortex-M4F, at most 273
+/// that is above 1); nearer it is flagged. About 170 instructions an impact on a Cortex-M4F, at most 281
 /// on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and

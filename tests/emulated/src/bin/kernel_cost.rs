@@ -23,11 +23,11 @@ fn run() {
     // The bounds are for the CPU that the kernel is meant for: what was counted, and 3 % for another compiler.
     if cfg!(target_abi = "eabihf") {
         let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
-        hybrid.is_held("hybrid", [298, 1293]);
+        hybrid.is_held("hybrid", [298, 1076]);
         assert!(worst <= 412, "hybrid: {worst}");
         let worst = single.worst.max(cost::sweep::<Single>(&counter));
-        single.is_held("f32", [175, 1311]);
-        assert!(worst <= 281, "f32: {worst}");
+        single.is_held("f32", [175, 1093]);
+        assert!(worst <= 289, "f32: {worst}");
         let hybrid_on_tones = cost::measure_on_tones::<WaveHybrid>(&counter);
         let single_on_tones = cost::measure_on_tones::<WaveSingle>(&counter);
         hybrid_on_tones.is_held_on_tones(&hybrid);
