@@ -16,7 +16,6 @@ fn number(text: &str) -> f64 {
 }
 
 fn wave([e, th, e3, th3]: [f64; 4]) -> Wave {
-    let tone = |amplitude, angle| Tone { amplitude, angle };
     Wave::build(tone(e, th), tone(e3, th3)).unwrap()
 }
 
@@ -261,11 +260,14 @@ fn a_launch_from_a_level_push_is_said_to_graze_in_f32() {
     assert!(!impact.grazes && impact.flight > 126.0, "{impact:?}");
 }
 
+fn tone(amplitude: f64, angle: f64) -> Tone {
+    Tone { amplitude, angle }
+}
+
 /// The gap is level for 0.1 rad over a hump, 1.5e-7 above 0, half a rad before the impact: within the roundings of f32.
 /// Found by seed 20261127.
 #[test]
 fn a_flight_that_is_level_with_a_hump_is_said_to_graze_in_f32() {
-    let tone = |amplitude, angle| Tone { amplitude, angle };
     let tones = [
         tone(0.246_266_911_271_959_54, 1.163_124_047_413_816_5),
         tone(0.073_840_432_567_521_93, 2.725_558_356_411_393),
@@ -285,11 +287,10 @@ fn a_flight_that_is_level_with_a_hump_is_said_to_graze_in_f32() {
 /// f32 measures the distance from launch along the way. Found by seed 20261128.
 #[test]
 fn steps_that_stray_lose_no_digits_in_f32() {
-    let second = Tone {
-        amplitude: 0.077_611_366_286_873_82,
-        angle: 1.514_443_180_465_87,
-    };
-    let tones = [second, Tone::default()];
+    let tones = [
+        tone(0.077_611_366_286_873_82, 1.514_443_180_465_87),
+        Tone::default(),
+    ];
     let k = 0.369_701_445_102_691_65;
     let start = WaveSingle::state(1.629_070_890_210_085_7, 0.000_190_977_909_369_394_18).unwrap();
     let impact = WaveSingle::on_tones(tones, k, 0.5).unwrap().impact(start);
@@ -304,7 +305,6 @@ fn steps_that_stray_lose_no_digits_in_f32() {
 /// than that it is beyond 2, it is no impact. Found by seed 20261123.
 #[test]
 fn far_below_the_track_is_no_impact() {
-    let tone = |amplitude, angle| Tone { amplitude, angle };
     let tones = [
         tone(0.465_302_712_749_689_8, 1.064_788_136_562_704),
         tone(0.384_812_791_133_299_5, 3.562_136_650_295_28),
