@@ -192,6 +192,17 @@ impl<const F: u32> Fixed<F> {
         })
     }
 
+    /// The same as [`times`](Self::times), of at most 2^30 steps and fewer than 2^16.
+    #[inline(always)]
+    pub fn times_short<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
+        const { assert!(H + 15 <= F + G) };
+        if NARROW {
+            Fixed(long_by_short(self.0, other.0) >> (F + G - H - 15))
+        } else {
+            self.times(other)
+        }
+    }
+
     /// The product in steps of 2^-`H`, rounded down, of factors whose product 32 bits hold near an impact;
     /// elsewhere modulo 2^32.
     #[inline(always)]
@@ -331,16 +342,12 @@ pub(crate) fn wide(a: u32, b: u32) -> u64 {
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn wide_by_halves(a: u32, b: u32) -> u64 {
     let (a_high, a_low) = (a >> 16, a & 0xffff);
     let (b_high, b_low) = (b >> 16, b & 0xffff);
-    let low = a_low * b_low;
-    // Below 2^32: (2^16 - 1)^2 + 2^16 - 1.
-    let one = a_high * b_low + (low >> 16);
-    let two = a_low * b_high + (one & 0xffff);
-    let high = a_high * b_high + (one >> 16) + (two >> 16);
-    (u64::from(high) << 32) | u64::from((two << 16) | (low & 0xffff))
+    let outer = (u64::from(a_high * b_high) << 32) | u64::from(a_low * b_low);
+    outer + (u64::from(a_high * b_low) << 16) + (u64::from(a_low * b_high) << 16)
 }
 
 /// The upper half of the product, rounded down.
@@ -361,6 +368,12 @@ fn high_by_halves(a: i32, b: i32) -> i32 {
     let one = a_high * b_low + low;
     let two = a_low * b_high + (one & 0xffff);
     a_high * b_high + (one >> 16) + (two >> 16)
+}
+
+/// `a b 2^-15`, rounded down, of sizes of at most 2^30 and below 2^16.
+#[inline(always)]
+fn long_by_short(a: i32, b: i32) -> i32 {
+    (a >> 15) * b + (((a & 0x7fff) * b) >> 15)
 }
 
 /// `1 / x` of a number in steps of 2^-`F`: of the integer that holds it as `mantissa 2^(shift - 62)` with the
@@ -390,7 +403,39 @@ impl<const F: u32> Reciprocal<F> {
     pub fn coarse(x: Fixed<F, u32>) -> Self {
         let x = x.0;
         let shift = leading_zeros(x);
-        let m = x << shift;
+        Self::of_scaled(x << shift, shift)
+    }
+
+    /// To about 2^-29 of `x` > 0: one more Newton step.
+    #[inline(always)]
+    pub fn fine(x: Fixed<F, u32>) -> Self {
+        let Self { mantissa, shift } = Self::coarse(x);
+        let m = x.0 << shift;
+        let miss = if NARROW {
+            miss_by_halves(m, mantissa)
+        } else {
+            (1_i32 << 30) - (wide(m, mantissa) >> 32) as i32
+        };
+        let gain = ((mantissa >> 14) as i32 * (miss >> 1)) >> 15;
+        Self {
+            mantissa: mantissa.wrapping_add(gain as u32),
+            shift,
+        }
+    }
+
+    /// The same as [`coarse`](Self::coarse), of `x` of at least 2^8 steps, and mostly below 2^16.
+    #[inline(always)]
+    pub fn short(x: Fixed<F, u32>) -> Self {
+        if !NARROW || x.0 >> 16 != 0 {
+            return Self::coarse(x);
+        }
+        let shift = 16 + u32::from(ZEROS[(x.0 >> 8) as usize]);
+        Self::of_scaled(x.0 << shift, shift)
+    }
+
+    /// Of `m 2^-shift`, `m` in 2^31..2^32, to about 2^-15 of it.
+    #[inline(always)]
+    fn of_scaled(m: u32, shift: u32) -> Self {
         let first = 256 + u32::from(RECIPROCALS[((m >> 24) & 127) as usize]);
         let miss = (1_i32 << 24) - (first * (m >> 16)) as i32;
         let second = (first << 8) as i32 + ((first as i32 * miss) >> 16);
@@ -400,17 +445,21 @@ impl<const F: u32> Reciprocal<F> {
         }
     }
 
-    /// To about 2^-29 of `x` > 0: one more Newton step.
+    /// `a / x` in steps of 2^-`H`, towards 0, of at most `limit` in size, from a [`short`](Self::short) reciprocal.
     #[inline(always)]
-    pub fn fine(x: Fixed<F, u32>) -> Self {
-        let Self { mantissa, shift } = Self::coarse(x);
-        let m = x.0 << shift;
-        let miss = (1_i32 << 30) - (wide(m, mantissa) >> 32) as i32;
-        let gain = ((mantissa >> 14) as i32 * (miss >> 1)) >> 15;
-        Self {
-            mantissa: mantissa.wrapping_add(gain as u32),
-            shift,
-        }
+    pub fn short_times<const A: u32, const H: u32>(self, a: Fixed<A>, limit: Fixed<H>) -> Fixed<H> {
+        const { assert!(H + F <= A + 16 && H + F > A + 8) };
+        let size = a.0.unsigned_abs();
+        let size = if size >> 22 == 0 {
+            // The mantissa holds 17 bits: times the upper 14 bits of the size, and times the lower 8.
+            let mantissa = self.mantissa >> 14;
+            let sum = (size >> 8) * mantissa + (((size & 0xff) * mantissa) >> 8);
+            sum >> (40 + A - H - F - self.shift)
+        } else {
+            scaled(self.mantissa, self.shift, size, H + F - A) as u32
+        };
+        let size = size.min(limit.0 as u32) as i32;
+        Fixed(if a.0 < 0 { -size } else { size })
     }
 
     /// `a / x` in steps of 2^-`H`, towards 0, saturating.
@@ -422,22 +471,35 @@ impl<const F: u32> Reciprocal<F> {
     }
 }
 
+/// What the upper half of `m mantissa`, as of a coarse reciprocal, lacks of 2^30.
+#[inline(always)]
+fn miss_by_halves(m: u32, mantissa: u32) -> i32 {
+    // The mantissa holds 17 bits, of which the first is known, and the product differs little from 2^62.
+    let rest = (mantissa >> 14) - (1 << 16);
+    let over = m
+        .wrapping_add((m >> 16).wrapping_mul(rest))
+        .wrapping_add(((m & 0xffff) * rest) >> 16);
+    -(over as i32 >> 2)
+}
+
 /// `a mantissa 2^(shift + places - 62)`, rounded down, saturating: one routine for all places.
 #[inline(never)]
 fn scaled(mantissa: u32, shift: u32, a: u32, places: u32) -> i32 {
-    let product = wide(a, mantissa);
-    let (low, high) = (product as u32, (product >> 32) as u32);
     let down = 62 - (shift + places) as i32;
-    let size = if down >= 32 {
-        high >> (down - 32).min(31)
-    } else if down > 0 && high >> (down - 1) == 0 {
-        (high << (32 - down)) | (low >> down)
-    } else if product == 0 {
-        0
+    let upper = |a| (wide(a, mantissa) >> 32) as u32;
+    // Nearly always the upper half of a product says it, which is below 2^31.
+    if down >= 32 {
+        return (upper(a) >> (down - 32).min(31)) as i32;
+    }
+    if down > 0 && a >> down == 0 {
+        return upper(a << (32 - down)) as i32;
+    }
+    let size = if down > 0 {
+        wide(a, mantissa) >> down
     } else {
-        u32::MAX
+        u64::from(a) << 32
     };
-    size.min(i32::MAX as u32) as i32
+    size.min(i32::MAX as u64) as i32
 }
 
 /// The whole product of signed factors.
@@ -447,30 +509,33 @@ pub(crate) fn wide_signed(a: i32, b: i32) -> i64 {
     if (a ^ b) < 0 { -product } else { product }
 }
 
+/// Leading zero bits of a byte.
+const ZEROS: [u8; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        table[byte] = (byte as u8).leading_zeros() as u8;
+        byte += 1;
+    }
+    table
+};
+
 /// Leading zero bits of `x` > 0.
 #[inline(always)]
 fn leading_zeros(x: u32) -> u32 {
-    if !NARROW {
-        return x.leading_zeros();
+    if NARROW {
+        leading_zeros_by_bytes(x)
+    } else {
+        x.leading_zeros()
     }
-    let (mut x, mut zeros) = (x, 0);
-    if x >> 16 == 0 {
-        x <<= 16;
-        zeros = 16;
-    }
-    if x >> 24 == 0 {
-        x <<= 8;
-        zeros += 8;
-    }
-    if x >> 28 == 0 {
-        x <<= 4;
-        zeros += 4;
-    }
-    if x >> 30 == 0 {
-        x <<= 2;
-        zeros += 2;
-    }
-    zeros + u32::from(x >> 31 == 0)
+}
+
+#[inline(always)]
+fn leading_zeros_by_bytes(x: u32) -> u32 {
+    let halves = u32::from(x >> 16 == 0) << 4;
+    let x = x << halves;
+    let bytes = u32::from(x >> 24 == 0) << 3;
+    halves + bytes + u32::from(ZEROS[(x << bytes >> 24) as usize])
 }
 
 /// 256 / sqrt(m + 1/2) for m = 1/4..1 in steps of 1/256, less 256.
@@ -610,6 +675,76 @@ mod tests {
             // Measured: 3.1e-5 and 1.6e-9.
             assert!((value(coarse) * f64::from(x) - 1.0).abs() < 4e-5, "{x}");
             assert!((value(fine) * f64::from(x) - 1.0).abs() < 4e-9, "{x}");
+        }
+    }
+
+    /// What a CPU with a narrow multiplier computes another way is the same number.
+    #[test]
+    fn narrow_forms_give_the_same_bits() {
+        for x in magnitudes() {
+            assert_eq!(leading_zeros_by_bytes(x), x.leading_zeros(), "{x}");
+            let Reciprocal { mantissa, shift } = Reciprocal::<0>::coarse(Fixed(x));
+            let m = x << shift;
+            let miss = (1 << 30) - (wide(m, mantissa) >> 32) as i32;
+            assert_eq!(miss_by_halves(m, mantissa), miss, "{x}");
+        }
+        let signed = |x: u32| [x as i32, -(x as i32)];
+        for a in magnitudes()
+            .step_by(7)
+            .map(|a| a >> 2)
+            .chain([1 << 30])
+            .flat_map(signed)
+        {
+            for b in magnitudes().step_by(13).map(|b| b >> 16).flat_map(signed) {
+                let product = i64::from(a) * i64::from(b);
+                assert_eq!(i64::from(long_by_short(a, b)), product >> 15, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn quotients_from_first_bits_are_those_within_the_limit() {
+        let limit = Fixed::<16>::of(2.0);
+        for x in magnitudes().filter(|x| *x >= 1 << 8) {
+            let x = Fixed::<13, u32>(x);
+            let (short, coarse) = (Reciprocal::short(x), Reciprocal::coarse(x));
+            assert_eq!(
+                [short.mantissa, short.shift],
+                [coarse.mantissa, coarse.shift]
+            );
+            for a in magnitudes().step_by(11).map(|a| Fixed::<16>(a as i32)) {
+                let whole: Fixed<16> = coarse.times(a);
+                assert_eq!(
+                    short.short_times(a, limit),
+                    whole.clamp(-limit, limit),
+                    "{a:?} {x:?}"
+                );
+            }
+        }
+    }
+
+    /// Against a product with room for everything.
+    #[test]
+    fn scaled_products_saturate() {
+        for mantissa in magnitudes().step_by(17).map(|m| (1 << 30) | m >> 2) {
+            for a in magnitudes().step_by(29).chain([0]) {
+                for down in -30..=62 {
+                    let product = u128::from(a) * u128::from(mantissa);
+                    let size = (product << 30 >> (down + 30)).min(i32::MAX as u128);
+                    // Saturating as soon as nothing is shifted out.
+                    let size = if down <= 0 && a > 0 {
+                        i32::MAX as u128
+                    } else {
+                        size
+                    };
+                    let places = 62 - down;
+                    assert_eq!(
+                        scaled(mantissa, 0, a, places as u32) as u128,
+                        size,
+                        "{mantissa} {a} {down}"
+                    );
+                }
+            }
         }
     }
 

@@ -41,7 +41,7 @@ pub(super) trait Anchored<const C: u32> {
     fn motion(&self, node: i32, base: Self::Height) -> Motion;
     /// The flight at a node.
     fn local(&self, node: i32) -> Local<C, Self::Track>;
-    /// Height and slope at `d`, below 2^-5, from a node, where they are small.
+    /// Height and slope at `d`, within reach, from a node, where they are small.
     fn expanded(&self, local: &Local<C, Self::Track>, d: Fixed<34>) -> (Fixed<30>, Fixed<26>);
     /// The curvature at `d` from a node.
     fn turned(local: &Local<C, Self::Track>, d: Fixed<34>) -> Fixed<C>;

@@ -144,11 +144,10 @@ pub(super) fn approach<const C: u32, F: Anchored<C>>(
             return None;
         }
         // Newton's step and the quadratic correction b2 u0 / u1^2.
-        let reciprocal = Reciprocal::coarse(u1.unsigned());
+        let reciprocal = Reciprocal::short(u1.unsigned());
         let one = Fixed::<16>::ONE;
-        let newton: Fixed<16> = reciprocal.times(u0).clamp(-one, one);
-        let two = one + one;
-        let ratio: Fixed<16> = reciprocal.times(newton).clamp(-two, two);
+        let newton: Fixed<16> = reciprocal.short_times(u0, one);
+        let ratio: Fixed<16> = reciprocal.short_times(newton, one + one);
         let twice: Fixed<15> = motion.curvature.short_times(ratio.to::<14>());
         let half = Fixed::<15>::of(0.5);
         let bend = twice.to::<14>().scaled::<15>().clamp(-half, half);

@@ -121,10 +121,10 @@ impl Anchored<28> for Ballistic<'_> {
         let height = local
             .height
             .saturating_add(local.slope.times(d.to::<36>()))
-            .saturating_add(bent + cosine.times(powers.lag));
+            .saturating_add(bent + cosine.times_short(powers.lag));
         // (S - k) d - S (d - sin d) + C (1 - cos d).
         let gain: Fixed<30> =
-            local.curvature.times(d) + cosine.times(powers.versine) - sine.times(powers.lag);
+            local.curvature.times(d) + cosine.times(powers.versine) - sine.times_short(powers.lag);
         (height, local.slope + gain.to())
     }
 

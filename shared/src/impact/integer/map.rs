@@ -24,8 +24,8 @@ use crate::impact::set_up::SetUp;
 /// | launches within 0.1 rad of lift-off | 1.4e-9 | 5.1e-8 | 3.5e-5 | 5.3e-7 |
 ///
 /// No wrong impact among them. The first impact is the right one down to a gap of 1e-7 over a hump (times
-/// the flight time, where that is above 1); nearer it is flagged. About 2100 instructions an impact on a
-/// Cortex-M0, at most 3359 on any locked or chaotic orbit tried.
+/// the flight time, where that is above 1); nearer it is flagged. About 1700 instructions an impact on a
+/// Cortex-M0, at most 2912 on any locked or chaotic orbit tried.
 ///
 /// State and range as [`Hybrid`](crate::impact::Hybrid), but for the velocity: 0..=29. An impact may leave faster
 /// (by at most 2.5, and only with a restitution above 0.93): its velocity is then right,
@@ -49,6 +49,7 @@ const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
 impl Integer {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[must_use]
+    #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
         let state = state.held_below(TOP_VELOCITY);
         let [sine, cosine] = sine_cosine_narrow(state.phase);

@@ -34,8 +34,8 @@ fn run() {
         single_on_tones.is_held_on_tones(&single);
     } else {
         let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
-        integer.is_held("integer", [2150, 10_123]);
-        assert!(worst <= 3457, "integer: {worst}");
+        integer.is_held("integer", [1770, 10_123]);
+        assert!(worst <= 2999, "integer: {worst}");
         let integer_on_tones = cost::measure_on_tones::<WaveInteger>(&counter);
         integer_on_tones.is_held_on_tones(&integer);
     }

@@ -30,8 +30,8 @@ use crate::impact::wave::Tone;
 /// to `S e/3200 + 1.6e-8 S'` of the largest derivatives of S, with a last step e of at most 2.4e-4 rad below a speed of 0.25, twice that
 /// below 1, four times below 4 and twelve times beyond: with tones of 0.5, 1e-5 below a speed of 1 and 5e-5 beyond 4.
 ///
-/// No wrong impact among them, nor among 40 000 hard launches on random tracks of two and three tones. About 3100
-/// instructions an impact on a Cortex-M0 in gear, 4100 on launches up to velocity 3; it is set up in 530 000, for the
+/// No wrong impact among them, nor among 40 000 hard launches on random tracks of two and three tones. About 2700
+/// instructions an impact on a Cortex-M0 in gear, 3700 on launches up to velocity 3; it is set up in 530 000, for the
 /// edges of the humps are found in f32.
 ///
 /// Amplitudes and angles are rounded to steps of 2^-31 and of 2^-32 turns. Range: that of [`Integer`], but for the
