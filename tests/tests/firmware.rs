@@ -352,30 +352,52 @@ fn the_emulated_board_talks_to_the_desk() {
     assert_eq!(desk.receive(cycle), first + 1);
 }
 
+/// What a scene brings with its controller on the emulated CPU, which is what it brings with all of it at the desk.
+fn on_the_emulated_cpu(file: &SceneFile) -> Outcome {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
+    let link = Address::of("qemu", Some(&image))
+        .open(Emulated::AtRest)
+        .unwrap();
+    let emulated = Outcome::run_on(link, file, Watch::KEPT, &desk).unwrap();
+    let simulated = Outcome::watched(file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
+    for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
+        assert_eq!(a, b);
+    }
+    assert_eq!(emulated.moments().len(), simulated.moments().len());
+    emulated
+}
+
 #[test]
 fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let mut file = SceneFile::parse(DEFAULT).unwrap();
     // Parts of constant restitution, which a kick locks.
     file.scene.target = kband::control::Target::Locked { order: 1 };
     file.scene.scatter.clear();
     // Soft start, holding, and the kick planned on the emulated CPU.
     file.duration = 1.4;
-    let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
-    let link = Address::of("qemu", Some(&image))
-        .open(Emulated::AtRest)
-        .unwrap();
-    let emulated = Outcome::run_on(link, &file, Watch::KEPT, &desk).unwrap();
-    let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
-    for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
-        assert_eq!(a, b);
-    }
-    assert_eq!(emulated.moments().len(), simulated.moments().len());
     assert!(
-        emulated
+        on_the_emulated_cpu(&file)
             .events()
             .any(|happened| happened.event == Event::KickBegun)
     );
+}
+
+#[test]
+fn a_loaded_track_held_by_the_emulated_cpu_is_the_desks() {
+    let dump = include_str!("../scenes/hopper_dump.toml");
+    let mut file = SceneFile::parse(dump).unwrap();
+    for disturbance in &mut file.scene.disturbances {
+        disturbance.at = 0.9;
+    }
+    file.duration = 1.8;
+    let outcome = on_the_emulated_cpu(&file);
+    // Its phase is held by the output's lead.
+    let leads = |from: f64| {
+        let after = outcome.moments().iter().filter(move |it| it.time > from);
+        after.filter(|it| it.report.command.lead.bits() != 0)
+    };
+    assert!(leads(1.4).count() > 10);
 }
 
 #[test]

@@ -201,12 +201,13 @@ fn item<T: Copy>(list: &[T], at: u8) -> Result<T, Unreadable> {
         .ok_or(Unreadable::Unknown)
 }
 
-/// What the drive is to do from the next cycle on; [`control::Command`] on the line, without what only a signal path
-/// obeys.
+/// What the drive is to do from the next cycle on; [`control::Command`] on the line, without what leaves the output as it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     amplitude: f32,
+    /// Lead of that output before the phase, in 2^-32 turns.
+    lead: u32,
     /// Second and third tone of the output along the sine and the cosine of as many times its phase, as shares of full output.
     overtones: [[f32; 2]; control::UPPER],
     /// Advance of the phase per sample ([`control::phase_step`]).
@@ -221,6 +222,7 @@ impl From<control::Command> for Command {
     fn from(command: control::Command) -> Self {
         Self {
             amplitude: command.amplitude,
+            lead: command.lead.bits(),
             overtones: command.overtones.map(|tone| [tone.sine, tone.cosine]),
             step: command.step,
             immediate: command.immediate,
@@ -234,7 +236,7 @@ impl From<Command> for control::Command {
         let overtone = |[sine, cosine]: [f32; 2]| control::Overtone { sine, cosine };
         Self {
             amplitude: command.amplitude,
-            lead: Phase::ZERO,
+            lead: Phase::from_bits(command.lead),
             overtones: command.overtones.map(overtone),
             step: command.step,
             immediate: command.immediate,
@@ -573,7 +575,7 @@ mod tests {
             events,
             command: control::Command {
                 amplitude: 0.3,
-                lead: Phase::ZERO,
+                lead: Phase::from_bits(1 << 27),
                 overtones: [
                     control::Overtone {
                         sine: 0.25,
@@ -603,9 +605,9 @@ mod tests {
         0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00, 0x00, 0x3f, 0x00, 0x00, 0x7a, 0x44,
         0x9a, 0x99, 0x59, 0x3f, 0x01, 0x00, 0x00, 0x7a, 0x43, 0x00, 0x00, 0xbb, 0x42, 0x00, 0x00,
         0x3b, 0x42, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01, 0x00, 0x01, 0x14, 0x01,
-        0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x00, 0x00, 0x80, 0x3e, 0x00, 0x00,
-        0x00, 0xbf, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x8a, 0xae, 0x8f, 0x05, 0x01,
-        0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
+        0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x80, 0x80, 0x80, 0x40, 0x00, 0x00,
+        0x80, 0x3e, 0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x8a,
+        0xae, 0x8f, 0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
     ];
 
     #[test]
