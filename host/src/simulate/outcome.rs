@@ -46,12 +46,7 @@ pub struct Outcome {
 impl Outcome {
     /// Runs a scene to its end in its own fidelity, with progress.
     pub fn run(file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
-        let watch = Watch {
-            drawn: true,
-            regime: true,
-            ..Watch::default()
-        };
-        Self::watched(file, file.fidelity.unwrap_or_default(), watch, desk)
+        Self::watched(file, file.fidelity.unwrap_or_default(), Watch::DRAWN, desk)
     }
 
     /// Runs a scene to its end in a fidelity, watched, with progress.

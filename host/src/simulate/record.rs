@@ -40,6 +40,15 @@ pub struct Watch<'a> {
 }
 
 impl Watch<'_> {
+    /// It is drawn, and told.
+    pub const DRAWN: Self = Self {
+        drawn: true,
+        regime: true,
+        kept: false,
+        cycle: None,
+        sample: None,
+    };
+
     /// Every cycle is kept.
     pub const KEPT: Self = Self {
         drawn: false,

@@ -290,11 +290,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let outcome = rows_file::write(trace, &trace::TRACE, |cycles| {
         rows_file::write(scope.as_ref(), &trace::SCOPE, |samples| {
             let (mut cycle, mut sample);
-            let mut watch = Watch {
-                drawn: true,
-                regime: true,
-                ..Watch::default()
-            };
+            let mut watch = Watch::DRAWN;
             if let Some(rows) = cycles {
                 cycle = |moment: &Moment| rows.row(&trace::row(moment));
                 watch.cycle = Some(&mut cycle);

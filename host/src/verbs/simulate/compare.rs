@@ -47,12 +47,7 @@ pub(super) fn run(
             ));
         }
         let fidelity = arguments.fidelity(&file)?;
-        let watch = Watch {
-            drawn: true,
-            regime: true,
-            ..Watch::default()
-        };
-        Outcome::watched(&file, fidelity, watch, desk)
+        Outcome::watched(&file, fidelity, Watch::DRAWN, desk)
     };
     let (one, two) = (named(0.0)?, named(most)?);
     let drawn = |outcome: &Outcome, title: &str| {
