@@ -19,5 +19,6 @@ pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
 pub use phase::Phase;
 pub(crate) use root::{square_root, square_root_single};
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) use trigonometry::arcsine_single;
 pub use trigonometry::{sine_cosine_fixed, sine_cosine_single};

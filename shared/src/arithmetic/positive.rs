@@ -3,7 +3,8 @@
 use super::fixed::Fixed;
 use super::square_root_single;
 
-/// A number above 0 as a mantissa in 2^63..2^64, in steps of 2^-`places`; or 0.
+/// A number above 0 as a mantissa of at least 2^58, in steps of 2^-`places`; or 0. A factor's mantissa is
+/// in 2^63..2^64, as that of all numbers but [`many`](Self::many) steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Positive {
     mantissa: u64,
@@ -39,6 +40,21 @@ impl Positive {
         }
     }
 
+    /// So many steps of 2^-`places`, at least 2^58.
+    #[inline(always)]
+    pub const fn many(count: u64, places: i32) -> Self {
+        Self {
+            mantissa: count,
+            places,
+        }
+    }
+
+    /// How many steps of 2^-`places` it is, of which it is a whole number in 2^32..2^64.
+    #[inline(always)]
+    pub const fn whole(self, places: i32) -> u64 {
+        self.mantissa >> ((self.places - places) & 31)
+    }
+
     /// The nearest number of steps of 2^-`places`, of which there are below 2^64.
     #[inline(always)]
     pub const fn nearest(self, places: i32) -> u64 {
@@ -51,24 +67,34 @@ impl Positive {
         }
     }
 
-    /// The same as fixed point, below 2^63 steps.
+    /// The nearest f32 to a number within 2^-90..2^90, ties to even.
     #[inline(always)]
-    pub const fn fixed<const F: u32>(self) -> Fixed<F, i64> {
-        Fixed(self.nearest(F as i32) as i64)
+    pub fn single(self) -> f32 {
+        // Those of the lower half matter by not being 0 alone: 26 bits at least are in the upper one.
+        let upper = (self.mantissa >> 32) as u32 | u32::from(self.mantissa as u32 != 0);
+        upper as f32 * f32::from_bits(((159 - self.places) as u32) << 23)
     }
 
-    /// The nearest f32 to a number within 2^-100..2^100, ties to even.
+    /// The nearest f32 to `1 / x` of a number whose nearest f32 is `single`.
     #[inline(always)]
-    pub const fn single(self) -> f32 {
-        if self.mantissa == 0 {
-            return 0.0;
-        }
-        let kept = (self.mantissa >> 40) as u32;
-        let (rest, half) = ((self.mantissa >> 8) as u32, 1 << 31);
-        // What rounds up to the next power of 2 carries into the exponent, whose last bit is that of 2^23.
-        let below = rest == half && self.mantissa as u8 == 0;
-        let up = rest >= half && !(below && kept & 1 == 0);
-        f32::from_bits((((189 - self.places) as u32) << 23) + kept + up as u32)
+    pub fn inverse_single(self, single: f32) -> f32 {
+        // Within one and a half of its last places.
+        let nearly = (1.0 / single).to_bits();
+        let first = 1 << 23;
+        let last = first | nearly & (first - 1);
+        let mantissa = (self.mantissa >> 11) as i64;
+        // What the product with an f64's bits lacks of a power of 2 above 2^64, less than two of these.
+        let rest = 0_i64.wrapping_sub(mantissa.wrapping_mul(i64::from(last)));
+        // Below a power of 2 the places are half as large.
+        let below = if last == first {
+            mantissa >> 1
+        } else {
+            mantissa
+        };
+        // -1 where the next number is nearer.
+        let up = (mantissa - 2 * rest) >> 63;
+        let down = (below + 2 * rest) >> 63;
+        f32::from_bits(nearly.wrapping_sub(up as u32).wrapping_add(down as u32))
     }
 
     /// The product, less at most 2^-62 of it.
@@ -78,17 +104,31 @@ impl Positive {
         self.scaled(other, high, low)
     }
 
-    /// The product to the 53 bits of an f64, as that rounds it.
+    /// `k pi` to the 53 bits of an f64, as that rounds it, and then to the nearest step of 2^-48, of k in 0.005..=4.
     #[inline(always)]
-    pub const fn times_in_double(self, other: Self) -> Self {
-        let (high, low) = product(self.mantissa, other.mantissa);
-        let Self { mantissa, places } = self.scaled(other, high, low);
-        // What was cut off from it.
-        let lost = if high >> 63 == 1 { low } else { low << 1 } != 0;
-        let kept = mantissa >> 11;
-        let rest = mantissa as u32 & 0x7ff;
-        let up = rest > 0x400 || rest == 0x400 && (lost || kept & 1 == 1);
-        Self::steps(kept + up as u64, places - 11)
+    pub const fn times_pi_in_double(self) -> Fixed<48, i64> {
+        const PI: Positive = Positive::of(core::f64::consts::PI);
+        let (high, low) = product(self.mantissa, PI.mantissa);
+        let places = self.places + PI.places - 64;
+        // Below 2^63 the last of the 53 bits is the eleventh from below, else the one above it; what was cut off from
+        // it is told by the last bit of all. The product is below 0.79 2^64: it has room to round up.
+        let large = (high >> 63) as u32;
+        let wide = high | (low != 0) as u64;
+        let last = (high as u32 >> (10 + large)) & 1;
+        let rounded = wide + (0x1ff + (large << 9) + last) as u64;
+        let twice = rounded >> ((places - 49) & 31);
+        Fixed(((twice + 1) >> 1) as i64)
+    }
+
+    /// The nearest f32 to the product with an integer.
+    #[inline(always)]
+    pub fn times_integer_single(self, n: u32) -> f32 {
+        if n == 0 {
+            return 0.0;
+        }
+        let shift = n.leading_zeros();
+        let (high, _) = product(u64::from(n << shift) << 32, self.mantissa);
+        Self::many(high, self.places + shift as i32 - 32).single()
     }
 
     #[inline(always)]
@@ -131,29 +171,23 @@ impl Positive {
             126 - self.places,
         )
     }
+}
 
-    /// The square root, to about 2^-60 of it: f32's, and two Newton steps in integers.
-    #[inline(always)]
-    pub fn root(self) -> Self {
-        if self.mantissa == 0 {
-            return self;
-        }
-        // Even, and room to round up.
-        let shift = 2 - (self.places & 1);
-        let (x, places) = (self.mantissa >> shift, self.places - shift);
-        // The root of x in 32 bits, of which 23 are right.
-        let nearly = square_root_single((x >> 32) as u32 as f32) * 65_536.0;
-        let start = nearly as u32;
-        let rate = 0.5 / nearly;
-        let square = u64::from(start) * u64::from(start);
-        // Below 2^42; what the root lacks is below 2^10.
-        let miss = x.wrapping_sub(square) as i64;
-        let step = ((miss >> 12) as i32 as f32 * (rate * 4_294_967_296.0)) as i32;
-        let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 12);
-        let miss = x.wrapping_sub(product(better, better).0) as i64;
-        let step = (miss as i32 as f32 * (rate * 4_294_967_296.0)) as i32;
-        Self::steps(better.wrapping_add_signed(i64::from(step)), places / 2 + 32)
-    }
+/// `2^32 sqrt(x)` of `x` in 2^60..2^63, to about 2^-60 of it: f32's, and two Newton steps in integers.
+#[inline(always)]
+pub(crate) fn root(x: u64) -> u64 {
+    // The root of x in 32 bits, of which 23 are right.
+    let nearly = square_root_single((x >> 32) as u32 as f32) * 65_536.0;
+    let start = nearly as u32;
+    let rate = 2_147_483_648.0 / nearly;
+    let square = u64::from(start) * u64::from(start);
+    // Below 2^42; what the root lacks is below 2^10.
+    let miss = x.wrapping_sub(square) as i64;
+    let step = ((miss >> 12) as i32 as f32 * rate) as i32;
+    let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 12);
+    let miss = x.wrapping_sub(product(better, better).0) as i64;
+    let step = (miss as i32 as f32 * rate) as i32;
+    better.wrapping_add_signed(i64::from(step))
 }
 
 /// The product's upper and lower half.
@@ -195,9 +229,12 @@ mod tests {
         for x in numbers() {
             let number = Positive::of(x);
             assert_eq!(number.single().to_bits(), (x as f32).to_bits(), "{x:e}");
-            let product = number.times_in_double(Positive::of(pi));
-            assert_eq!(product, Positive::of(x * pi), "{x:e}");
-            if x < 4.0 {
+            let inverse = number.inverse_single(x as f32);
+            assert_eq!(inverse.to_bits(), ((1.0 / x) as f32).to_bits(), "{x:e}");
+            if (0.005..4.0).contains(&x) {
+                let product = number.times_pi_in_double();
+                let expected = libm::round(x * pi * (1_u64 << 48) as f64);
+                assert_eq!(product.0 as f64, expected, "{x:e}");
                 let steps = libm::round(x * 1_073_741_824.0) as u64;
                 assert_eq!(number.nearest(30), steps, "{x:e}");
             }
@@ -231,9 +268,13 @@ mod tests {
             let number = Positive::of(x);
             let inverse = number.inverse();
             assert!(off(number.times(inverse), one) < 16, "{x:e} {inverse:?}");
-            let root = number.root();
-            assert!(off(root.times(root), number) < 24, "{x:e} {root:?}");
+            let square = number.mantissa >> (1 + number.places as u32 % 3);
+            let root = Positive::many(root(square), 32);
+            let again = Positive::steps(product(root.mantissa, root.mantissa).0, 0);
+            assert!(
+                off(again, Positive::steps(square, 0)) < 48,
+                "{square} {root:?}"
+            );
         }
-        assert_eq!(Positive::ZERO.root(), Positive::ZERO);
     }
 }

@@ -4,9 +4,9 @@
 
 use core::f64::consts::TAU;
 
+use super::Phase;
 use super::fixed::Fixed;
 use super::node::{self, Fine};
-use super::{Phase, square_root_single};
 
 /// Radians in one step of a phase.
 const STEP: f32 = Phase::RADIANS_PER_STEP as f32;
@@ -50,6 +50,7 @@ pub fn sine_cosine_single(phase: Phase) -> (f32, f32) {
 }
 
 /// Arcsine of 0..=1, error below 3e-7 (Abramowitz & Stegun 4.4.46 in f32).
+#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) fn arcsine_single(x: f32) -> f32 {
     const COEFFICIENTS: [f32; 8] = [
         -0.001_262_491,
@@ -62,7 +63,7 @@ pub(crate) fn arcsine_single(x: f32) -> f32 {
         core::f32::consts::FRAC_PI_2,
     ];
     let sum = COEFFICIENTS.iter().fold(0.0, |sum, c| sum * x + c);
-    core::f32::consts::FRAC_PI_2 - square_root_single(1.0 - x) * sum
+    core::f32::consts::FRAC_PI_2 - super::square_root_single(1.0 - x) * sum
 }
 
 /// Sine and cosine of a phase in steps of 2^-30: `1 << 30` is 1.

@@ -1,21 +1,24 @@
 //! What every kernel for microcontrollers is set up from, in integers: f64 is slow where it is software.
 
-use core::f64::consts::{PI, TAU};
+use core::f64::consts::TAU;
 
 use crate::arithmetic::fixed::Fixed;
-use crate::arithmetic::positive::{Positive, product};
-use crate::arithmetic::{Phase, arcsine_single, node};
+use crate::arithmetic::positive::{Positive, product, root};
+use crate::arithmetic::{Phase, node, square_root_single};
 use crate::feeder::{OutOfRange, accept};
 
+/// 1 in steps of 2^-61.
+const ONE: u64 = 1 << 61;
+
 /// Set-up constants of a track and a part: the one routine all kernels take theirs from.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct SetUp {
     /// k.
     pub k: Positive,
-    /// What of k is above 1.
-    pub excess: Positive,
-    /// `1 / k`.
-    pub inverse: Positive,
+    /// k, nearest.
+    pub single: f32,
+    /// k in steps of 2^-61, of which every f64 from 0.005 to 4 is a whole number.
+    steps: u64,
     /// Phase where a hump begins, `arcsin k`; a quarter turn where k >= 1.
     pub lift_off: Phase,
     /// Length of a hump, `pi - 2 arcsin k`, in steps of a phase; 0 where k >= 1.
@@ -29,6 +32,7 @@ pub(crate) struct SetUp {
 impl SetUp {
     /// The constants for `k`, with the refusal of a k or a restitution that no kernel for
     /// microcontrollers takes.
+    #[inline(always)]
     pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         // The bits of positive numbers are in their order, those of NaN and of negative ones beyond.
         let within =
@@ -52,31 +56,56 @@ impl SetUp {
         ))
     }
 
+    #[inline(always)]
     fn new(k: f64, restitution: Fixed<32, u32>) -> Self {
         let k = Positive::of(k);
-        // Every bit of an f64 from 0.005 to 4 is in there.
-        let steps = k.nearest(61);
+        let (steps, single) = (k.whole(61), k.single());
         let above = Self {
             k,
-            excess: Positive::steps(steps.saturating_sub(1 << 61), 61),
-            inverse: k.inverse(),
+            single,
+            steps,
             lift_off: Phase::from_bits(1 << 30),
             hump: 0,
             lift_off_cosine: Positive::ZERO,
             restitution,
         };
-        if steps >= 1 << 61 {
+        if steps >= ONE {
             return above;
         }
-        let (less, more) = ((1 << 61) - steps, (1 << 61) + steps);
-        let square = Positive::steps(less, 61).times(Positive::steps(more, 61));
-        let lift_off_cosine = square.root();
-        let lift_off = arcsine(k, lift_off_cosine);
+        let (less, more) = (ONE - steps, ONE + steps);
+        // Even, so that the root's places are whole.
+        let shift = (less.leading_zeros() - 1) & !1;
+        let root = root(product(less << shift, more << 2).0);
+        let lift_off = arcsine(steps, single, root >> ((shift / 2) & 31));
         Self {
             lift_off,
             hump: (1_u32 << 31) - 2 * lift_off.bits(),
-            lift_off_cosine,
+            lift_off_cosine: Positive::many(root, 62 + shift as i32 / 2),
             ..above
+        }
+    }
+
+    /// k in steps of 2^-`F`, nearest, of which there are below 2^32; beyond modulo that.
+    #[inline(always)]
+    pub fn fixed<const F: u32>(&self) -> Fixed<F> {
+        Fixed(((self.steps + (1 << (60 - F))) >> (61 - F)) as i32)
+    }
+
+    /// The lesser of k and 1.
+    pub fn threshold(&self) -> Fixed<30> {
+        if self.steps >= ONE {
+            Fixed::ONE
+        } else {
+            self.fixed()
+        }
+    }
+
+    /// What of k is above 1.
+    pub fn excess(&self) -> f32 {
+        if self.steps > ONE {
+            Positive::steps(self.steps - ONE, 61).single()
+        } else {
+            0.0
         }
     }
 
@@ -85,55 +114,80 @@ impl SetUp {
     pub fn tall(&self) -> Positive {
         const SPARE: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
         let least = if self.hump > 0 {
-            (1 << 60) + self.k.times(self.k).nearest(60)
+            (1 << 60) + product(2 * self.steps, 2 * self.steps).0
         } else {
-            2 * self.k.nearest(60)
+            self.steps
         };
-        Positive::steps(SPARE + least, 60)
+        Positive::many(SPARE + least, 60)
     }
 
     /// k pi, as f64 has it.
     pub fn half_turn_fall(&self) -> Fixed<48, i64> {
-        const PI_: Positive = Positive::of(PI);
-        self.k.times_in_double(PI_).fixed()
+        self.k.times_pi_in_double()
+    }
+
+    /// `1 / k`, nearest.
+    pub fn inverse(&self) -> f32 {
+        self.k.inverse_single(self.single)
     }
 
     /// `1 / (2 pi k)`.
     pub fn turns(&self) -> Positive {
         const PER_TURN: Positive = Positive::of(1.0 / TAU);
-        self.inverse.times(PER_TURN)
+        self.k.inverse().times(PER_TURN)
     }
 }
 
-/// The phase at which the sine is `sine` < 1, from the cosine there: from the nearest node by
-/// `sin(a - b) = sin a cos b - cos a sin b`, less than 1e-8 steps off before it is rounded.
-fn arcsine(sine: Positive, cosine: Positive) -> Phase {
-    /// A number in 0..1 in steps of 2^-64.
-    const fn part(x: f64) -> u64 {
-        Positive::of(x).nearest(64)
+/// The phase at which the sine is `sine` < 1, in steps of 2^-61 and nearly, from the cosine there, in steps of 2^-62: from
+/// the nearest node by `sin(a - b) = sin a cos b - cos a sin b`, less than 5e-7 steps off before it is rounded.
+#[inline(always)]
+fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
+    /// `x` in steps of 2^-`places`.
+    const fn part(x: f64, places: i32) -> u64 {
+        Positive::of(x).nearest(places)
     }
-    const QUARTER: usize = node::COUNT / 4;
-    let times = |a: u64, b: u64| product(a, b).0;
-    let nodes = arcsine_single(sine.single()) * (node::COUNT as f64 / TAU) as f32 + 0.5;
-    let nearest = (nodes as usize).min(QUARTER);
+    let upper = |a: u32, b: u32| ((u64::from(a) * u64::from(b)) >> 32) as u32;
+    let nearest = (nodes(single) as usize).min(QUARTER);
     let [below, beside] = [node::QUARTER[nearest], node::QUARTER[QUARTER - nearest]];
-    let apart = times(sine.nearest(64), beside) as i64 - times(cosine.nearest(64), below) as i64;
-    let x = 2 * apart.unsigned_abs();
-    let square = times(x, x);
-    let series =
-        part(1.0 / 6.0) + times(square, part(3.0 / 40.0) + times(square, part(15.0 / 336.0)));
-    let turns = times(x + times(times(square, x), series), part(1.0 / TAU));
-    let from = (nearest as u64) << 56;
+    // In steps of 2^-61, below 2^-6.
+    let apart = product(2 * sine, beside).0 as i64 - product(cosine, below).0 as i64;
+    let x = apart.unsigned_abs();
+    // What the arc has more, from 32 bits: x in steps of 2^-38, its square of 2^-44 and its cube of 2^-50.
+    let short = (x >> 23) as u32;
+    let square = upper(short, short);
+    let fifth = part(3.0 / 40.0, 32) as u32 + (upper(square, part(15.0 / 336.0, 32) as u32) >> 12);
+    let third = part(1.0 / 6.0, 34) as u32 + (upper(square, fifth) >> 10);
+    let more = upper(upper(square, short), third);
+    // Turns in steps of 2^-63.
+    let turns = product(x + (u64::from(more) << 9), part(1.0 / TAU, 66)).0;
+    let from = (nearest as u64) << 55;
     let angle = if apart < 0 {
         from - turns
     } else {
         from + turns
     };
-    Phase::from_bits(((angle + (1 << 31)) >> 32) as u32)
+    Phase::from_bits(((angle + (1 << 30)) >> 31) as u32)
+}
+
+/// Nodes in a quarter turn.
+const QUARTER: usize = node::COUNT / 4;
+
+/// The node that is nearest where the sine is `x`, and a half; 0.002 off (Abramowitz & Stegun 4.4.45).
+#[inline(always)]
+fn nodes(x: f32) -> f32 {
+    const fn in_nodes(x: f64) -> f32 {
+        (x * (node::COUNT as f64 / TAU)) as f32
+    }
+    let sum = ((in_nodes(-0.018_729_3) * x + in_nodes(0.074_261_0)) * x + in_nodes(-0.212_114_4))
+        * x
+        + in_nodes(1.570_728_8);
+    (QUARTER as f32 + 0.5) - square_root_single(1.0 - x) * sum
 }
 
 #[cfg(test)]
 mod tests {
+    use core::f64::consts::PI;
+
     use super::*;
 
     /// Those of f64, as far as a kernel rounds them.
@@ -162,7 +216,7 @@ mod tests {
         (
             set_up.lift_off.bits(),
             set_up.lift_off_cosine.single(),
-            set_up.inverse.single(),
+            set_up.inverse(),
             set_up.tall().single(),
             set_up.half_turn_fall().0,
             set_up.turns().nearest(24) as u32,

@@ -488,8 +488,8 @@ impl Kernel for Hybrid {
         let set_up = SetUp::build(k, restitution)?;
         Ok(Self {
             shape: Shape::new(&set_up),
-            threshold: Fixed(set_up.k.nearest(30).min(1 << 30) as i32),
-            excess: set_up.excess.single(),
+            threshold: set_up.threshold(),
+            excess: set_up.excess(),
             half_turn_fall: set_up.half_turn_fall(),
             restitution: set_up.restitution,
         })

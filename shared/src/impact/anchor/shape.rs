@@ -26,28 +26,22 @@ pub(crate) struct Shape {
 }
 
 impl Shape {
+    #[inline(always)]
     pub fn new(set_up: &SetUp) -> Self {
-        const PER_STEP: Positive = Positive::of(Phase::RADIANS_PER_STEP);
         // How far into a hump the cubic of [`Shape::clears`] holds: `k x / (4 c)` is 0.12 and `x^2 / 20` 0.08 there.
         const FARTHEST: f32 = 1.26;
-        let SetUp {
-            k,
-            inverse,
-            lift_off_cosine,
-            hump,
-            ..
-        } = *set_up;
-        let [single, inverse, lift_off_cosine] =
-            [k, inverse, lift_off_cosine].map(Positive::single);
+        let SetUp { single, hump, .. } = *set_up;
+        let inverse = set_up.inverse();
+        let lift_off_cosine = set_up.lift_off_cosine.single();
         let reach = 0.48 * lift_off_cosine * inverse;
         let reach = if reach < FARTHEST { reach } else { FARTHEST };
         Self {
             k: single,
             half_k: 0.5 * single,
             inverse,
-            excess: set_up.excess.single(),
+            excess: set_up.excess(),
             lift_off_cosine,
-            hump_length: Positive::steps(u64::from(hump), 0).times(PER_STEP).single(),
+            hump_length: radians(hump),
             tall: set_up.tall().single(),
             skim: 0.4 * lift_off_cosine * reach * reach,
             lift_off: set_up.lift_off.bits(),
@@ -109,6 +103,13 @@ impl Shape {
             - self.k * z * (0.5 - z * (1.0 / 24.0));
         self.excess - rise
     }
+}
+
+/// So many steps of a phase in rad, nearest.
+#[inline(always)]
+fn radians(steps: u32) -> f32 {
+    const PER_STEP: Positive = Positive::of(Phase::RADIANS_PER_STEP);
+    PER_STEP.times_integer_single(steps)
 }
 
 impl Track for Shape {

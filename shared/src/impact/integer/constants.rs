@@ -53,8 +53,8 @@ impl Constants {
         Self {
             lift_off: set_up.lift_off.bits(),
             hump: set_up.hump,
-            k: Fixed(set_up.k.nearest(28) as i32),
-            threshold: Fixed(set_up.k.nearest(30) as i32),
+            k: set_up.fixed(),
+            threshold: set_up.fixed(),
             lift_off_cosine: Fixed(set_up.lift_off_cosine.nearest(26) as i32),
             half_turn_fall: set_up.half_turn_fall(),
             inverse: Fixed(set_up.turns().nearest(24) as u32),
