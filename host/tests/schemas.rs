@@ -135,6 +135,12 @@ const BOARD: &[(&str, &[&str])] = &[
     ("status", &["status", "target k 0.43"]),
 ];
 
+/// The same of what is counted on the emulated CPUs.
+const COUNTED: &[(&str, &[&str])] = &[
+    ("bench-classes", &["bench --on qemu --show classes"]),
+    ("bench-instructions", &["bench --on qemu"]),
+];
+
 /// What is null in all that the commands above print, and what it is otherwise.
 const NULLABLE: [(&str, &str); 18] = [
     ("fault", "string"),
@@ -159,7 +165,7 @@ const NULLABLE: [(&str, &str); 18] = [
 
 fn run(folder: &Path, words: &str, more: &[&str], format: &str) -> Vec<u8> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kband"));
-    if words.starts_with("bench") {
+    if words.starts_with("bench") && !words.contains("--on") {
         // Without the emulator, which counts for half a minute: what it counts is null then.
         command.env("PATH", folder);
     }
@@ -398,6 +404,17 @@ fn what_it_prints_of_a_board_keeps_to_its_schemas() {
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     let words = [("flash", &["flash --dry-run"][..])];
     check(folder.path(), &words, &[image.to_str().unwrap()]);
+}
+
+#[test]
+fn what_it_counts_on_the_emulated_cpus_keeps_to_its_schemas() {
+    let folder = tempfile::tempdir().unwrap();
+    for machine in [Machine::CortexM4F, Machine::CortexM0] {
+        for image in ["kernel_cost", "kernel_orbits"] {
+            assert!(images::build("kband-emulated", image, machine).is_file());
+        }
+    }
+    check(folder.path(), COUNTED, &[]);
 }
 
 #[test]

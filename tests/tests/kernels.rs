@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use kband_emulated::kernels;
+use kband_host::bench::classes::{self, CLASSES};
 use kband_tests::chip::core::Class;
 use kband_tests::count::{self, Counts};
 use kband_tests::emulator::{self, Clock, Machine, Options};
@@ -63,6 +64,11 @@ const BY_CLASS: [(Machine, &str, [f64; Class::ALL.len()]); 3] = [
 fn an_impact_takes_the_instructions_of_each_class_that_are_told() {
     for machine in [Machine::CortexM4F, Machine::CortexM0] {
         let image = images::build("kband-emulated", "kernel_orbits", machine);
+        let cpu = match machine {
+            Machine::CortexM4F => "m4f",
+            Machine::CortexM0 => "m0",
+        };
+        let logged = classes::of(cpu, &image).unwrap();
         let calls = count::calls(&image, "fly");
         let told: Vec<_> = BY_CLASS.iter().filter(|told| told.0 == machine).collect();
         assert_eq!(calls.len(), told.len() * kernels::ORBITS.len() * 2);
@@ -76,6 +82,10 @@ fn an_impact_takes_the_instructions_of_each_class_that_are_told() {
                 std::array::from_fn(|class| sum[class] + counts[class])
             });
             let impacts = kernels::ORBITS.len() as f64 * f64::from(kernels::IMPACTS);
+            // QEMU's log of what it executed says the same.
+            let logged = logged.iter().find(|logged| logged.kernel == *name).unwrap();
+            assert_eq!(logged.instructions, sum.map(|count| count as f64 / impacts));
+            assert_eq!(CLASSES, Class::ALL.map(|(_, name)| name));
             for ((count, told), (_, class)) in sum.iter().zip(told).zip(Class::ALL) {
                 let count = *count as f64 / impacts;
                 println!("{name} on {machine:?}: {class} {count:.1}");

@@ -1,7 +1,7 @@
 //! Instructions per impact on the emulated microcontrollers, where image and emulator are there.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 
 /// One count.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,24 +16,24 @@ pub struct Count {
     pub instructions: u64,
 }
 
-/// The emulated machines, by QEMU's name and their Rust target.
-const MACHINES: [(&str, &str); 2] = [
-    ("olimex-stm32-h405", "thumbv7em-none-eabihf"),
-    ("microbit", "thumbv6m-none-eabi"),
+/// The emulated machines, by QEMU's name, their Rust target and their CPU's name.
+pub(super) const MACHINES: [(&str, &str, &str); 2] = [
+    ("olimex-stm32-h405", "thumbv7em-none-eabihf", "m4f"),
+    ("microbit", "thumbv6m-none-eabi", "m0"),
 ];
 
 /// How images and emulator come here.
 pub const NEXT: &str = "tests/setup.sh brings emulator and targets; then, in the project's folder, for each of \
     thumbv7em-none-eabihf and thumbv6m-none-eabi: cargo build --profile firmware --package kband-emulated \
-    --bin kernel_cost --target TARGET --target-dir target/emulated";
+    --bins --target TARGET --target-dir target/emulated";
 
 /// The counts that the images print, or why there are none.
 #[must_use]
 pub fn counts() -> (Vec<Count>, Option<String>) {
     let mut counts = Vec::new();
     let mut missing = None;
-    for (machine, target) in MACHINES {
-        match image(target).and_then(|image| run(machine, &image)) {
+    for (machine, target, _) in MACHINES {
+        match image(target, "kernel_cost").and_then(|image| run(machine, &image)) {
             Ok(text) => counts.extend(text.lines().filter_map(parse)),
             Err(cause) => missing = Some(cause),
         }
@@ -43,7 +43,7 @@ pub fn counts() -> (Vec<Count>, Option<String>) {
 
 /// The image that the emulated tests build: in the folder that `CARGO_TARGET_DIR` names, in the one this
 /// program was built in, or in `target`.
-fn image(target: &str) -> Result<PathBuf, String> {
+pub(super) fn image(target: &str, name: &str) -> Result<PathBuf, String> {
     let named = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
     let own = std::env::current_exe()
         .ok()
@@ -53,7 +53,8 @@ fn image(target: &str) -> Result<PathBuf, String> {
         folder
             .join("emulated")
             .join(target)
-            .join("firmware/kernel_cost")
+            .join("firmware")
+            .join(name)
     };
     let paths: Vec<PathBuf> = folders.into_iter().flatten().map(below).collect();
     let found = paths.iter().find(|path| path.is_file());
@@ -68,24 +69,33 @@ fn image(target: &str) -> Result<PathBuf, String> {
     })
 }
 
-/// What the image prints, at most a minute.
-fn run(machine: &str, image: &Path) -> Result<String, String> {
-    let output = Command::new("timeout")
+/// The emulator with an image, at most a minute.
+pub(super) fn emulator(machine: &str, image: &Path) -> Command {
+    let mut command = Command::new("timeout");
+    command
         .args(["--kill-after=2", "60", "qemu-system-arm", "-M", machine])
         .args(["-display", "none", "-monitor", "none", "-serial", "null"])
-        .args(["-icount", "shift=0"])
         .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
         .arg(image)
-        .stdin(Stdio::null())
+        .stdin(Stdio::null());
+    command
+}
+
+/// That it ended so.
+pub(super) fn failed(machine: &str, status: ExitStatus) -> String {
+    format!("qemu-system-arm on {machine} ended with {status}; tests/setup.sh brings it")
+}
+
+/// What the image prints.
+fn run(machine: &str, image: &Path) -> Result<String, String> {
+    let output = emulator(machine, image)
+        .args(["-icount", "shift=0"])
         .output()
         .map_err(|error| format!("no emulator: {error}"))?;
     if output.status.success() {
         Ok(String::from_utf8_lossy(&output.stderr).into_owned())
     } else {
-        Err(format!(
-            "qemu-system-arm on {machine} ended with {}; tests/setup.sh brings it",
-            output.status
-        ))
+        Err(failed(machine, output.status))
     }
 }
 

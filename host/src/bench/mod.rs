@@ -6,6 +6,7 @@
 
 pub mod bracket;
 pub mod chains;
+pub mod classes;
 pub mod contest;
 pub mod instructions;
 pub mod scaling;

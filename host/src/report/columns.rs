@@ -214,6 +214,7 @@ columns! {
     INSTRUCTIONS_M0 "instructions_m0" "" "Instructions for one on a Cortex-M0.",
     TONES_OVER_ONE "tones_over_one" "" "Cost on two tones over that on one.",
     CPU "cpu" "" "Microcontroller.",
+    CLASS "class" "" "Class of instructions.",
     QUALITY "quality" "" "Quality factor of the drive (Q).",
     GAIN_OVER_TOLD "gain_over_told" "" "Gain of the drive over the one told.",
     GAIN_MARGIN "gain_margin" "" "Gain margin of the amplitude loop.",

@@ -1,6 +1,7 @@
 //! `kband bench`: run time against error of every arithmetic, and what users wait for.
 
 mod chained;
+mod classed;
 mod scaled;
 mod waited;
 
@@ -21,6 +22,7 @@ use crate::report::{Printout, Table, columns, number};
   kband bench --format json
   kband bench --out time-against-error.svg
   kband bench --on qemu
+  kband bench --on qemu --show classes
   kband bench --show chains
   kband bench --show verbs --only diagram
   kband bench --show scaling --impacts 100000000 --out scaling.svg
@@ -87,6 +89,8 @@ pub enum Show {
     Verbs,
     /// The cost of an impact by how many are made, with one thread and with two.
     Scaling,
+    /// With --on qemu: instructions of an impact by their class.
+    Classes,
 }
 
 impl Arguments {
@@ -97,10 +101,9 @@ impl Arguments {
 
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    if arguments.on == On::Qemu {
-        return count(arguments);
-    }
     match arguments.show {
+        Show::Classes => classed::run(arguments),
+        _ if arguments.on == On::Qemu => count(arguments),
         Show::Kernels => kernels(arguments, desk),
         Show::Chains => chained::run(arguments, desk),
         Show::Verbs => waited::run(arguments, desk),
