@@ -39,10 +39,19 @@ pub(crate) fn first_impact(
         cosine,
     } = *launch;
     // By value: in memory the launch would delay the tall flights, too.
-    not_tall(track, phase, velocity, sine, cosine, |_| ())
+    not_tall(track, phase, velocity, sine, cosine, |_, _| ())
 }
 
-/// [`first_impact`] of a flight that is not tall; `near` is told where a low flight ends, before the last step.
+/// A low flight of which the quick form is certain.
+pub(super) struct Low {
+    /// Whether it [meets the track once](Launch::meets_once).
+    pub once: bool,
+    pub stretch: low::Stretch<f64>,
+    pub close: Close<f64>,
+    pub landing: Landing<f64>,
+}
+
+/// [`first_impact`] of a flight that is not tall; `seen` is told of one that is [`Low`].
 #[inline(never)]
 pub(super) fn not_tall(
     track: &Track<f64>,
@@ -50,7 +59,7 @@ pub(super) fn not_tall(
     velocity: f64,
     sine: f64,
     cosine: f64,
-    near: impl FnOnce(&Close<f64>),
+    seen: impl FnOnce(&Launch<f64>, &Low),
 ) -> Option<(Landing<f64>, bool)> {
     let launch = Launch {
         phase,
@@ -69,19 +78,25 @@ pub(super) fn not_tall(
             hard_hop(track, &launch)
         });
     }
-    let stretch = if f64::any(launch.meets_once(track)) {
+    let once = f64::any(launch.meets_once(track));
+    let stretch = if once {
         low::once(track, &launch)
     } else {
         low::stretch(track, &launch)
     };
     let close = low::approach(track, &launch, &stretch);
-    near(&close);
     let (landing, certain) = low::landing(track, &launch, &stretch, &close);
-    Some(if f64::any(certain) {
-        (landing, false)
-    } else {
-        hard(track, &launch, stretch)
-    })
+    if !f64::any(certain) {
+        return Some(hard(track, &launch, stretch));
+    }
+    let low = Low {
+        once,
+        stretch,
+        close,
+        landing,
+    };
+    seen(&launch, &low);
+    Some((landing, false))
 }
 
 /// The first impact of a short flight of which the quick form is not certain, and whether it grazes.

@@ -181,6 +181,7 @@ impl<L: Lane> Stretch<L> {
         (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDER)
     }
 
+    /// How fast the two parabolas part at its start; `rounded` names the [node](Self::node) nearest to it.
     /// The stretch `low..high` in the half turn, upper or lower, with its middle at `centre`.
     #[inline(always)]
     fn about(
@@ -203,6 +204,18 @@ impl<L: Lane> Stretch<L> {
             high,
             certain,
         }
+    }
+}
+
+impl Stretch<f64> {
+    /// How fast the two parabolas part at its start; `rounded` names the [node](Self::node) nearest to it.
+    #[inline(always)]
+    pub(super) fn slope(&self, track: &Track<f64>, launch: &Launch<f64>, rounded: f64) -> f64 {
+        const HALF: i32 = node::COUNT as i32 / 2;
+        let number = rounded.to_bits() as i32 & (2 * HALF - 1);
+        let past_middle = f64::from((number & (HALF - 1)) - HALF / 2) * node::SPACING;
+        let bend = if number < HALF { BEND } else { -BEND };
+        launch.rise() - track.k * self.start + (bend + bend) * past_middle
     }
 }
 

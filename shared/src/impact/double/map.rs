@@ -125,8 +125,7 @@ impl Kernel for Map {
 
     #[inline]
     fn next_impact(&self, state: PartState, recent: &mut Recent) -> Impact<PartState> {
-        let landing = recent.first_impact(&self.track, state.phase, state.velocity);
-        impact_of(self.restitution, state, landing)
+        recent.impact(&self.track, self.restitution, state)
     }
 }
 

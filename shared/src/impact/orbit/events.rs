@@ -93,7 +93,7 @@ pub enum Ended {
 /// assert!((impact.flight - TAU).abs() < 1e-9);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     kernel: &'a K,
     contact: Contact,
