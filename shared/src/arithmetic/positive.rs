@@ -127,7 +127,7 @@ impl Positive {
             return 0.0;
         }
         let shift = n.leading_zeros();
-        let (high, _) = product(u64::from(n << shift) << 32, self.mantissa);
+        let high = upper(u64::from(n << shift) << 32, self.mantissa);
         Self::many(high, self.places + shift as i32 - 32).single()
     }
 
@@ -185,9 +185,18 @@ pub(crate) fn root(x: u64) -> u64 {
     let miss = x.wrapping_sub(square) as i64;
     let step = ((miss >> 12) as i32 as f32 * rate) as i32;
     let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 12);
-    let miss = x.wrapping_sub(product(better, better).0) as i64;
+    let miss = x.wrapping_sub(upper(better, better)) as i64;
     let step = (miss as i32 as f32 * rate) as i32;
     better.wrapping_add_signed(i64::from(step))
+}
+
+/// The product's upper half, less at most 2.
+#[inline(always)]
+pub(crate) const fn upper(a: u64, b: u64) -> u64 {
+    const LOW: u64 = 0xffff_ffff;
+    let (a_high, a_low) = (a >> 32, a & LOW);
+    let (b_high, b_low) = (b >> 32, b & LOW);
+    a_high * b_high + ((a_high * b_low) >> 32) + ((a_low * b_high) >> 32)
 }
 
 /// The product's upper and lower half.
@@ -270,7 +279,9 @@ mod tests {
             assert!(off(number.times(inverse), one) < 16, "{x:e} {inverse:?}");
             let square = number.mantissa >> (1 + number.places as u32 % 3);
             let root = Positive::many(root(square), 32);
-            let again = Positive::steps(product(root.mantissa, root.mantissa).0, 0);
+            let square_again = product(root.mantissa, root.mantissa).0;
+            assert!(square_again - upper(root.mantissa, root.mantissa) <= 2);
+            let again = Positive::steps(square_again, 0);
             assert!(
                 off(again, Positive::steps(square, 0)) < 48,
                 "{square} {root:?}"

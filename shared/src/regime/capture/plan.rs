@@ -65,7 +65,7 @@ pub struct PlanSettings {
 }
 
 impl PlanSettings {
-    /// A search that needs all of it takes 20 million instructions of a Cortex-M4F, 503 for each impact's worth.
+    /// A search that needs all of it takes 20 million instructions of a Cortex-M4F, 495 for each impact's worth.
     pub const EFFORT: u32 = 40_000;
 }
 

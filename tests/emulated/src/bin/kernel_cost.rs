@@ -23,10 +23,10 @@ fn run() {
     // The bounds are for the CPU that the kernel is meant for: what was counted, and 3 % for another compiler.
     if cfg!(target_abi = "eabihf") {
         let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
-        hybrid.is_held("hybrid", [298, 617]);
+        hybrid.is_held("hybrid", [298, 563]);
         assert!(worst <= 412, "hybrid: {worst}");
         let worst = single.worst.max(cost::sweep::<Single>(&counter));
-        single.is_held("f32", [175, 493]);
+        single.is_held("f32", [175, 457]);
         assert!(worst <= 289, "f32: {worst}");
         let hybrid_on_tones = cost::measure_on_tones::<WaveHybrid>(&counter);
         let single_on_tones = cost::measure_on_tones::<WaveSingle>(&counter);
@@ -34,7 +34,7 @@ fn run() {
         single_on_tones.is_held_on_tones(&single);
     } else {
         let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
-        integer.is_held("integer", [1770, 7290]);
+        integer.is_held("integer", [1770, 6952]);
         assert!(worst <= 2999, "integer: {worst}");
         let integer_on_tones = cost::measure_on_tones::<WaveInteger>(&counter);
         integer_on_tones.is_held_on_tones(&integer);
