@@ -148,6 +148,21 @@ impl Lane for Avx2 {
         (Self(sine), Self(cosine))
     }
     #[inline(always)]
+    fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
+        let [a, b, c, d] = *apart(&rounded[at..at + Self::WIDTH]);
+        // SAFETY: the CPU has AVX2, see the module; a pair is as long as what is loaded from it.
+        unsafe {
+            let (a, b) = (_mm_loadu_pd(pair(a)), _mm_loadu_pd(pair(b)));
+            let (c, d) = (_mm_loadu_pd(pair(c)), _mm_loadu_pd(pair(d)));
+            let even = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
+            let odd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
+            (
+                Self(_mm256_unpacklo_pd(even, odd)),
+                Self(_mm256_unpackhi_pd(even, odd)),
+            )
+        }
+    }
+    #[inline(always)]
     fn is_same_node(rounded: Self, other: Self) -> Mask {
         // SAFETY: the CPU has AVX2, see the module.
         Mask(unsafe { _mm256_castsi256_pd(_mm256_cmpeq_epi64(rounded.index(), other.index())) })
@@ -235,4 +250,21 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
         let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
         (_mm256_unpacklo_pd(ac, bd), _mm256_unpackhi_pd(ac, bd))
     }
+}
+
+/// The same numbers, told from those of a register: taking a register apart costs more than a load of each.
+#[inline(always)]
+fn apart(numbers: &[f64]) -> &[f64; 4] {
+    assert!(numbers.len() == 4);
+    let mut first = numbers.as_ptr().cast::<[f64; 4]>();
+    // SAFETY: no instruction; the pointer stays what it is, and there are as many numbers.
+    unsafe {
+        core::arch::asm!("/* {0} */", inout(reg) first, options(pure, readonly, nostack, preserves_flags));
+        &*first
+    }
+}
+
+#[inline(always)]
+fn pair(rounded: f64) -> *const f64 {
+    node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

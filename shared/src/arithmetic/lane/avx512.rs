@@ -141,19 +141,14 @@ impl Lane for Avx512 {
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
         // By plain loads: the gather instruction takes several times as long on some CPUs.
-        let numbers = rounded.to_array();
-        let numbers = core::hint::black_box(&numbers);
-        let pair = |lane: usize| &node::DOUBLE[numbers[lane].to_bits() as usize % node::COUNT];
-        // SAFETY: the CPU has AVX-512, see the module; a pair is as long as what is loaded from it.
+        Self::node_at(&rounded.to_array(), 0)
+    }
+    #[inline(always)]
+    fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
+        let [a, b, c, d, e, f, g, h] = *apart(&rounded[at..at + Self::WIDTH]);
+        let (even, odd) = (four([a, c, e, g]), four([b, d, f, h]));
+        // SAFETY: the CPU has AVX-512, see the module.
         unsafe {
-            let load = |lane: usize| _mm_loadu_pd(pair(lane).as_ptr());
-            let four = |a: usize, b: usize, c: usize, d: usize| {
-                let low = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(load(a)), load(b));
-                let all = _mm512_castpd256_pd512(low);
-                let all = _mm512_insertf64x2::<2>(all, load(c));
-                _mm512_insertf64x2::<3>(all, load(d))
-            };
-            let (even, odd) = (four(0, 2, 4, 6), four(1, 3, 5, 7));
             (
                 Self(_mm512_unpacklo_pd(even, odd)),
                 Self(_mm512_unpackhi_pd(even, odd)),
@@ -191,6 +186,12 @@ impl Lane for Avx512 {
         unsafe { _mm512_storeu_pd(values.as_mut_ptr(), self.0) };
     }
     #[inline(always)]
+    fn store_only(self, mask: Mask, values: &mut [f64], at: usize) {
+        let values = &mut values[at..at + Self::WIDTH];
+        // SAFETY: the CPU has AVX-512, see the module; the slice is as long as a register.
+        unsafe { _mm512_mask_storeu_pd(values.as_mut_ptr(), mask.0, self.0) };
+    }
+    #[inline(always)]
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
         let mut values = [0.0; 8];
         for (value, number) in values.iter_mut().zip(numbers) {
@@ -216,4 +217,34 @@ impl Lane for Avx512 {
         unsafe { _mm512_storeu_pd(values.as_mut_ptr(), self.0) };
         values
     }
+}
+
+/// Sine and cosine of the nodes that these [`ROUNDER`](super::ROUNDER) sums name.
+#[inline(always)]
+fn four([a, b, c, d]: [f64; 4]) -> __m512d {
+    // SAFETY: the CPU has AVX-512, see the module; a pair is as long as what is loaded from it.
+    unsafe {
+        let a = _mm_loadu_pd(pair(a));
+        let low = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), _mm_loadu_pd(pair(b)));
+        let all = _mm512_castpd256_pd512(low);
+        let all = _mm512_insertf64x2::<2>(all, _mm_loadu_pd(pair(c)));
+        _mm512_insertf64x2::<3>(all, _mm_loadu_pd(pair(d)))
+    }
+}
+
+/// The same numbers, told from those of a register: taking a register apart costs more than a load of each.
+#[inline(always)]
+fn apart(numbers: &[f64]) -> &[f64; WIDEST] {
+    assert!(numbers.len() == WIDEST);
+    let mut first = numbers.as_ptr().cast::<[f64; WIDEST]>();
+    // SAFETY: no instruction; the pointer stays what it is, and there are as many numbers.
+    unsafe {
+        core::arch::asm!("/* {0} */", inout(reg) first, options(pure, readonly, nostack, preserves_flags));
+        &*first
+    }
+}
+
+#[inline(always)]
+fn pair(rounded: f64) -> *const f64 {
+    node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

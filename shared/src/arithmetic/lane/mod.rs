@@ -84,6 +84,11 @@ pub(crate) trait Lane:
     }
     /// Sine and cosine at the node whose number stands in the low bits of a [`ROUNDER`] sum.
     fn node(rounded: Self) -> (Self, Self);
+    /// [`Lane::node`] of the sums that stand from number `at` on.
+    #[inline(always)]
+    fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
+        Self::node(Self::load(rounded, at))
+    }
     /// Where two [`ROUNDER`] sums name the same node of a turn.
     fn is_same_node(rounded: Self, other: Self) -> Self::Mask;
     /// The phase of that node within its turn, as a sum: its number times [`node::SPACING_HIGH`], and
@@ -95,6 +100,11 @@ pub(crate) trait Lane:
     fn load(values: &[f64], at: usize) -> Self;
     /// Puts the lanes where [`Lane::load`] had them from.
     fn store(self, values: &mut [f64], at: usize);
+    /// Puts those lanes that the mask holds for where [`Lane::load`] had them from.
+    #[inline(always)]
+    fn store_only(self, mask: Self::Mask, values: &mut [f64], at: usize) {
+        Self::select(mask, self, Self::load(values, at)).store(values, at);
+    }
     /// The first of these numbers of a column.
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self;
     /// The bytes at these places, a byte each.
@@ -149,12 +159,12 @@ impl<L: Lane> Node<L> {
     }
 
     /// [`sine_cosine`] of a phase in 0..2 pi to which this node is most often the nearest: then its sine and
-    /// cosine need not be fetched.
+    /// cosine need not be fetched. Lanes that `which` does not hold for are not asked, and get anything.
     #[inline(always)]
-    pub fn sine_cosine(&self, phase: L) -> (L, L) {
+    pub fn sine_cosine(&self, phase: L, which: L::Mask) -> (L, L) {
         let rounded = name(phase);
         let same = L::is_same_node(rounded, self.rounded);
-        if L::any(!same) {
+        if L::any(!same & which) {
             between(phase, rounded, L::node(rounded))
         } else {
             between(phase, rounded, (self.sine, self.cosine))

@@ -71,7 +71,7 @@ impl Lane for f64 {
     }
     #[inline(always)]
     fn mask(bits: u32) -> Mask {
-        decision::below(-f64::from(bits & 1), 0.0)
+        decision::mask(bits)
     }
     #[inline(always)]
     fn load(values: &[f64], at: usize) -> Self {
@@ -139,6 +139,12 @@ mod decision {
     }
 
     #[inline(always)]
+    pub(super) fn mask(bits: u32) -> Mask {
+        // SAFETY: every x86-64 has SSE2.
+        Mask(unsafe { _mm_castsi128_pd(_mm_set_epi64x(0, -i64::from(bits & 1))) })
+    }
+
+    #[inline(always)]
     pub(super) fn select(mask: Mask, yes: f64, no: f64) -> f64 {
         // SAFETY: every x86-64 has SSE2.
         unsafe {
@@ -179,6 +185,11 @@ mod decision {
     #[inline(always)]
     pub(super) fn below(a: f64, b: f64) -> Mask {
         a < b
+    }
+
+    #[inline(always)]
+    pub(super) fn mask(bits: u32) -> Mask {
+        bits & 1 == 1
     }
 
     #[inline(always)]

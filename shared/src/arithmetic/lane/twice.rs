@@ -107,6 +107,11 @@ impl<L: Lane> Lane for Twice<L> {
         (Self(low.0, high.0), Self(low.1, high.1))
     }
     #[inline(always)]
+    fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
+        let (low, high) = (L::node_at(rounded, at), L::node_at(rounded, at + L::WIDTH));
+        (Self(low.0, high.0), Self(low.1, high.1))
+    }
+    #[inline(always)]
     fn is_same_node(rounded: Self, other: Self) -> Self::Mask {
         Twice(
             L::is_same_node(rounded.0, other.0),

@@ -84,8 +84,8 @@ impl Columns {
             phase, velocity, ..
         } = self.launch_at::<L>(at);
         let launch = Launch::new(phase, velocity);
-        replace(launch.sine, which, &mut self.sine, at);
-        replace(launch.cosine, which, &mut self.cosine, at);
+        launch.sine.store_only(which, &mut self.sine.0, at);
+        launch.cosine.store_only(which, &mut self.cosine.0, at);
         launch
     }
 
@@ -110,11 +110,11 @@ impl Columns {
     /// Lands those lanes of a register of neighbours that `which` holds for.
     #[inline(always)]
     pub fn land_at<L: Lane>(&mut self, at: usize, which: L::Mask, flight: L, next: &Launch<L>) {
-        replace(flight, which, &mut self.flight, at);
-        replace(next.phase, which, &mut self.phase, at);
-        replace(next.velocity, which, &mut self.velocity, at);
-        replace(next.sine, which, &mut self.sine, at);
-        replace(next.cosine, which, &mut self.cosine, at);
+        flight.store_only(which, &mut self.flight.0, at);
+        next.phase.store_only(which, &mut self.phase.0, at);
+        next.velocity.store_only(which, &mut self.velocity.0, at);
+        next.sine.store_only(which, &mut self.sine.0, at);
+        next.cosine.store_only(which, &mut self.cosine.0, at);
     }
 
     /// The launches of these lanes.
@@ -155,12 +155,6 @@ impl Columns {
         scatter(next.sine, &mut self.sine, lanes);
         scatter(next.cosine, &mut self.cosine, lanes);
     }
-}
-
-#[inline(always)]
-fn replace<L: Lane>(values: L, which: L::Mask, column: &mut Aligned<LANES>, at: usize) {
-    let last = L::load(&column.0, at);
-    L::select(which, values, last).store(&mut column.0, at);
 }
 
 #[inline(always)]

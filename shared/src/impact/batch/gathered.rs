@@ -4,10 +4,10 @@ use super::columns::Columns;
 use super::lanes::Set;
 use super::plan::{Kind, Plan};
 use super::stages::{ROOM, Stages};
-use crate::arithmetic::lane::{Lane, WIDEST};
+use crate::arithmetic::lane::{Lane, WIDEST, name};
 use crate::impact::double::first::{hard, hard_hop, searched};
 use crate::impact::double::launch::{Launch, Track};
-use crate::impact::double::step::{Landing, Near};
+use crate::impact::double::step::Landing;
 use crate::impact::double::{low, short, tall};
 
 /// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
@@ -42,16 +42,21 @@ pub(super) fn advance<L: Lane>(
         }
         let [talls, shorts, onces, lows] = ends;
         for n in 0..talls {
-            let close = tall::approach(&stages.track::<L>(n), &stages.crossing(n));
+            let (rounded, node) = stages.named(n);
+            let crossing = stages.crossing::<L>(n);
+            let close = tall::approach_from(&stages.track(n), &crossing, rounded, node);
             stages.put_close(n, &close);
+            stages.put_name(n, close.next());
         }
         for n in shorts..lows {
-            let close = low::approach(&stages.track::<L>(n), &stages.launch(n), &stages.stretch(n));
+            let (rounded, node) = stages.named::<L>(n);
+            let close = low::approach_on(&stages.track(n), &stages.launch(n), rounded, node);
             stages.put_close(n, &close);
+            stages.put_name(n, close.next());
         }
         for n in 0..talls {
             let track = stages.track::<L>(n);
-            let landing = Near::at(&track, &stages.launch(n), &stages.close(n)).finish(&track);
+            let landing = stages.near(n).finish(&track);
             stages.put_landing(n, &landing);
         }
         for (n, register) in (talls..shorts).zip(&registers[talls..]) {
@@ -73,11 +78,11 @@ pub(super) fn advance<L: Lane>(
         let mut open = Open::NONE;
         for (n, register) in (shorts..lows).zip(&registers[shorts..]) {
             let stretch = stages.stretch::<L>(n);
-            let (landing, certain) = low::landing(
+            let (landing, certain) = low::landing_near(
                 &stages.track::<L>(n),
                 &stages.launch(n),
                 &stretch,
-                &stages.close(n),
+                &stages.near(n),
             );
             stages.put_landing(n, &landing);
             if n >= onces && L::any(!stretch.certain) {
@@ -89,13 +94,16 @@ pub(super) fn advance<L: Lane>(
             }
         }
         open.land::<L>(columns, grazing, stages);
-        for (n, &register) in registers[..count].iter().enumerate() {
-            let (lanes, _) = register;
-            let restitution: L = columns.restitution(lanes);
+        for (n, &(lanes, _)) in registers[..count].iter().enumerate() {
             let landing = stages.landing::<L>(n);
-            let after = Launch::new(landing.phase, restitution * landing.arrival);
-            columns.land(lanes, landing.flight, &after);
-            next.sort(resting, &stages.track(n), restitution, &after, register);
+            stages.put_after(n, name(landing.phase), columns.restitution(lanes));
+        }
+        for (n, &register) in registers[..count].iter().enumerate() {
+            let landing = stages.landing::<L>(n);
+            let after = stages.after(n, &landing);
+            columns.land(register.0, landing.flight, &after);
+            let (track, restitution) = (stages.track::<L>(n), stages.restitution(n));
+            next.sort(resting, &track, restitution, &after, register);
         }
     }
 }
@@ -138,15 +146,9 @@ impl Open {
             let (landing, certain, stretch) =
                 low::over::<L>(&columns.track(lanes), &columns.launch(lanes));
             let (certain, told) = (L::bits(certain), L::bits(stretch.certain));
-            let [flight, phase, arrival, start, low, high] = [
-                landing.flight,
-                landing.phase,
-                landing.arrival,
-                stretch.start,
-                stretch.low,
-                stretch.high,
-            ]
-            .map(L::to_array);
+            let (flight, phase) = (landing.flight.to_array(), landing.phase.to_array());
+            let (arrival, start) = (landing.arrival.to_array(), stretch.start.to_array());
+            let (low, high) = (stretch.low.to_array(), stretch.high.to_array());
             for (m, (lane, place)) in lanes.into_iter().zip(places).enumerate() {
                 let landing = if certain >> m & 1 == 1 {
                     Landing {
@@ -204,11 +206,22 @@ fn begin<L: Lane>(
     stages.put_launch(n, &launch);
     stages.put_track(n, &track);
     match kind {
-        Kind::Tall => stages.put_crossing(n, &tall::crossing(&track, &launch)),
+        Kind::Tall => {
+            let crossing = tall::crossing(&track, &launch);
+            stages.put_crossing(n, &crossing);
+            stages.put_name(n, crossing.name());
+        }
         Kind::Short => stages.put_guess(n, short::guess(&track, &launch)),
-        Kind::Once => stages.put_stretch(n, &low::once(&track, &launch)),
-        Kind::Low => stages.put_stretch(n, &low::stretch(&track, &launch)),
+        Kind::Once => begin_in(stages, n, &launch, &low::once(&track, &launch)),
+        Kind::Low => begin_in(stages, n, &launch, &low::stretch(&track, &launch)),
     }
+}
+
+/// Hands on the stretch that register `n` ends in.
+#[inline(always)]
+fn begin_in<L: Lane>(stages: &mut Stages, n: usize, launch: &Launch<L>, stretch: &low::Stretch<L>) {
+    stages.put_stretch(n, stretch);
+    stages.put_name(n, stretch.node(launch));
 }
 
 /// The landings of those lanes of register `n` of which the closed forms are not certain.

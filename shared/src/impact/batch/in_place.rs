@@ -4,16 +4,31 @@ use super::columns::Columns;
 use super::lanes::LANES;
 use super::plan::{Kind, Plan};
 use super::stages::Stages;
-use crate::arithmetic::lane::Lane;
 use crate::arithmetic::lane::queue::Queue;
+use crate::arithmetic::lane::{Lane, Node};
 use crate::impact::double::launch::Launch;
-use crate::impact::double::step::Near;
+use crate::impact::double::step::{Close, Near};
 use crate::impact::double::tall;
 
 /// Registers that go through a stage together.
 const GROUP: usize = 8;
 
-/// One impact of the tall lanes of those registers three quarters of which are tall; the other tall ones
+/// What a register hands on from stage to stage, each where no later stage asks for what was there; launch and track are in
+/// the columns.
+const QUANTITIES: usize = 11;
+/// Nodes and speed of the crossing, and the name of its node.
+const CROSSING: usize = 0;
+/// Sine and cosine of the node next to the impact.
+const NODE: usize = 0;
+/// The name of the node that the approach begins at.
+const NAME: usize = 2;
+/// How far before it the impact is, and the name of the node next to that.
+const BACK: usize = 3;
+const NEXT: usize = 4;
+/// The gap there, and then the landing.
+const NEAR: usize = 5;
+
+/// One impact of the tall lanes of those registers half of which are tall; the other tall ones
 /// are queued. Lanes that are not tall next are added to `unsorted`.
 #[inline(always)]
 pub(super) fn advance<L: Lane>(
@@ -23,14 +38,14 @@ pub(super) fn advance<L: Lane>(
     next: &mut Plan,
     unsorted: &mut Queue,
 ) {
-    let mut starts = [0; GROUP];
+    let mut starts = [(0, 0); GROUP];
     let mut at = 0;
     while at < LANES {
         let mut count = 0;
         while at < LANES && count < GROUP {
-            let bits = now.tall.bits(at, L::WIDTH);
-            if 4 * bits.count_ones() as usize >= 3 * L::WIDTH {
-                starts[count] = at;
+            let bits = now.tall_bits(at, L::WIDTH);
+            if 2 * bits.count_ones() as usize >= L::WIDTH {
+                starts[count] = (at, bits);
                 count += 1;
             } else {
                 now.queues[Kind::Tall as usize].push_bits(at, bits);
@@ -38,31 +53,78 @@ pub(super) fn advance<L: Lane>(
             at += L::WIDTH;
         }
         let starts = &starts[..count];
-        for (n, &at) in starts.iter().enumerate() {
+        for (n, &(at, _)) in starts.iter().enumerate() {
             let crossing = tall::crossing::<L>(&columns.track_at(at), &columns.launch_at(at));
-            stages.put_crossing(n, &crossing);
+            let tall::Crossing { nodes, speed } = crossing;
+            stages.put_at(n * QUANTITIES + CROSSING, [nodes, speed, crossing.name()]);
         }
-        for (n, &at) in starts.iter().enumerate() {
-            let crossing = stages.crossing::<L>(n);
-            let close = tall::approach(&columns.track_at(at), &crossing);
-            stages.put_close(n, &close);
+        for (n, &(at, _)) in starts.iter().enumerate() {
+            let [nodes, speed, rounded] = stages.get_at::<L, _>(n * QUANTITIES + CROSSING);
+            let node = stages.node_at(n * QUANTITIES + NAME);
+            let crossing = tall::Crossing { nodes, speed };
+            let close = tall::approach_from(&columns.track_at(at), &crossing, rounded, node);
+            stages.put_at(n * QUANTITIES + BACK, [close.back, close.next()]);
         }
-        for (n, &at) in starts.iter().enumerate() {
-            let close = stages.close::<L>(n);
-            let near = Near::at(&columns.track_at(at), &columns.launch_at(at), &close);
-            stages.put_near(n, &near);
+        for (n, &(at, _)) in starts.iter().enumerate() {
+            let [rounded, back, next] = stages.get_at::<L, _>(n * QUANTITIES + NAME);
+            let node = stages.node_at(n * QUANTITIES + NEXT);
+            let close = Close { rounded, back };
+            let Near {
+                node,
+                x,
+                value,
+                slope,
+                sine,
+                cosine,
+                ..
+            } = Near::on(
+                &columns.track_at(at),
+                &columns.launch_at(at),
+                &close,
+                next,
+                node,
+            );
+            stages.put_at(n * QUANTITIES + NODE, [node.sine, node.cosine]);
+            let near = [node.distance, x, value, slope, sine, cosine];
+            stages.put_at(n * QUANTITIES + NEAR, near);
         }
-        for (n, &at) in starts.iter().enumerate() {
-            let landing = stages.near::<L>(n).finish(&columns.track_at(at));
-            stages.put_landing(n, &landing);
+        for (n, &(at, bits)) in starts.iter().enumerate() {
+            let [back, rounded, distance, x, value, slope, sine, cosine] =
+                stages.get_at::<L, _>(n * QUANTITIES + BACK);
+            // The step asks for no sine and cosine of the node.
+            let node = Node {
+                sine,
+                cosine,
+                distance,
+                rounded,
+            };
+            let near = Near {
+                node,
+                back,
+                x,
+                value,
+                slope,
+                sine,
+                cosine,
+            };
+            let landing = near.finish_only(&columns.track_at(at), L::mask(bits));
+            let landing = [landing.flight, landing.phase, landing.arrival];
+            stages.put_at(n * QUANTITIES + NEAR, landing);
         }
-        for (n, &at) in starts.iter().enumerate() {
+        for (n, &(at, bits)) in starts.iter().enumerate() {
             let track = columns.track_at(at);
-            let landing = stages.landing::<L>(n);
-            let velocity = columns.restitution_at::<L>(at) * landing.arrival;
-            let after = Launch::near(landing.phase, velocity, &stages.node(n));
-            let bits = now.tall.bits(at, L::WIDTH);
-            columns.land_at(at, L::mask(bits), landing.flight, &after);
+            let [sine, cosine] = stages.get_at::<L, _>(n * QUANTITIES + NODE);
+            let [rounded, flight, phase, arrival] = stages.get_at(n * QUANTITIES + NEXT);
+            // The launch does not ask how far the node lies ahead.
+            let node = Node {
+                sine,
+                cosine,
+                distance: flight,
+                rounded,
+            };
+            let velocity = columns.restitution_at::<L>(at) * arrival;
+            let after = Launch::near(phase, velocity, &node, L::mask(bits));
+            columns.land_at(at, L::mask(bits), flight, &after);
             let tall = L::bits(after.is_tall(&track)) & bits;
             next.tall.add(at, tall);
             unsorted.push_bits(at, bits & !tall);

@@ -26,6 +26,12 @@ impl Set {
         }
     }
 
+    /// Adds those of the lanes from `at` on, a multiple of their number, whose bits are set.
+    #[inline(always)]
+    pub fn add(&mut self, at: usize, bits: u32) {
+        self.0[at / 64] |= u64::from(bits) << (at % 64);
+    }
+
     /// The `width` lanes from a multiple of it on, one bit each.
     #[inline(always)]
     pub fn bits(&self, at: usize, width: usize) -> u32 {
@@ -60,14 +66,6 @@ impl Flags {
     pub fn clear(&mut self, lane: usize) {
         if let Some(flag) = self.0.get_mut(lane) {
             *flag = 0;
-        }
-    }
-
-    /// Adds those from `at` on, one bit each.
-    #[inline(always)]
-    pub fn add(&mut self, at: usize, bits: u32) {
-        for (n, flag) in self.0[at..at + WIDEST].iter_mut().enumerate() {
-            *flag |= (bits >> n & 1) as u8;
         }
     }
 

@@ -21,29 +21,40 @@ impl Kind {
 /// The lanes that fly next.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    /// Those whose flights are tall.
-    pub tall: Flags,
+    /// Those whose flights are tall, where they were told register by register.
+    pub tall: Set,
+    /// Those whose flights are tall, where they were told in registers that were gathered.
+    pub gathered: Flags,
     /// The others by their [`Kind`], and those tall ones that are gathered.
     pub queues: [Queue; 4],
 }
 
 impl Plan {
     pub const EMPTY: Self = Self {
-        tall: Flags::EMPTY,
+        tall: Set::EMPTY,
+        gathered: Flags::EMPTY,
         queues: [Queue::EMPTY; 4],
     };
 
     pub fn clear(&mut self) {
-        self.tall = Flags::EMPTY;
+        self.tall = Set::EMPTY;
+        self.gathered = Flags::EMPTY;
         for queue in &mut self.queues {
             queue.clear();
         }
     }
 
+    /// The tall ones of `width` lanes from a multiple of it on, one bit each.
+    #[inline(always)]
+    pub fn tall_bits(&self, at: usize, width: usize) -> u32 {
+        self.tall.bits(at, width) | self.gathered.bits(at, width)
+    }
+
     /// Leaves out lanes whose orbits are gone.
     pub fn leave_out(&mut self, gone: &Set) {
         for lane in gone.iter() {
-            self.tall.clear(lane);
+            self.tall.put(lane, false);
+            self.gathered.clear(lane);
         }
         for queue in &mut self.queues {
             queue.retain(|lane| !gone.contains(lane));
@@ -63,10 +74,11 @@ impl Plan {
     ) {
         let all = (1 << count) - 1;
         let tall = L::bits(launch.is_tall(track));
-        self.tall.put(lanes, L::WIDTH, tall);
+        self.gathered.put(lanes, L::WIDTH, tall);
         let left = all & !tall;
-        let rests = L::bits(launch.chatters_out(track, restitution)) & left;
+        let mut rests = L::bits(launch.may_chatter_out(track)) & left;
         if rests != 0 {
+            rests &= L::bits(launch.chatters_out(track, restitution));
             for (n, lane) in lanes.into_iter().enumerate() {
                 if rests >> n & 1 == 1 {
                     resting.put(lane.into(), true);

@@ -1,7 +1,7 @@
 //! What the stages of the kernels hand on: register by register, dense.
 
 use super::columns::Aligned;
-use crate::arithmetic::lane::{Lane, Node};
+use crate::arithmetic::lane::Lane;
 use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::{Close, Landing, Near};
 use crate::impact::double::{low, tall};
@@ -20,27 +20,90 @@ const TRACK: usize = 4;
 const BEGIN: usize = 7;
 const CLOSE: usize = 11;
 const LANDING: usize = 13;
-/// In the place of launch, track and beginning, where lanes fly as they stand: those are in the columns.
-const NEAR: usize = 0;
+/// The [`ROUNDER`](crate::arithmetic::lane::ROUNDER) sum that names the node that the next stage begins at, until there is
+/// a landing: that stage then waits for nothing but its loads.
+const NAME: usize = 13;
+/// The name of the node next to the phase of a landing, in the place of what the landing came from.
+const PHASE_NAME: usize = 11;
+const RESTITUTION: usize = 12;
 
 impl Stages {
     pub const EMPTY: Self = Self(Aligned::ZERO);
 
+    /// Hands on quantities of a register, from number `first` on.
+    #[inline(always)]
+    pub fn put_at<L: Lane, const N: usize>(&mut self, first: usize, values: [L; N]) {
+        let places = &mut self.0.0[first * L::WIDTH..][..N * L::WIDTH];
+        for (m, value) in values.into_iter().enumerate() {
+            value.store(places, m * L::WIDTH);
+        }
+    }
+
+    /// The quantities of a register from number `first` on.
+    #[inline(always)]
+    pub fn get_at<L: Lane, const N: usize>(&self, first: usize) -> [L; N] {
+        let places = &self.0.0[first * L::WIDTH..][..N * L::WIDTH];
+        let mut values = [L::splat(0.0); N];
+        for (m, value) in values.iter_mut().enumerate() {
+            *value = L::load(places, m * L::WIDTH);
+        }
+        values
+    }
+
+    /// Sine and cosine of the node whose name is quantity number `place`.
+    #[inline(always)]
+    pub fn node_at<L: Lane>(&self, place: usize) -> (L, L) {
+        L::node_at(&self.0.0, place * L::WIDTH)
+    }
+
     /// Hands on quantities of register `n`, from number `first` on.
     #[inline(always)]
     fn put<L: Lane, const N: usize>(&mut self, n: usize, first: usize, values: [L; N]) {
-        for (m, value) in values.into_iter().enumerate() {
-            value.store(&mut self.0.0, (n * QUANTITIES + first + m) * L::WIDTH);
-        }
+        self.put_at(n * QUANTITIES + first, values);
     }
 
     #[inline(always)]
     fn get<L: Lane, const N: usize>(&self, n: usize, first: usize) -> [L; N] {
-        let mut values = [L::splat(0.0); N];
-        for (m, value) in values.iter_mut().enumerate() {
-            *value = L::load(&self.0.0, (n * QUANTITIES + first + m) * L::WIDTH);
-        }
-        values
+        self.get_at(n * QUANTITIES + first)
+    }
+
+    /// Hands on the name of the node that the next stage begins at.
+    #[inline(always)]
+    pub fn put_name<L: Lane>(&mut self, n: usize, rounded: L) {
+        self.put(n, NAME, [rounded]);
+    }
+
+    /// The name of that node, and its sine and cosine.
+    #[inline(always)]
+    pub fn named<L: Lane>(&self, n: usize) -> (L, (L, L)) {
+        self.named_at(n, NAME)
+    }
+
+    #[inline(always)]
+    fn named_at<L: Lane>(&self, n: usize, place: usize) -> (L, (L, L)) {
+        let [rounded] = self.get(n, place);
+        (rounded, self.node_at(n * QUANTITIES + place))
+    }
+
+    /// Hands on the name of the node next to a landing, and the restitution there.
+    #[inline(always)]
+    pub fn put_after<L: Lane>(&mut self, n: usize, rounded: L, restitution: L) {
+        self.put(n, PHASE_NAME, [rounded, restitution]);
+    }
+
+    /// The launch that follows a landing.
+    #[inline(always)]
+    pub fn after<L: Lane>(&self, n: usize, landing: &Landing<L>) -> Launch<L> {
+        let (rounded, node) = self.named_at(n, PHASE_NAME);
+        let velocity = self.restitution::<L>(n) * landing.arrival;
+        Launch::at(landing.phase, velocity, rounded, node)
+    }
+
+    /// What [`Stages::put_after`] was told.
+    #[inline(always)]
+    pub fn restitution<L: Lane>(&self, n: usize) -> L {
+        let [restitution] = self.get(n, RESTITUTION);
+        restitution
     }
 
     #[inline(always)]
@@ -148,46 +211,17 @@ impl Stages {
         Close { rounded, back }
     }
 
-    #[inline(always)]
-    pub fn put_near<L: Lane>(&mut self, n: usize, near: &Near<L>) {
-        let Near {
-            node,
-            back,
-            x,
-            value,
-            slope,
-            sine,
-            cosine,
-        } = *near;
-        let at = [node.sine, node.cosine, node.rounded, node.distance];
-        self.put(n, NEAR, at);
-        self.put(n, NEAR + at.len(), [back, x, value, slope, sine, cosine]);
-    }
-
+    /// The gap near the impact.
     #[inline(always)]
     pub fn near<L: Lane>(&self, n: usize) -> Near<L> {
-        let node = self.node(n);
-        let [back, x, value, slope, sine, cosine] = self.get(n, NEAR + 4);
-        Near {
-            node,
-            back,
-            x,
-            value,
-            slope,
-            sine,
-            cosine,
-        }
-    }
-
-    #[inline(always)]
-    pub fn node<L: Lane>(&self, n: usize) -> Node<L> {
-        let [sine, cosine, rounded, distance] = self.get(n, NEAR);
-        Node {
-            sine,
-            cosine,
+        let (rounded, node) = self.named(n);
+        Near::on(
+            &self.track(n),
+            &self.launch(n),
+            &self.close(n),
             rounded,
-            distance,
-        }
+            node,
+        )
     }
 
     #[inline(always)]

@@ -77,11 +77,24 @@ impl<L: Lane> Launch<L> {
         Self::with(phase, velocity, sine_cosine(phase))
     }
 
-    /// The launch of a state that an impact near `node` leads to.
+    /// The launch of a state of which the node nearest to its phase is known: the sum that names it, its sine and cosine.
     #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
-    pub fn near(phase: L, velocity: L, node: &crate::arithmetic::lane::Node<L>) -> Self {
-        Self::with(phase, velocity, node.sine_cosine(phase))
+    pub fn at(phase: L, velocity: L, rounded: L, node: (L, L)) -> Self {
+        let near = crate::arithmetic::lane::between(phase, rounded, node);
+        Self::with(phase, velocity, near)
+    }
+
+    /// The launch of a state that an impact near `node` leads to, in those lanes that `which` holds for.
+    #[cfg(any(test, feature = "analysis"))]
+    #[inline(always)]
+    pub fn near(
+        phase: L,
+        velocity: L,
+        node: &crate::arithmetic::lane::Node<L>,
+        which: L::Mask,
+    ) -> Self {
+        Self::with(phase, velocity, node.sine_cosine(phase, which))
     }
 
     #[inline(always)]
@@ -149,6 +162,17 @@ impl<L: Lane> Launch<L> {
         !zero.below(self.velocity) & !held.below(zero)
     }
 
+    /// Whether the part is slow enough that it may [chatter out](Self::chatters_out), which is dearer to ask.
+    ///
+    /// With `A = k - sin t`, at most `1 + k`: `psi^3 (2.1 c^2 + 0.9 |s| A)` is then at most [`REMAINDER`] `A^5`. Either `|s|` is at
+    /// least 1/2, or `c^2` is at least 3/4: psi is at most 7.7e-6 (1 + k)^(5/3).
+    #[cfg(any(test, feature = "analysis"))]
+    #[inline(always)]
+    pub fn may_chatter_out(&self, track: &Track<L>) -> L::Mask {
+        let reach = L::splat(1.0) + track.k;
+        !(L::splat(1e-5) * (reach * reach)).below(self.velocity)
+    }
+
     /// Whether the part rests, or hops so little that the closed form of its chatter to rest is exact
     /// to f64.
     ///
@@ -178,3 +202,28 @@ pub(crate) const REMAINDER: f64 = 2e-16;
 /// Largest relative change of the pull during a chatter that is closed. It keeps the rest inside
 /// `sin < k` and the fourth order below the third.
 pub(crate) const CHANGE: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Launches of every speed at which some chatter out, on tracks that pull as hard as they can there.
+    #[test]
+    fn none_that_may_not_chatter_out_does() {
+        let (mut closed, mut largest) = (0, 0.0_f64);
+        for n in 0..1_000_000 {
+            let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
+            let k = libm::pow(10.0, 5.0 * spread(0.618_034) - 2.0);
+            let restitution = 0.1 * spread(0.236_068);
+            let velocity = 2e-5 * (1.0 + k) * (1.0 + k) * spread(0.732_051);
+            let launch = Launch::new(TAU * spread(0.414_214), velocity);
+            let track = Track::new(k);
+            if f64::any(launch.chatters_out(&track, restitution)) {
+                assert!(f64::any(launch.may_chatter_out(&track)), "{k} {velocity}");
+                closed += 1;
+                largest = largest.max(velocity / ((1.0 + k) * (1.0 + k)));
+            }
+        }
+        assert!(closed > 10_000 && largest > 3e-6, "{closed} {largest}");
+    }
+}

@@ -176,7 +176,7 @@ impl<L: Lane> Stretch<L> {
 
     /// The [`ROUNDER`] sum that names the node nearest to its start.
     #[inline(always)]
-    pub(super) fn node(&self, launch: &Launch<L>) -> L {
+    pub(crate) fn node(&self, launch: &Launch<L>) -> L {
         let per_node = L::splat(node::COUNT as f64 / TAU);
         (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDER)
     }
@@ -388,7 +388,17 @@ pub(crate) fn approach<L: Lane>(
 /// [`approach`] from the node that the [`ROUNDER`] sum names.
 #[inline(always)]
 pub(super) fn approach_from<L: Lane>(track: &Track<L>, launch: &Launch<L>, rounded: L) -> Close<L> {
-    let (sine, cosine) = L::node(rounded);
+    approach_on(track, launch, rounded, L::node(rounded))
+}
+
+/// [`approach_from`], where that node's sine and cosine are known.
+#[inline(always)]
+pub(crate) fn approach_on<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    rounded: L,
+    (sine, cosine): (L, L),
+) -> Close<L> {
     // Near the impact to 1e-12 is near enough.
     let distance = (rounded - L::splat(ROUNDER)) * L::splat(node::SPACING) - launch.phase;
     let v = launch.rise();
@@ -407,8 +417,30 @@ pub(crate) fn landing<L: Lane>(
     stretch: &Stretch<L>,
     close: &Close<L>,
 ) -> (Landing<L>, L::Mask) {
-    let (mut landing, mut settled) = settle(track, launch, close);
-    if L::any(!settled) {
+    settled(track, launch, stretch, settle(track, launch, close))
+}
+
+/// [`landing`] from the gap near it.
+#[cfg(any(test, feature = "analysis"))]
+#[inline(always)]
+pub(crate) fn landing_near<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    stretch: &Stretch<L>,
+    near: &Near<L>,
+) -> (Landing<L>, L::Mask) {
+    settled(track, launch, stretch, settle_near(track, near))
+}
+
+/// What the last step came to, taken once more in those lanes of a certain stretch that it falls short in.
+#[inline(always)]
+fn settled<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    stretch: &Stretch<L>,
+    (mut landing, mut settled): (Landing<L>, L::Mask),
+) -> (Landing<L>, L::Mask) {
+    if L::any(!settled & stretch.certain) {
         let close = Close::after(launch, landing.flight);
         let (again, then) = settle(track, launch, &close);
         landing = landing.or(settled, again);

@@ -119,7 +119,7 @@ impl<L: Lane> Close<L> {
 
     /// The [`ROUNDER`] sum that names the node next to it.
     #[inline(always)]
-    pub(super) fn next(&self) -> L {
+    pub fn next(&self) -> L {
         self.rounded - self.back * L::splat(node::COUNT as f64 / TAU)
     }
 }
@@ -161,8 +161,19 @@ impl<L: Lane> Near<L> {
         close: &Close<L>,
         rounded: L,
     ) -> Self {
+        Self::on(track, launch, close, rounded, L::node(rounded))
+    }
+
+    /// [`Near::around`], where the sine and cosine of that node are known too.
+    #[inline(always)]
+    pub fn on(
+        track: &Track<L>,
+        launch: &Launch<L>,
+        close: &Close<L>,
+        rounded: L,
+        (node_sine, node_cosine): (L, L),
+    ) -> Self {
         let (half, back) = (track.half(), close.back);
-        let (node_sine, node_cosine) = L::node(rounded);
         let x = (close.rounded - rounded) * L::splat(node::SPACING) - back;
         let count = close.rounded - L::splat(ROUNDER);
         let distance = (count * L::splat(node::SPACING_HIGH) - launch.phase)
@@ -204,15 +215,32 @@ impl<L: Lane> Near<L> {
     /// The last step, to the root, of fourth order.
     #[inline(always)]
     pub fn finish(&self, track: &Track<L>) -> Landing<L> {
+        let mut landing = self.finish_unturned(track);
+        landing.phase = in_turn(landing.phase);
+        landing
+    }
+
+    /// [`Near::finish`] of those lanes that `which` holds for: the others' phases may lie anywhere.
+    #[cfg(any(test, feature = "analysis"))]
+    #[inline(always)]
+    pub fn finish_only(&self, track: &Track<L>, which: L::Mask) -> Landing<L> {
+        let mut landing = self.finish_unturned(track);
+        if L::any(landing.phase.below(L::splat(0.0)) & which) {
+            landing.phase = in_turn(landing.phase);
+        }
+        landing
+    }
+
+    /// [`Near::finish`], of which the phase may be a hair below zero.
+    #[inline(always)]
+    fn finish_unturned(&self, track: &Track<L>) -> Landing<L> {
         let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
         let g2 = sine - track.k;
         let back = householder(f, g, g2, g3, -sine);
         let half_third = g3 * L::splat(0.5);
         let bend = half_third
             + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
-        let mut landing = self.landing(back, back * (g2 - back * bend) - g);
-        landing.phase = in_turn(landing.phase);
-        landing
+        self.landing(back, back * (g2 - back * bend) - g)
     }
 }
 

@@ -36,6 +36,14 @@ pub(crate) struct Crossing<L> {
     pub speed: L,
 }
 
+impl<L: Lane> Crossing<L> {
+    /// The [`ROUNDER`] sum that names the node next to it.
+    #[inline(always)]
+    pub(crate) fn name(&self) -> L {
+        self.nodes + L::splat(ROUNDER)
+    }
+}
+
 /// The crossing that a tall flight starts from, to the 24 bits of a rough square root: 2e-8 of the flight.
 #[inline(always)]
 pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
@@ -51,8 +59,18 @@ pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossin
 /// Within 1.4e-3 of the impact.
 #[inline(always)]
 pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> Close<L> {
-    let rounded = crossing.nodes + L::splat(ROUNDER);
-    let (sine, cosine) = L::node(rounded);
+    let rounded = crossing.name();
+    approach_from(track, crossing, rounded, L::node(rounded))
+}
+
+/// [`approach`], where the node next to the crossing is known.
+#[inline(always)]
+pub(crate) fn approach_from<L: Lane>(
+    track: &Track<L>,
+    crossing: &Crossing<L>,
+    rounded: L,
+    (sine, cosine): (L, L),
+) -> Close<L> {
     let past = ((rounded - L::splat(ROUNDER)) - crossing.nodes) * L::splat(node::SPACING);
     // Relative to the crossing nothing cancels. What gravity adds to the fall within `past` is below 1e-4.
     let below = past * crossing.speed + sine;
