@@ -137,6 +137,11 @@ impl<L: Lane> Lane for Twice<L> {
         self.1.store(values, at + L::WIDTH);
     }
     #[inline(always)]
+    fn store_only(self, mask: Self::Mask, values: &mut [f64], at: usize) {
+        self.0.store_only(mask.0, values, at);
+        self.1.store_only(mask.1, values, at + L::WIDTH);
+    }
+    #[inline(always)]
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
         Self(
             L::pick(column, numbers),

@@ -89,6 +89,7 @@ pub(super) fn advance<L: Lane>(
             stages.put_at(n * QUANTITIES + NEAR, near);
         }
         for (n, &(at, bits)) in starts.iter().enumerate() {
+            let bits = flying::<L>(bits);
             let [back, rounded, distance, x, value, slope, sine, cosine] =
                 stages.get_at::<L, _>(n * QUANTITIES + BACK);
             // The step asks for no sine and cosine of the node.
@@ -112,6 +113,7 @@ pub(super) fn advance<L: Lane>(
             stages.put_at(n * QUANTITIES + NEAR, landing);
         }
         for (n, &(at, bits)) in starts.iter().enumerate() {
+            let bits = flying::<L>(bits);
             let track = columns.track_at(at);
             let [sine, cosine] = stages.get_at::<L, _>(n * QUANTITIES + NODE);
             let [rounded, flight, phase, arrival] = stages.get_at(n * QUANTITIES + NEXT);
@@ -126,8 +128,15 @@ pub(super) fn advance<L: Lane>(
             let after = Launch::near(phase, velocity, &node, L::mask(bits));
             columns.land_at(at, L::mask(bits), flight, &after);
             let tall = L::bits(after.is_tall(&track)) & bits;
-            next.tall.add(at, tall);
+            next.add_tall(at, L::WIDTH, tall);
             unsorted.push_bits(at, bits & !tall);
         }
     }
+}
+
+/// The tall lanes of a register that flies where it stands. A lone lane does so only where it is tall:
+/// no mask is made of its bit.
+#[inline(always)]
+fn flying<L: Lane>(bits: u32) -> u32 {
+    if L::WIDTH == 1 { 1 } else { bits }
 }

@@ -72,6 +72,9 @@ impl Flags {
     /// The `width` from `at` on, one bit each.
     #[inline(always)]
     pub fn bits(&self, at: usize, width: usize) -> u32 {
+        if width == 1 {
+            return self.0[at].into();
+        }
         let mut flags = [0; WIDEST];
         flags.copy_from_slice(&self.0[at..at + WIDEST]);
         // Byte n goes to bit n of the topmost byte.

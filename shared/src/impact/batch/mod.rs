@@ -258,7 +258,7 @@ fn begin<L: Lane>(
         if bits != 0 {
             let launch = columns.begin_at::<L>(at, L::mask(bits));
             let tall = L::bits(launch.is_tall(&columns.track_at(at))) & bits;
-            next.tall.add(at, tall);
+            next.add_tall(at, L::WIDTH, tall);
             unsorted.push_bits(at, bits & !tall);
         }
     }

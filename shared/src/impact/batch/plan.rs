@@ -21,10 +21,10 @@ impl Kind {
 /// The lanes that fly next.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    /// Those whose flights are tall, where they were told register by register.
-    pub tall: Set,
-    /// Those whose flights are tall, where they were told in registers that were gathered.
-    pub gathered: Flags,
+    /// Those whose flights are tall, where they were told by registers of several neighbours.
+    tall: Set,
+    /// Those whose flights are tall, where they were told one by one or in registers that were gathered.
+    gathered: Flags,
     /// The others by their [`Kind`], and those tall ones that are gathered.
     pub queues: [Queue; 4],
 }
@@ -44,10 +44,25 @@ impl Plan {
         }
     }
 
+    /// Adds tall ones of `width` lanes from a multiple of it on, one bit each.
+    #[inline(always)]
+    pub fn add_tall(&mut self, at: usize, width: usize, bits: u32) {
+        if width == 1 {
+            self.gathered.put([at as u8; WIDEST], 1, bits);
+        } else {
+            self.tall.add(at, bits);
+        }
+    }
+
     /// The tall ones of `width` lanes from a multiple of it on, one bit each.
     #[inline(always)]
     pub fn tall_bits(&self, at: usize, width: usize) -> u32 {
-        self.tall.bits(at, width) | self.gathered.bits(at, width)
+        let gathered = self.gathered.bits(at, width);
+        if width == 1 {
+            gathered
+        } else {
+            self.tall.bits(at, width) | gathered
+        }
     }
 
     /// Leaves out lanes whose orbits are gone.
