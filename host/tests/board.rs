@@ -37,7 +37,6 @@ fn run(folder: &Path, words: &str, more: &[&str]) -> Came {
 fn an_image_is_checked_without_a_probe() {
     let folder = folder();
     let words = "flash --dry-run --format json";
-    // The other board first: its image lies where this one's will.
     let (package, bin, machine) = ("kband-firmware", "feeder", Machine::CortexM4F);
     let nucleo = images::build_with(package, bin, machine, "stm32g474re");
     let plan = run(folder.path(), words, &[nucleo.to_str().unwrap()]).done();

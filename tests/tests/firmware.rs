@@ -403,7 +403,6 @@ fn a_loaded_track_held_by_the_emulated_cpu_is_the_desks() {
 #[test]
 fn images_fit_their_budget() {
     let build = |bin| images::build("kband-firmware", bin, Machine::CortexM4F);
-    // The other board first: its image lies where this one's will.
     let nucleo = images::build_with(
         "kband-firmware",
         "feeder",

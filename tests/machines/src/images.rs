@@ -3,6 +3,7 @@
 //! A folder of their own, because the cargo that runs the tests may hold the lock of its folder.
 
 use std::collections::HashMap;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, PoisonError};
@@ -17,7 +18,8 @@ use crate::root;
 // The name that tests/setup.sh gives Debian's toolchain where rustup cannot bring the targets.
 const LINKED: &str = "kband-thumb";
 
-type Key = (String, String, Machine);
+/// Package, binary, machine, and the features in place of the default ones.
+type Key = (String, String, Machine, Option<String>);
 
 static BUILT: Mutex<Option<HashMap<Key, PathBuf>>> = Mutex::new(None);
 
@@ -28,27 +30,51 @@ static BUILT: Mutex<Option<HashMap<Key, PathBuf>>> = Mutex::new(None);
 /// build fails.
 #[must_use]
 pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
-    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-    let key = (package.to_owned(), bin.to_owned(), machine);
-    built
-        .get_or_insert_default()
-        .entry(key)
-        .or_insert_with(|| compile(package, bin, machine, None))
-        .clone()
+    built(package, bin, machine, None)
 }
 
 /// The binary `bin` of `package` with these features in place of the default ones.
-///
-/// It lies where the one with the default features would: the next build of that replaces it.
 ///
 /// # Panics
 /// As [`build`].
 #[must_use]
 pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) -> PathBuf {
+    built(package, bin, machine, Some(features))
+}
+
+fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-    let key = (package.to_owned(), bin.to_owned(), machine);
-    built.get_or_insert_default().remove(&key);
-    compile(package, bin, machine, Some(features))
+    let key = (
+        package.to_owned(),
+        bin.to_owned(),
+        machine,
+        features.map(str::to_owned),
+    );
+    built
+        .get_or_insert_default()
+        .entry(key)
+        .or_insert_with(|| keep(package, bin, machine, features))
+        .clone()
+}
+
+/// Builds an image and copies it to a place of its own: cargo leaves those of all features in one, while other tests run
+/// what lies there.
+fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
+    let kept = target_folder()
+        .join("kept")
+        .join(machine.target())
+        .join(features.unwrap_or("default"));
+    std::fs::create_dir_all(&kept).expect("a folder for the images");
+    // From the build to the copy no other test builds.
+    let lock = File::create(target_folder().join("kept/lock")).expect("a file to lock");
+    lock.lock().expect("the lock");
+    let image = compile(package, bin, machine, features);
+    let (new, kept) = (kept.join(format!("{bin}.new")), kept.join(bin));
+    // In one step, as the one from before may be running.
+    std::fs::copy(image, &new)
+        .and_then(|_| std::fs::rename(&new, &kept))
+        .expect("a copy of the image");
+    kept
 }
 
 /// The folder in which a build for `machine` left a file of this name for its linker; the newest, where
