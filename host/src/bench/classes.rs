@@ -85,6 +85,13 @@ pub fn of(cpu: &str, image: &Path) -> Result<Vec<ByClass>, String> {
             kernels.len()
         ));
     }
+    if log
+        .counts
+        .iter()
+        .any(|counts| counts.iter().sum::<u64>() == 0)
+    {
+        return Err("an emulator whose log names no instructions".into());
+    }
     let counted = kernels.into_iter().zip(calls);
     Ok(counted
         .map(|((kernel, impacts), calls)| {

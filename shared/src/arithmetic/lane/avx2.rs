@@ -208,7 +208,7 @@ impl Lane for Avx2 {
     fn store_only(self, mask: Mask, values: &mut [f64], at: usize) {
         // Were it told that the load is from where the store goes, the compiler would make a masked store of both, with which a
         // block of tall flights takes a sixth longer on an AMD EPYC.
-        let last = Self::load(apart(&values[at..at + Self::WIDTH]), 0);
+        let last = Self::load(apart::<4>(&values[at..at + Self::WIDTH]), 0);
         Self::select(mask, self, last).store(values, at);
     }
     #[inline(always)]
@@ -262,9 +262,9 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
 /// The same numbers, of which the compiler does not know where they are from: it would take a register apart, which costs
 /// more than a load of each.
 #[inline(always)]
-fn apart(numbers: &[f64]) -> &[f64; 4] {
-    assert!(numbers.len() == 4);
-    let mut first = numbers.as_ptr().cast::<[f64; 4]>();
+pub(super) fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
+    assert!(numbers.len() == N);
+    let mut first = numbers.as_ptr().cast::<[f64; N]>();
     // SAFETY: no instruction; the pointer stays what it is, and there are as many numbers.
     unsafe {
         core::arch::asm!("/* {0} */", inout(reg) first, options(pure, readonly, nostack, preserves_flags));
@@ -272,7 +272,8 @@ fn apart(numbers: &[f64]) -> &[f64; 4] {
     }
 }
 
+/// Sine and cosine, one after the other, of the node that this [`ROUNDER`](super::ROUNDER) sum names.
 #[inline(always)]
-fn pair(rounded: f64) -> *const f64 {
+pub(super) fn pair(rounded: f64) -> *const f64 {
     node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

@@ -6,6 +6,7 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
+use super::avx2::{apart, pair};
 use super::{Column, Lane, WIDEST};
 use crate::arithmetic::node;
 
@@ -230,21 +231,4 @@ fn four([a, b, c, d]: [f64; 4]) -> __m512d {
         let all = _mm512_insertf64x2::<2>(all, _mm_loadu_pd(pair(c)));
         _mm512_insertf64x2::<3>(all, _mm_loadu_pd(pair(d)))
     }
-}
-
-/// The same numbers, told from those of a register: taking a register apart costs more than a load of each.
-#[inline(always)]
-fn apart(numbers: &[f64]) -> &[f64; WIDEST] {
-    assert!(numbers.len() == WIDEST);
-    let mut first = numbers.as_ptr().cast::<[f64; WIDEST]>();
-    // SAFETY: no instruction; the pointer stays what it is, and there are as many numbers.
-    unsafe {
-        core::arch::asm!("/* {0} */", inout(reg) first, options(pure, readonly, nostack, preserves_flags));
-        &*first
-    }
-}
-
-#[inline(always)]
-fn pair(rounded: f64) -> *const f64 {
-    node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

@@ -181,7 +181,6 @@ impl<L: Lane> Stretch<L> {
         (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDER)
     }
 
-    /// How fast the two parabolas part at its start; `rounded` names the [node](Self::node) nearest to it.
     /// The stretch `low..high` in the half turn, upper or lower, with its middle at `centre`.
     #[inline(always)]
     fn about(

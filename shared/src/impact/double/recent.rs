@@ -67,7 +67,7 @@ struct Flight {
 /// Least trust of a flight that others are foreseen from. It takes two that would have been foreseen: one may be by chance.
 const ENOUGH: u8 = 2;
 
-/// Trust after those two. Each one that is foreseen wrong takes one.
+/// Trust after those two. Each one that is foreseen wrong takes one, where it is a certain [`Low`] flight.
 const TRUSTED: u8 = 4;
 
 /// What the next impact does not wait for: the duration of the flight, and whether it grazes; `None` where the part
