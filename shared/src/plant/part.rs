@@ -433,10 +433,7 @@ impl Part {
         let (displacement, along) = match track.law {
             None => None,
             Some(Law::Friction(settings)) => {
-                let sine = Wave::sine();
-                Friction::on(track.wave.unwrap_or(&sine), *k, settings)
-                    .ok()
-                    .map(|along| along.flown(*phase, impact.flight, velocity))
+                settings.flown(track.wave, *k, [*phase, impact.flight], velocity)
             }
             Some(Law::Restitution(settings)) => {
                 Tangential::build(*k, settings)

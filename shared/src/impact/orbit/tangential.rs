@@ -203,11 +203,16 @@ impl AlongLaw for Tangential {
 }
 
 /// `(1 - cos d) / d^2`.
-pub(super) fn versine(d: f64) -> f64 {
-    if d == 0.0 {
+fn versine(d: f64) -> f64 {
+    versine_of(0.5 * d, libm::sin(0.5 * d))
+}
+
+/// The same from half of d, and its sine.
+pub(super) fn versine_of(half: f64, sine: f64) -> f64 {
+    if half == 0.0 {
         return 0.5;
     }
-    let half = libm::sin(0.5 * d) / (0.5 * d);
+    let half = sine / half;
     0.5 * half * half
 }
 

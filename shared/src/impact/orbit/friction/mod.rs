@@ -39,6 +39,65 @@ impl FrictionSettings {
         }
     }
 
+    /// Refuses a k or settings that have no motion along the track.
+    fn check(&self, k: f64) -> Result<(), OutOfRange> {
+        let Self {
+            sticking,
+            sliding,
+            amplitude_ratio,
+            phase_lead,
+            incline_tangent,
+        } = *self;
+        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
+        accept(
+            "friction",
+            sliding,
+            (0.0..=10.0).contains(&sliding),
+            "0..10",
+        )?;
+        accept(
+            "sticking friction",
+            sticking,
+            (sliding..=10.0).contains(&sticking),
+            "the friction of sliding..10: a part at rest holds at least as well as one that slides",
+        )?;
+        Ok(())
+    }
+
+    /// The acceleration relative to the track of a part that nothing holds, at a `k`.
+    fn free(&self, wave: &Wave, k: f64) -> Push {
+        Push::of(
+            wave,
+            self.amplitude_ratio,
+            self.phase_lead,
+            k * self.incline_tangent,
+        )
+    }
+
+    /// [`Friction::flown`] of a single flight, on a track whose shape is told where it is more than a sine; `None` where
+    /// [`Friction::on`] refuses.
+    #[cfg(feature = "plant")]
+    #[must_use]
+    pub(crate) fn flown(
+        &self,
+        wave: Option<&Wave>,
+        k: f64,
+        [phase, d]: [f64; 2],
+        velocity: f64,
+    ) -> Option<(f64, f64)> {
+        self.check(k).ok()?;
+        let free = match wave {
+            Some(wave) => self.free(wave, k),
+            None => Push::of_sine(
+                self.amplitude_ratio,
+                self.phase_lead,
+                k * self.incline_tangent,
+            ),
+        };
+        let (distance, gained) = free.integrals(phase, d);
+        Some((velocity * d + distance, velocity + gained))
+    }
+
     /// What an impact of a normal impulse (per mass) leaves of a velocity along the track, both in one unit.
     #[must_use]
     pub(crate) fn struck(&self, velocity: f64, impulse: f64) -> f64 {
@@ -130,29 +189,10 @@ impl Friction {
 
     /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a whole.
     pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
-        let FrictionSettings {
-            sticking,
-            sliding,
-            amplitude_ratio,
-            phase_lead,
-            incline_tangent,
-        } = settings;
-        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept(
-            "friction",
-            sliding,
-            (0.0..=10.0).contains(&sliding),
-            "0..10",
-        )?;
-        accept(
-            "sticking friction",
-            sticking,
-            (sliding..=10.0).contains(&sticking),
-            "the friction of sliding..10: a part at rest holds at least as well as one that slides",
-        )?;
+        settings.check(k)?;
         Ok(Self {
             settings,
-            free: Push::of(wave, amplitude_ratio, phase_lead, k * incline_tangent),
+            free: settings.free(wave, k),
             normal: Push::of(wave, 1.0, 0.0, k),
         })
     }
@@ -160,11 +200,9 @@ impl Friction {
     /// A flight of `d` rad from a phase, begun with `velocity` along the track: way in b and velocity in `b w` just before
     /// the impact.
     #[must_use]
-    pub(crate) fn flown(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
-        (
-            velocity * d + self.free.distance(phase, d),
-            velocity + self.free.velocity(phase, d),
-        )
+    fn flown(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
+        let (distance, gained) = self.free.integrals(phase, d);
+        (velocity * d + distance, velocity + gained)
     }
 
     /// A chatter of so many rad that brings a part to rest after `last`.
@@ -253,12 +291,9 @@ impl Friction {
                         stop.map_or(left, |d| lead + d)
                     };
                     let stopped = d < left;
-                    lain.distance += lain.velocity * d + push.distance(at, d);
-                    lain.velocity = if stopped {
-                        0.0
-                    } else {
-                        lain.velocity + push.velocity(at, d)
-                    };
+                    let (way, gained) = push.integrals(at, d);
+                    lain.distance += lain.velocity * d + way;
+                    lain.velocity = if stopped { 0.0 } else { lain.velocity + gained };
                     if c > 0.0 {
                         lain.forward += d;
                     } else {
@@ -368,6 +403,27 @@ mod tests {
     fn cycle(throw: f64, settings: FrictionSettings) -> Lain {
         let along = Friction::build(1.0 / throw, settings).unwrap();
         along.lying_for_ever().unwrap()
+    }
+
+    #[cfg(feature = "plant")]
+    #[test]
+    fn a_single_flight_is_flown_as_with_the_whole_set_up_to_the_last_bit() {
+        for n in 0..2000 {
+            let part = |m: i32| f64::from(n * m % 2003) / 2003.0;
+            let settings = FrictionSettings {
+                phase_lead: 4.0 * part(5) - 2.0,
+                ..settings(3.0 * part(7), part(11), 20.0 * part(13) - 10.0)
+            };
+            let (k, flight, velocity) =
+                (0.05 + part(17), [TAU * part(19), 9.0 * part(23)], part(3));
+            let whole = Friction::build(k, settings).unwrap();
+            let expected = whole.flown(flight[0], flight[1], velocity);
+            assert_eq!(settings.flown(None, k, flight, velocity), Some(expected));
+            let sine = settings.flown(Some(&Wave::sine()), k, flight, velocity);
+            assert_eq!(sine, Some(expected));
+        }
+        let refused = settings(1.0, 0.3, 3.0).flown(None, 2000.0, [0.0, 1.0], 0.0);
+        assert_eq!(refused, None);
     }
 
     /// docs/theory-real-parts.md#t10.4.

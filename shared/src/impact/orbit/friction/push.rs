@@ -1,6 +1,6 @@
 //! Accelerations that the drive gives: a few harmonics and a constant, integrated in closed form.
 
-use crate::impact::orbit::tangential::{sagitta, versine};
+use crate::impact::orbit::tangential::{sagitta, versine_of};
 use crate::impact::wave::Wave;
 
 /// Harmonics of a track's motion.
@@ -31,6 +31,20 @@ impl Push {
             push.cosine[index] = size * sine;
             push.count = push.count.max(index + 1);
         }
+        push
+    }
+
+    /// [`Push::of`] a sine.
+    #[cfg(feature = "plant")]
+    pub(super) fn of_sine(amplitude: f64, lead: f64, constant: f64) -> Self {
+        let (sine, cosine) = libm::sincos(lead);
+        let mut push = Self {
+            constant,
+            count: 1,
+            ..Self::default()
+        };
+        push.sine[0] = amplitude * cosine;
+        push.cosine[0] = amplitude * sine;
         push
     }
 
@@ -78,15 +92,21 @@ impl Push {
         tones.sum::<f64>() - self.constant * d
     }
 
-    /// The way that it adds in `d` rad from `phase` on.
-    pub(super) fn distance(&self, phase: f64, d: f64) -> f64 {
-        let tones = self.tones().map(|(n, p, q)| {
+    /// The way that it adds in `d` rad from `phase` on, and [what](Push::velocity) it adds to a velocity.
+    pub(super) fn integrals(&self, phase: f64, d: f64) -> (f64, f64) {
+        let (mut way, mut gained) = (-0.0, -0.0);
+        for (n, p, q) in self.tones() {
+            let half = 0.5 * n * d;
+            let chord = libm::sin(half);
             let (sine, cosine) = libm::sincos(n * phase);
             let x = n * d;
-            let (even, odd) = (versine(x), x * sagitta(x));
-            p * (sine * even + cosine * odd) + q * (cosine * even - sine * odd)
-        });
-        d * d * (tones.sum::<f64>() - 0.5 * self.constant)
+            let (even, odd) = (versine_of(half, chord), x * sagitta(x));
+            way += p * (sine * even + cosine * odd) + q * (cosine * even - sine * odd);
+            let (sine, cosine) = libm::sincos(n * phase + half);
+            gained += 2.0 / n * chord * (p * sine + q * cosine);
+        }
+        let constant = self.constant;
+        (d * d * (way - 0.5 * constant), gained - constant * d)
     }
 
     /// Its highest value in a turn, within 1e-12 of its size.
@@ -190,8 +210,9 @@ mod tests {
             distance += h * (velocity + 0.5 * h * value);
             velocity += h * value;
         }
-        assert!((push.velocity(phase, d) - velocity).abs() < 1e-8);
-        assert!((push.distance(phase, d) - distance).abs() < 1e-8);
+        let (way, gained) = push.integrals(phase, d);
+        assert!((gained - velocity).abs() < 1e-8 && (way - distance).abs() < 1e-8);
+        assert_eq!(gained, push.velocity(phase, d));
         let slope = (push.at(phase + 1e-6) - push.at(phase - 1e-6)) / 2e-6;
         assert!((push.slope(phase) - slope).abs() < 1e-8);
         assert!(push.bound(0) >= push.at(1.0) + 0.3 && push.bound(1) >= slope.abs());
