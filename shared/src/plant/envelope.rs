@@ -1,23 +1,23 @@
 //! The plant from cycle to cycle: amplitude and phase of the track in closed form, the parts on the map,
 //! and what demodulator and onset detector make of both.
 
-use core::f64::consts::{FRAC_PI_2, TAU};
+use core::f64::consts::TAU;
 
 use heapless::Vec;
 use num_complex::{Complex32, Complex64 as Complex};
 
-use super::drive::Swing;
 use super::feeder::{STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter};
 use super::hopper::Hopper;
 use super::law::Law;
-use super::load::{Rest, TrackLoad};
+use super::load::TrackLoad;
 use super::noise::Noise;
 use super::onset::{Background, HeardAt, OnsetModel, Struck};
-use super::part::{Part, Strike, Track, WaveCache, turned};
+use super::part::{Part, Strike, Track, WaveCache};
 use super::readings::{Read, Readings};
-use super::recurrence::{Demodulated, Recurrence, turn};
+use super::recurrence::{Demodulated, Recurrence, product, turn};
 use super::scene::{Change, PARTS, Scene, SensorModel};
 use super::sense::Sense;
+use super::track_motion::TrackMotion;
 use super::upper::UpperEnvelope;
 use crate::arithmetic::Phase;
 use crate::control::{
@@ -25,7 +25,6 @@ use crate::control::{
     outweighed, phase_step, repeated,
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
-use crate::impact::{Contact, Wave, WaveMap};
 
 /// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
 const EVENTS_PER_CYCLE: usize = 200;
@@ -273,35 +272,6 @@ impl EnvelopePlant {
         (time as i64 - self.time) as f64 * self.drive.per_step()
     }
 
-    /// The track's swing at a time of the parts.
-    fn swing(&self, time: u64) -> Swing {
-        let ticks = time as i64 - self.time;
-        let swing = self.drive.swing(ticks);
-        let Some(upper) = &self.upper else {
-            return swing;
-        };
-        let phase = Phase::from_bits(self.drive.phase().wrapping_add(ticks as u32));
-        upper.complete(swing, ticks as f64 * self.drive.per_step(), phase)
-    }
-
-    /// Phase of the output at a time of the parts, in rad.
-    fn output_phase(&self, time: u64) -> f64 {
-        let ticks = (time as i64 - self.time) as u32;
-        Phase::from_bits(self.drive.phase().wrapping_add(ticks)).radians()
-    }
-
-    /// A rest from one time to another, on the track as it swings between them.
-    fn rest_of(&self, from: u64, until: u64) -> Rest {
-        let swing = self.swing(from + until.saturating_sub(from) / 2);
-        let middle = self.output_phase(from + until.saturating_sub(from) / 2);
-        let half = 0.5 * until.saturating_sub(from) as f64 / Phase::TURN * TAU;
-        Rest {
-            phases: [middle - half, middle + half],
-            amplitude: f64::from(swing.amplitude),
-            lead: swing.phase.radians() - middle,
-        }
-    }
-
     /// Time up to which this cycle moves the parts.
     fn end(&self) -> u64 {
         (self.time + i64::from(self.drive.samples()) * i64::from(self.drive.step())).max(0) as u64
@@ -310,16 +280,16 @@ impl EnvelopePlant {
     /// Lets the parts fly, strike and rest up to the end of the cycle.
     fn move_parts(&mut self) {
         let end = self.end();
-        let mut waves = self.waves;
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        let (waves, normal_gravity) = (&mut self.waves, self.normal_gravity);
         let track = Track {
-            normal_gravity: self.normal_gravity,
+            normal_gravity,
             angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             law: self.watched.then_some(self.law),
             wave: None,
         };
-        let mut load = self.load.take();
-        for index in 0..self.parts.len() {
-            let mut part = self.parts[index];
+        let mut load = self.load.as_mut();
+        for (index, part) in self.parts.iter_mut().enumerate() {
             let arrives = self.hopper.arrives(index);
             if arrives > end {
                 continue;
@@ -330,15 +300,15 @@ impl EnvelopePlant {
             let share = load.as_ref().map_or(0.0, |load| load.share(index));
             for _ in 0..EVENTS_PER_CYCLE {
                 let Some(next) = part.next() else {
-                    match self.thrown(&track, &mut waves, from, end) {
+                    match motion.thrown(&track, waves, from, end) {
                         Some((swing, time)) => {
-                            let wave = waves.shape(swing.shape);
+                            let wave = motion.wave(&swing, waves);
                             part.throw(swing, &Track { wave, ..track }, time);
                             if let Some(load) = &mut load
                                 && !part.rests()
                                 && let Some(since) = lying.take()
                             {
-                                load.lie(index, self.rest_of(since, time), self.normal_gravity);
+                                load.lie(index, motion.rest(since, time), normal_gravity);
                             }
                         }
                         None => break,
@@ -352,19 +322,17 @@ impl EnvelopePlant {
                     break;
                 }
                 from = next;
-                let swing = self.swing(next);
-                let wave = waves.shape(swing.shape);
+                let swing = motion.swing(next);
+                let wave = motion.wave(&swing, waves);
                 // A part that the track jumps away from flies as under so much more gravity.
-                let normal_gravity = track.normal_gravity * (1.0 + share);
                 let jumping = Track {
                     wave,
-                    normal_gravity,
+                    normal_gravity: normal_gravity * (1.0 + share),
                     ..track
                 };
                 if let Some(strike) = part.event(swing, &jumping) {
                     if let Some(load) = &mut load {
-                        let phase = self.output_phase(next);
-                        load.strike(index, part.pushed(), phase);
+                        load.strike(index, part.pushed(), motion.output_phase(next));
                     }
                     if part.lies() {
                         lying = Some(next);
@@ -381,71 +349,20 @@ impl EnvelopePlant {
                 }
             }
             if let (Some(load), Some(since)) = (&mut load, lying) {
-                load.lie(index, self.rest_of(since, end), self.normal_gravity);
+                load.lie(index, motion.rest(since, end), normal_gravity);
             }
-            if let Some(Law::Friction(_)) = track.law {
-                let swing = self.swing(end);
-                let wave = waves.shape(swing.shape);
+            // A part in flight does not slide; the shape of the track is looked at in any case.
+            if let Some(Law::Friction(_)) = track.law
+                && (part.rubs() || self.upper.is_some())
+            {
+                let swing = motion.swing(end);
+                let wave = motion.wave(&swing, waves);
                 part.slide(swing, &Track { wave, ..track }, end);
             }
-            self.parts[index] = part;
         }
-        self.load = load;
-        self.waves = waves;
         if self.parts.len() > 1 {
             self.strikes.sort_unstable_by_key(|strike| strike.time);
         }
-    }
-
-    /// Where in `from..=end` the track first throws a resting part.
-    fn thrown(
-        &self,
-        track: &Track<'_>,
-        waves: &mut WaveCache,
-        from: u64,
-        end: u64,
-    ) -> Option<(Swing, u64)> {
-        let k = |swing: &Swing| {
-            track.normal_gravity / (f64::from(swing.amplitude) * track.angular * track.angular)
-        };
-        let began = self.swing(from);
-        if self.tones > 0 {
-            let after = |swing: Swing, waves: &mut WaveCache| {
-                let phase = began.phase.radians();
-                let wait = throw(waves.shape(swing.shape), k(&swing), phase)?;
-                let time = from + (wait / TAU * Phase::TURN) as u64;
-                (time <= end).then_some(time)
-            };
-            // Where the present amplitude throws no part, that at the end of the cycle may.
-            let time = after(began, waves).or_else(|| after(self.swing(end), waves))?;
-            let time = after(self.swing(time), waves)?;
-            return Some((self.swing(time), time));
-        }
-        let phase = began.phase.radians();
-        if libm::sin(phase) > k(&began) {
-            return Some((began, from));
-        }
-        // The crest is thrown first as the amplitude grows; from there back to arcsin k.
-        let ahead = |angle: f64| (turned(angle) / TAU * Phase::TURN) as u64;
-        let crest = from + ahead(FRAC_PI_2 - phase);
-        if crest > end + (1 << 30) {
-            return None;
-        }
-        let at_crest = k(&self.swing(crest));
-        if at_crest >= 1.0 {
-            return None;
-        }
-        let mut time = crest - ahead(FRAC_PI_2 - libm::asin(at_crest)).min(crest - from);
-        for _ in 0..8 {
-            let swing = self.swing(time);
-            let late = libm::sin(swing.phase.radians()) - k(&swing);
-            if late > 0.0 {
-                return (time <= end).then_some((swing, time));
-            }
-            // Past the crossing of a slowly changing amplitude, never before it.
-            time += (1 << 20) + (-late / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
-        }
-        None
     }
 
     /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
@@ -495,10 +412,10 @@ impl EnvelopePlant {
             let background = Background {
                 median: self.median,
                 rms,
-                leak: leaked * at,
+                leak: product(leaked, at),
             };
             let (heard, ringing) = self.onset.impact(struck, background, &mut self.noise);
-            sum += ringing * at;
+            sum += product(ringing, at);
             if let Some(heard) = heard {
                 self.wait(heard);
             }
@@ -589,7 +506,11 @@ impl EnvelopePlant {
     fn wait(&mut self, heard: HeardAt) {
         let waiting = &self.waiting;
         let at = waiting.partition_point(|other| other.sample <= heard.sample);
-        let _ = self.waiting.insert(at, heard);
+        let _ = if at == waiting.len() {
+            self.waiting.push(heard)
+        } else {
+            self.waiting.insert(at, heard)
+        };
     }
 
     /// Gives out what is heard within the cycle that ends, `samples` long.
@@ -600,9 +521,9 @@ impl EnvelopePlant {
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
         let due = self.waiting.partition_point(|heard| heard.sample < end);
-        for heard in self.waiting.drain(..due) {
+        for heard in &self.waiting[..due] {
             if self.lost {
-                continue;
+                break;
             }
             let n = (heard.sample.max(last) - self.sample) as u32;
             last = heard.sample.max(last);
@@ -612,6 +533,11 @@ impl EnvelopePlant {
                 phase: Phase::from_bits(phase),
                 strength: heard.strength as f32,
             });
+        }
+        if due == self.waiting.len() {
+            self.waiting.clear();
+        } else {
+            self.waiting.drain(..due);
         }
         self.time += i64::from(samples) * i64::from(step);
     }
@@ -632,7 +558,8 @@ impl EnvelopePlant {
     /// Normal amplitude of the track now, in m.
     #[must_use]
     pub fn amplitude(&self) -> f64 {
-        f64::from(self.swing(self.time.max(0) as u64).amplitude)
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        f64::from(motion.swing(self.time.max(0) as u64).amplitude)
     }
 
     /// Mass that is on the track, over that of the track.
@@ -688,17 +615,6 @@ impl EnvelopePlant {
             _ => {}
         }
         self.sense();
-    }
-}
-
-/// The wait in rad until a track throws a part that rests at a phase; `None` where it never does.
-fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
-    match wave {
-        Some(wave) => {
-            let map = WaveMap::on(*wave, k, 1.0).ok()?;
-            map.throw(phase).map(|(wait, _)| wait)
-        }
-        None => Contact::build(k, 1.0).ok()?.wait(phase),
     }
 }
 

@@ -37,6 +37,7 @@ mod sense;
 mod timeline;
 #[cfg(test)]
 mod tones;
+mod track_motion;
 mod upper;
 
 pub use bench::Bench;

@@ -32,7 +32,8 @@ impl Noise {
     #[inline]
     pub(crate) fn gauss(&mut self) -> f32 {
         let bits = self.bits();
-        let sum = (bits & 255) + ((bits >> 8) & 255) + ((bits >> 16) & 255) + (bits >> 24);
+        let pairs = (bits & 0x00ff_00ff) + ((bits >> 8) & 0x00ff_00ff);
+        let sum = (pairs & 0xffff) + (pairs >> 16);
         // Four uniform bytes: mean 510, variance 4 (256^2 - 1) / 12 = 147.8^2.
         (sum as f32 - 510.0) * (1.0 / 147.801)
     }

@@ -9,7 +9,7 @@ use super::blanking::Blanking;
 use super::energy::{Ground, RingingEnergy};
 use super::noise::Noise;
 use super::powers::Powers;
-use super::recurrence::{exp, exp_small, turn};
+use super::recurrence::{exp, exp_small, product, turn};
 use super::scene::SensorModel;
 use crate::arithmetic::Phase;
 use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Sectors, Standard};
@@ -17,6 +17,8 @@ use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Sectors, Standard};
 /// Samples after an impact in which its ringing is looked at: the first quarter turn of the slowest that
 /// a scene may have (500 Hz), and the first full turn of the default one.
 const LOOKED: usize = 10;
+/// No sample of these.
+const NEVER: usize = usize::MAX;
 /// Places within a sample at which a ringing's begin is tabulated.
 const SHARES: usize = 8;
 /// Share of its height at which the detector's memory of a ringing counts as gone: less than the noise of any ringing that a board can read.
@@ -30,10 +32,11 @@ const WEIGHT: f64 = 5e-4;
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetModel<O = Standard> {
     ringing: Complex,
-    /// Residual of a ringing of unit height that begins at a sample, n samples later: its imaginary part.
-    response: [Complex; LOOKED],
+    /// Residual of a ringing of unit height that begins at a sample, n samples later: the imaginary part of this, both parts
+    /// of it for all n.
+    response: [[f64; LOOKED]; 2],
     /// Its limit, once the filters' own transient is over.
-    steady: [Complex; LOOKED],
+    steady: [[f64; LOOKED]; 2],
     /// Height of a ringing in the residual over its own.
     share: f64,
     /// RMS of the residual over the RMS of white noise in the reading.
@@ -93,8 +96,8 @@ struct Ring {
     /// Least height that is loud, and that is blanked.
     loud: f64,
     least: f64,
-    /// First of its samples at which the memory is that high.
-    out: Option<usize>,
+    /// First of its samples at which the memory is that high, or [`NEVER`].
+    out: usize,
 }
 
 impl Ring {
@@ -106,17 +109,8 @@ impl Ring {
         memory: 0.0,
         loud: 0.0,
         least: f64::INFINITY,
-        out: None,
+        out: NEVER,
     };
-
-    /// Residual so many samples after its first, without noise.
-    fn residual<O>(&self, model: &OnsetModel<O>, sample: usize) -> f64 {
-        let own = self.began * model.response[sample];
-        if self.is_alone() {
-            return own.im;
-        }
-        (own + self.under * model.steady[sample]).im
-    }
 
     /// Whether nothing of earlier ones is left.
     fn is_alone(&self) -> bool {
@@ -124,23 +118,40 @@ impl Ring {
     }
 
     /// Feeds the detector's memory the height of the residual at the next sample.
+    // Without branches: nothing foresees where a ringing is high.
+    #[inline(always)]
     fn remember<O: Onset>(&mut self, residual: f64) {
-        self.memory *= O::MEMORY;
-        if residual > self.loud {
-            self.memory = self.memory.max(residual);
-        }
-        if self.memory > self.least && self.out.is_none() {
-            self.out = Some(self.known);
-        }
+        let memory = self.memory * O::MEMORY;
+        let high = if residual > self.loud { residual } else { 0.0 };
+        self.memory = if high > memory { high } else { memory };
+        let out = if self.memory > self.least {
+            self.known
+        } else {
+            NEVER
+        };
+        self.out = self.out.min(out);
         self.known += 1;
     }
 
     /// Feeds the detector's memory the samples of the last ringing that it has not taken in. The noise is that of the onset: what follows only says
     /// how long an impact soon after is taken for the same ringing.
-    fn complete<O: Onset>(&mut self, model: &OnsetModel<O>) {
-        while self.known < LOOKED {
-            self.remember::<O>(self.residual(model, self.known).abs());
+    fn complete<O: Onset>(&mut self, residuals: &[f64; LOOKED]) {
+        for residual in residuals.iter().skip(self.known) {
+            self.remember::<O>(residual.abs());
         }
+    }
+
+    /// Residuals of all of them in the samples from its first on, without noise.
+    #[inline(always)]
+    fn residuals<O>(&self, model: &OnsetModel<O>) -> [f64; LOOKED] {
+        let mut residuals = sines(self.began, &model.response);
+        if !self.is_alone() {
+            let before = sines(self.under, &model.steady);
+            for (residual, before) in residuals.iter_mut().zip(before) {
+                *residual += before;
+            }
+        }
+        residuals
     }
 
     /// What is left at a sample of its ringing and of the detector's memory of it.
@@ -149,15 +160,26 @@ impl Ring {
         if since >= model.forgotten {
             return (Complex::new(0.0, 0.0), 0.0);
         }
-        let mut whole = *self;
-        whole.complete(model);
+        let memory = if self.known < LOOKED {
+            let mut whole = *self;
+            whole.complete::<O>(&self.residuals(model));
+            whole.memory
+        } else {
+            self.memory
+        };
         let rings = self.began + self.under;
         let forgotten = since.saturating_sub(LOOKED as u64);
         (
-            rings * model.decay.at(since),
-            whole.memory * model.oblivion.at(forgotten).re,
+            product(rings, model.decay.at(since)),
+            memory * model.oblivion.at(forgotten).re,
         )
     }
+}
+
+/// Imaginary parts of the products of a number with others, of which all real and all imaginary parts are given.
+#[inline(always)]
+fn sines(number: Complex, [real, imaginary]: &[[f64; LOOKED]; 2]) -> [f64; LOOKED] {
+    core::array::from_fn(|n| number.re * imaginary[n] + number.im * real[n])
 }
 
 /// An impact that is to be heard.
@@ -230,10 +252,11 @@ impl<O: Onset> OnsetModel<O> {
             let since = n as f64 - (LOOKED - 1) as f64;
             response[LOOKED - 1] * exp(ringing * since)
         });
+        let apart = |numbers: &[Complex; LOOKED]| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
         Self {
             ringing,
-            response,
-            steady,
+            response: apart(&response),
+            steady: apart(&steady),
             energy: RingingEnergy::new(ringing, &response, &steady),
             share: libm::sqrt(steady[0].norm_sqr()),
             noise_gain: libm::sqrt(power),
@@ -354,14 +377,15 @@ impl<O: Onset> OnsetModel<O> {
             memory,
             loud,
             least: O::LOUD * loud,
-            out: None,
+            out: NEVER,
         };
+        let residuals = ring.residuals(self);
         // Nothing that a ringing leaves is higher than itself.
         let quiet = height + under.l1_norm() + leak.l1_norm() + 3.5 * rms < loud;
         let mut heard = None;
         while ring.known < LOOKED && !quiet {
-            let left = ring.residual(self, ring.known) + leak.re + rms * f64::from(noise.gauss());
-            leak *= self.tuning.turn;
+            let left = residuals[ring.known] + leak.re + rms * f64::from(noise.gauss());
+            leak = product(leak, self.tuning.turn);
             let residual = left.abs();
             let at = sample + ring.known as u64;
             let above = residual > O::OVER_MEMORY * ring.memory;
@@ -373,11 +397,11 @@ impl<O: Onset> OnsetModel<O> {
                 });
                 // Blind while a ringing may still rise.
                 self.open = at + u64::from(O::RISE) + 1;
-                ring.out = ring.out.or(Some(ring.known - 1));
+                ring.out = ring.out.min(ring.known - 1);
                 break;
             }
         }
-        let sum = self.heeded(&mut ring, heard.is_some());
+        let sum = self.heeded(&mut ring, &residuals, heard.is_some());
         self.last = ring;
         if !quiet {
             let rings = height * self.share / median;
@@ -388,7 +412,8 @@ impl<O: Onset> OnsetModel<O> {
 
     /// Sum of a ringing as far as it is not blanked; it and those before are, where it is high, from then until
     /// the detector has forgotten it.
-    fn heeded(&mut self, ring: &mut Ring, heard: bool) -> Complex {
+    #[inline(always)]
+    fn heeded(&mut self, ring: &mut Ring, residuals: &[f64; LOOKED], heard: bool) -> Complex {
         let sample = ring.sample;
         let since = |at: u64| at.saturating_sub(sample);
         let held = self.blanking.until().max(sample);
@@ -399,11 +424,11 @@ impl<O: Onset> OnsetModel<O> {
         if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
             return own;
         }
-        ring.complete(self);
-        let Some(out) = ring.out else {
+        ring.complete::<O>(residuals);
+        if ring.out == NEVER {
             return own;
-        };
-        let from = (sample + out as u64).max(held);
+        }
+        let from = (sample + ring.out as u64).max(held);
         // To a fifth of a sample.
         let lasts = logarithm((ring.memory / ring.least) as f32) / -self.forgetting;
         let mut forgotten = sample + (LOOKED as f64 + lasts).max(0.0) as u64;
@@ -422,14 +447,15 @@ impl<O: Onset> OnsetModel<O> {
     /// What both terms of a ringing's sum are at its first sample.
     fn sums(&self, began: Complex) -> [Complex; 2] {
         let [ahead, back] = self.tuning.sums;
-        [began * ahead, began.conj() * back]
+        [product(began, ahead), product(began.conj(), back)]
     }
 
     /// Sum of a ringing against the drive's turn, from so many samples after its first on.
+    #[inline(always)]
     fn tail(&self, [mut left, mut conjugate]: [Complex; 2], samples: u64) -> Complex {
         if samples > 0 {
-            left *= self.tuning.turns[0].at(samples);
-            conjugate *= self.tuning.turns[1].at(samples);
+            left = product(left, self.tuning.turns[0].at(samples));
+            conjugate = product(conjugate, self.tuning.turns[1].at(samples));
         }
         conjugate - left
     }
@@ -440,7 +466,8 @@ impl<O: Onset> OnsetModel<O> {
         let Some(node) = self.onset.get(nearest) else {
             return exp(self.ringing * share);
         };
-        node * exp_small(self.ringing * (share - nearest as f64 * (1.0 / SHARES as f64)))
+        let apart = share - nearest as f64 * (1.0 / SHARES as f64);
+        product(*node, exp_small(self.ringing * apart))
     }
 
     /// Lets a cycle of this many samples pass.

@@ -190,6 +190,13 @@ impl Part {
         self.motion == Motion::Resting
     }
 
+    /// Whether it lies on the track and rubs, or did until its next slide.
+    #[inline]
+    #[must_use]
+    pub fn rubs(&self) -> bool {
+        self.lying.is_some()
+    }
+
     /// Time of its next event, in steps of 2^-32 turns of the drive; `None` at rest.
     #[inline]
     #[must_use]

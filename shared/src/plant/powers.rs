@@ -2,7 +2,7 @@
 
 use num_complex::Complex64 as Complex;
 
-use super::recurrence::exp;
+use super::recurrence::{exp, product};
 
 /// Bits of an exponent that one table serves.
 const BITS: u64 = 4;
@@ -37,15 +37,21 @@ impl Powers {
     }
 
     /// `e^(log n)`; relative error at most 2e-14 where the tables serve, n < 256.
+    #[inline]
     pub fn at(&self, n: u64) -> Complex {
         if n >= END {
-            return exp(self.log * n as f64);
+            return self.beyond(n);
         }
         let (coarse, fine) = ((n >> BITS) as usize, n as usize % SIZE);
         if coarse == 0 {
             return self.fine[fine];
         }
-        self.coarse[coarse % SIZE] * self.fine[fine]
+        product(self.coarse[coarse % SIZE], self.fine[fine])
+    }
+
+    #[cold]
+    fn beyond(&self, n: u64) -> Complex {
+        exp(self.log * n as f64)
     }
 }
 

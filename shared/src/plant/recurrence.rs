@@ -6,6 +6,7 @@ use num_complex::Complex64 as Complex;
 
 use super::drive::Swing;
 use super::scene::DriveModel;
+use crate::arithmetic::lane::Lane;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::control::{SAMPLE_RATE, Shape, phase_of};
 
@@ -20,6 +21,15 @@ pub(super) fn exp(z: Complex) -> Complex {
     turn(z.im) * libm::exp(z.re)
 }
 
+/// `a b`, number by number: in pairs it costs more than it saves.
+#[inline(always)]
+pub(super) fn product(a: Complex, b: Complex) -> Complex {
+    Complex::new(
+        (a.re * b.re - a.im * b.im).lone(),
+        (a.re * b.im + a.im * b.re).lone(),
+    )
+}
+
 /// `e^(i phase)`, as the signal path has it.
 fn turned(phase: u32) -> Complex {
     let (sine, cosine) = sine_cosine_single(Phase::from_bits(phase));
@@ -29,14 +39,15 @@ fn turned(phase: u32) -> Complex {
 /// `e^z` for what turns and decays little, |z| below some tenths: by its series, else by [`exp`].
 ///
 /// Relative error at most 1e-6 within 0.3, as a share of a transient or of a ringing.
+#[inline(always)]
 pub(super) fn exp_small(z: Complex) -> Complex {
     if z.norm_sqr() > 0.09 {
         return exp(z);
     }
-    let square = z * z;
+    let square = product(z, z);
     // The next term is below 0.3^6/6! = 1e-6.
-    square * square * (z * (1.0 / 120.0) + 1.0 / 24.0)
-        + (square * (z * (1.0 / 6.0) + 0.5) + (z + 1.0))
+    product(product(square, square), z * (1.0 / 120.0) + 1.0 / 24.0)
+        + (product(square, z * (1.0 / 6.0) + 0.5) + (z + 1.0))
 }
 
 /// The angle of a number; small ones by the series of the arctangent.
@@ -305,15 +316,17 @@ impl Recurrence {
         let first = f64::from(self.phase) * per_step;
         let last = 1.0 - f64::from(phase) * per_step;
         let weight = f64::from(whole.samples) - 1.0 + first + last;
-        let square = ended * ended;
+        let square = product(ended, ended);
         let double = self.tuning.double;
-        let doubled = square * (double + last) - self.squared * (double + (1.0 - first));
+        let doubled =
+            product(square, double + last) - product(self.squared, double + (1.0 - first));
         let [steady, reading] = self.reading;
         let sum = |[end, sum]: [Complex; 2]| sum + first + end * last;
-        let found = steady * doubled
-            + steady.conj() * weight
-            + self.began * (reading * sum(whole.ahead) + reading.conj() * sum(whole.back));
-        self.state = self.transient * whole.decay + self.steady(ended);
+        let transient =
+            product(reading, sum(whole.ahead)) + product(reading.conj(), sum(whole.back));
+        let found =
+            product(steady, doubled) + steady.conj() * weight + product(self.began, transient);
+        self.state = product(self.transient, whole.decay) + self.steady(ended);
         self.phase = phase;
         self.began = ended;
         self.squared = square;
@@ -357,26 +370,16 @@ impl Recurrence {
         self.phase
     }
 
-    /// The track's swing at the drive's frequency, so many steps of 2^-32 turns of the output after the sample
-    /// that began this cycle.
+    /// The track's swing in this cycle.
     #[must_use]
-    pub fn swing(&self, ticks: i64) -> Swing {
-        let tuning = &self.tuning;
-        let phase = self.phase.wrapping_add(ticks as u32);
-        let at = turned(phase);
-        // The state as `left[0] e^(i phase) + left[1] e^(-i phase)`.
-        let mut left = self.steady;
-        if self.transient.norm_sqr() > 1e-30 {
-            let samples = ticks as f64 * tuning.per_step;
-            left[0] += self.transient * self.began.conj() * exp_small(tuning.drift * samples);
-        }
-        let [ahead, back] = tuning.swing;
-        let apart = (ahead * left[0] + back * left[1].conj())
-            + (ahead * left[1] + back * left[0].conj()) * (at * at).conj();
-        Swing {
-            amplitude: libm::sqrt(apart.norm_sqr()) as f32,
-            phase: Phase::from_bits(phase) + tuning.lead + angle(apart),
-            shape: Shape::SINE,
+    pub fn swinging(&self) -> Swinging<'_> {
+        let transient =
+            (self.transient.norm_sqr() > 1e-30).then(|| self.transient * self.began.conj());
+        let [ahead, back] = self.tuning.swing;
+        Swinging {
+            drive: self,
+            transient,
+            apart: [back * self.steady[1].conj(), ahead * self.steady[1]],
         }
     }
 
@@ -408,6 +411,53 @@ impl Recurrence {
     #[must_use]
     pub fn step(&self) -> u32 {
         self.tuning.step
+    }
+}
+
+/// The track's swing in a cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct Swinging<'a> {
+    drive: &'a Recurrence,
+    /// The transient, where there is one, as it began, seen from the turning phase.
+    transient: Option<Complex>,
+    /// What `e^(-i phase)` of the steady state adds to the swing: at all phases alike, and against twice the phase.
+    apart: [Complex; 2],
+}
+
+impl<'a> Swinging<'a> {
+    /// The drive.
+    #[must_use]
+    pub fn drive(&self) -> &'a Recurrence {
+        self.drive
+    }
+
+    /// The swing at the drive's frequency, so many steps of 2^-32 turns of the output after the sample that began the
+    /// cycle.
+    #[must_use]
+    pub fn at(&self, ticks: i64) -> Swing {
+        let Recurrence {
+            tuning,
+            phase,
+            steady,
+            ..
+        } = self.drive;
+        let phase = phase.wrapping_add(ticks as u32);
+        let at = turned(phase);
+        // The state is `left e^(i phase) + steady[1] e^(-i phase)`.
+        let mut left = steady[0];
+        if let Some(transient) = self.transient {
+            let samples = ticks as f64 * tuning.per_step;
+            left += product(transient, exp_small(tuning.drift * samples));
+        }
+        let [ahead, back] = tuning.swing;
+        let [alike, against] = self.apart;
+        let apart = (product(ahead, left) + alike)
+            + product(against + product(back, left.conj()), product(at, at).conj());
+        Swing {
+            amplitude: libm::sqrt(apart.norm_sqr()) as f32,
+            phase: Phase::from_bits(phase) + tuning.lead + angle(apart),
+            shape: Shape::SINE,
+        }
     }
 }
 
@@ -447,7 +497,7 @@ mod tests {
                     let [x, v] = drive.motion();
                     let angular = f64::from(step) / Phase::TURN * 20_000.0 * TAU;
                     let slow = Swing::through([x, v], angular as f32);
-                    let swing = fast.swing(i64::from(n) * i64::from(step));
+                    let swing = fast.swinging().at(i64::from(n) * i64::from(step));
                     let apart = f64::from((swing.phase - slow.phase).bits() as i32);
                     let (share, full) = (2e-5 + rounding, f64::from(model.gain) * 1e-3);
                     let off = f64::from(swing.amplitude - slow.amplitude).abs();
