@@ -11,7 +11,8 @@ use crate::impact::double::step::Landing;
 use crate::impact::double::{low, short, tall};
 
 /// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
-/// are short, one kind alone would wait for itself.
+/// are short, one kind alone would wait for itself. A CPU holds only so many results at a time, so each stage is short: then
+/// it begins the next registers before the first is through.
 #[inline(always)]
 pub(super) fn advance<L: Lane>(
     columns: &mut Columns,
@@ -55,6 +56,12 @@ pub(super) fn advance<L: Lane>(
             stages.put_name(n, close.next());
         }
         for n in 0..talls {
+            stages.find_near::<L>(n);
+        }
+        for n in shorts..lows {
+            stages.find_near::<L>(n);
+        }
+        for n in 0..talls {
             let track = stages.track::<L>(n);
             let landing = stages.near(n).finish(&track);
             stages.put_landing(n, &landing);
@@ -80,7 +87,7 @@ pub(super) fn advance<L: Lane>(
             let stretch = stages.stretch::<L>(n);
             let (landing, certain) = low::landing_near(
                 &stages.track::<L>(n),
-                &stages.launch(n),
+                || columns.launch(register.0),
                 &stretch,
                 &stages.near(n),
             );
@@ -98,12 +105,15 @@ pub(super) fn advance<L: Lane>(
             let landing = stages.landing::<L>(n);
             stages.put_after(n, name(landing.phase), columns.restitution(lanes));
         }
-        for (n, &register) in registers[..count].iter().enumerate() {
+        for (n, &(lanes, _)) in registers[..count].iter().enumerate() {
             let landing = stages.landing::<L>(n);
             let after = stages.after(n, &landing);
-            columns.land(register.0, landing.flight, &after);
+            stages.put_launch(n, &after);
+            columns.land(lanes, landing.flight, &after);
+        }
+        for (n, &register) in registers[..count].iter().enumerate() {
             let (track, restitution) = (stages.track::<L>(n), stages.restitution(n));
-            next.sort(resting, &track, restitution, &after, register);
+            next.sort(resting, &track, restitution, &stages.launch(n), register);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What the stages of the kernels hand on: register by register, dense.
 
 use super::columns::Aligned;
-use crate::arithmetic::lane::Lane;
+use crate::arithmetic::lane::{Lane, Node};
 use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::{Close, Landing, Near};
 use crate::impact::double::{low, tall};
@@ -23,6 +23,11 @@ const LANDING: usize = 13;
 /// The [`ROUNDER`](crate::arithmetic::lane::ROUNDER) sum that names the node that the next stage begins at, until there is
 /// a landing: that stage then waits for nothing but its loads.
 const NAME: usize = 13;
+/// The gap near the impact, in the place of the launch: how far the node of the approach lies ahead, the time from the node
+/// next to the impact, value and slope.
+const GAP: usize = LAUNCH;
+/// Sine and cosine of the track there.
+const GAP_TRACK: usize = 14;
 /// The name of the node next to the phase of a landing, in the place of what the landing came from.
 const PHASE_NAME: usize = 11;
 const RESTITUTION: usize = 12;
@@ -211,17 +216,37 @@ impl Stages {
         Close { rounded, back }
     }
 
-    /// The gap near the impact.
+    /// Finds the gap near the impact and hands it on in the place of the launch.
+    #[inline(always)]
+    pub fn find_near<L: Lane>(&mut self, n: usize) {
+        let (rounded, node) = self.named(n);
+        let (track, launch) = (self.track::<L>(n), self.launch(n));
+        let near = Near::on(&track, &launch, &self.close(n), rounded, node);
+        let gap = [near.node.distance, near.x, near.value, near.slope];
+        self.put(n, GAP, gap);
+        self.put(n, GAP_TRACK, [near.sine, near.cosine]);
+    }
+
+    /// The gap near the impact; its node comes without sine and cosine, for which no step asks.
     #[inline(always)]
     pub fn near<L: Lane>(&self, n: usize) -> Near<L> {
-        let (rounded, node) = self.named(n);
-        Near::on(
-            &self.track(n),
-            &self.launch(n),
-            &self.close(n),
+        let [distance, x, value, slope] = self.get(n, GAP);
+        let [_, back, rounded, sine, cosine] = self.get(n, CLOSE);
+        let node = Node {
+            sine,
+            cosine,
+            distance,
             rounded,
+        };
+        Near {
             node,
-        )
+            back,
+            x,
+            value,
+            slope,
+            sine,
+            cosine,
+        }
     }
 
     #[inline(always)]

@@ -416,7 +416,7 @@ pub(crate) fn landing<L: Lane>(
     stretch: &Stretch<L>,
     close: &Close<L>,
 ) -> (Landing<L>, L::Mask) {
-    settled(track, launch, stretch, settle(track, launch, close))
+    settled(track, || *launch, stretch, settle(track, launch, close))
 }
 
 /// [`landing`] from the gap near it.
@@ -424,7 +424,7 @@ pub(crate) fn landing<L: Lane>(
 #[inline(always)]
 pub(crate) fn landing_near<L: Lane>(
     track: &Track<L>,
-    launch: &Launch<L>,
+    launch: impl FnOnce() -> Launch<L>,
     stretch: &Stretch<L>,
     near: &Near<L>,
 ) -> (Landing<L>, L::Mask) {
@@ -435,13 +435,14 @@ pub(crate) fn landing_near<L: Lane>(
 #[inline(always)]
 fn settled<L: Lane>(
     track: &Track<L>,
-    launch: &Launch<L>,
+    launch: impl FnOnce() -> Launch<L>,
     stretch: &Stretch<L>,
     (mut landing, mut settled): (Landing<L>, L::Mask),
 ) -> (Landing<L>, L::Mask) {
     if L::any(!settled & stretch.certain) {
-        let close = Close::after(launch, landing.flight);
-        let (again, then) = settle(track, launch, &close);
+        let launch = launch();
+        let close = Close::after(&launch, landing.flight);
+        let (again, then) = settle(track, &launch, &close);
         landing = landing.or(settled, again);
         settled = settled | then;
     }
