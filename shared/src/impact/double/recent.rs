@@ -67,7 +67,7 @@ struct Flight {
 /// Least trust of a flight that others are foreseen from. It takes two that would have been foreseen: one may be by chance.
 const ENOUGH: u8 = 2;
 
-/// Trust after those two. Each one that is foreseen wrong takes one, where it is a certain [`Low`] flight.
+/// Trust after those two. Each one that is foreseen wrong takes one.
 const TRUSTED: u8 = 4;
 
 /// What the next impact does not wait for: the duration of the flight, and whether it grazes; `None` where the part
@@ -154,7 +154,14 @@ impl Recent {
         velocity: f64,
         aside: &mut Aside,
     ) -> (f64, f64) {
-        self.anew(track, phase, velocity, aside)
+        let from = place(self.launch);
+        let trust = self.flights[from].trust;
+        let landing = self.anew(track, phase, velocity, aside);
+        // A low flight whose nodes are others has taken trust as it was learned; one of another kind takes it here.
+        if self.flights[from].trust == trust {
+            self.flights[from].trust = trust - 1;
+        }
+        landing
     }
 
     /// Phase and speed of the landing, from the launch alone.
