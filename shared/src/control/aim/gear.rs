@@ -23,7 +23,9 @@ const THROWS: f64 = 0.98;
 #[derive(Clone, Debug)]
 pub struct GearSearch {
     planner: GearPlanner,
-    pub(super) plan: Option<GearPlan>,
+    plan: Option<GearPlan>,
+    /// Whether the last slice found it.
+    fresh: bool,
 }
 
 impl GearSearch {
@@ -60,14 +62,22 @@ impl GearSearch {
         Ok(Ok(Self {
             planner: GearPlanner::new(asked)?,
             plan: None,
+            fresh: false,
         }))
     }
 
     /// One slice; whether more are to be done.
     pub fn step(&mut self) -> bool {
         let more = self.planner.advance(SLICE);
-        self.plan = self.planner.plan().copied();
+        let found = self.planner.plan().copied();
+        self.take(found.filter(|plan| self.plan != Some(*plan)));
         more
+    }
+
+    /// Takes what a slice found.
+    pub(super) fn take(&mut self, found: Option<GearPlan>) {
+        self.fresh = found.is_some();
+        self.plan = found.or(self.plan);
     }
 
     /// What is searched for.
@@ -83,6 +93,11 @@ impl GearSearch {
     /// What was found so far.
     pub fn plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
+    }
+
+    /// What the last slice found, where it found anything.
+    pub fn fresh(&self) -> Option<&GearPlan> {
+        self.plan().filter(|_| self.fresh)
     }
 
     /// The choice so far.

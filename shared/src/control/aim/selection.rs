@@ -229,7 +229,7 @@ impl Selection {
             let more = gear.step();
             // Of the first plan whatever is found, of a later one what is settled.
             let better = gear
-                .plan()
+                .fresh()
                 .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
             if better.is_some() {
                 self.plan = better.copied();

@@ -68,16 +68,13 @@ impl SparedGear {
     pub fn step(&mut self) -> bool {
         self.slices = self.slices.saturating_add(1);
         if self.known {
-            let mut found = self.planned.found.iter().rev();
-            let latest = found.find(|(after, _)| *after <= self.slices);
-            self.search.plan = latest.map(|(_, plan)| *plan);
+            let mut found = self.planned.found.iter();
+            let found = found.find(|(after, _)| *after == self.slices);
+            self.search.take(found.map(|(_, plan)| *plan));
             return !self.is_over();
         }
-        let before = self.plan().copied();
         let more = self.search.step();
-        if let Some(plan) = self.plan().copied()
-            && before != Some(plan)
-        {
+        if let Some(plan) = self.fresh().copied() {
             // One for each round at most, and there are no more rounds.
             let _ = self.planned.found.push((self.slices, plan));
         }
