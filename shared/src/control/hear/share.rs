@@ -120,8 +120,9 @@ pub struct ShareHearing {
     /// The tones that the profiles are of.
     profiled: [[f32; 2]; UPPER],
     profiler: Option<StrikeProfiler>,
-    /// Energy by the phase of the output, and the cycles that it is the sum of.
+    /// Energy by the phase of the output, that of the noise, and the cycles that they are the sum of.
     energy: Row,
+    noise: f32,
     weight: f32,
     due: u32,
     /// Lead of the track that the energy stands for, and its mean since that is gathered: a load that comes turns the track.
@@ -187,6 +188,7 @@ impl ShareHearing {
             profiled: [[0.0; 2]; UPPER],
             profiler: None,
             energy: [0.0; SECTORS],
+            noise: 0.0,
             weight: 0.0,
             due: 0,
             lead: Phase::ZERO,
@@ -207,10 +209,16 @@ impl ShareHearing {
 
     /// Forgets what was heard, but not how the parts ring nor what the map says of them.
     pub fn reset(&mut self) {
-        self.energy = [0.0; SECTORS];
-        (self.weight, self.due, self.cycles) = (0.0, 0, 0.0);
-        (self.fitting, self.weights) = (None, [0.0; PARTS]);
+        self.begin();
+        (self.cycles, self.fitting) = (0.0, None);
         self.unlearn();
+    }
+
+    /// Begins to gather energy anew.
+    fn begin(&mut self) {
+        self.energy = [0.0; SECTORS];
+        (self.noise, self.weight, self.due) = (0.0, 0.0, 0);
+        self.weights = [0.0; PARTS];
     }
 
     fn unlearn(&mut self) {
@@ -272,6 +280,8 @@ impl ShareHearing {
         for (sum, energy) in sectors.zip(energy) {
             *sum = *sum * keep + energy;
         }
+        let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
+        self.noise = self.noise * KEEP + noise;
         self.weight = self.weight * KEEP + 1.0;
         let apart = (tuned.lead - self.turned).bits() as i32;
         self.turned += Phase::from_bits((apart as f32 / self.weight) as i32 as u32);
@@ -337,8 +347,7 @@ impl ShareHearing {
             }
             if !same {
                 // What was heard so far was of another track; parts in gear stay in it where that is near.
-                self.energy = [0.0; SECTORS];
-                (self.weight, self.due, self.weights) = (0.0, 0, [0.0; PARTS]);
+                self.begin();
                 if near {
                     self.fades = true;
                 } else {
@@ -425,7 +434,10 @@ impl ShareHearing {
 
     /// Tells what a mixture has found.
     fn tell(&mut self, found: &Mixture) {
-        let share = self.profile().and_then(|profile| told(found, profile));
+        let noise = self.noise / self.weight;
+        let share = self
+            .profile()
+            .and_then(|profile| told(found, profile, noise));
         self.margin = share.and(self.margin_of(found));
         self.share = share;
         self.weights = found.weights;
@@ -574,8 +586,9 @@ fn rounded(k: f32) -> f32 {
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// What a fit tells of the share; `None` where nothing is heard, or next to nothing is told.
-fn told(found: &Mixture, profile: &StrikeProfile) -> Option<GearShare> {
+/// What a fit tells of the share, where the noise that was heard has so much energy in a cycle; `None` where nothing is heard, or next to
+/// nothing is told.
+fn told(found: &Mixture, profile: &StrikeProfile, noise: f32) -> Option<GearShare> {
     let within = found.weights[..GROUPS].iter().sum::<f32>();
     let without = found.weights[GROUPS..NOISE].iter().sum::<f32>();
     let landing = found.weights[GROUPS] + together(profile) * found.weights[GROUPS + 1];
@@ -603,8 +616,9 @@ fn told(found: &Mixture, profile: &StrikeProfile) -> Option<GearShare> {
     }
     let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
     let scattered = variance.max(0.0) * dispersion / (all * all);
-    // What is no mixture of the lot's may be of parts in gear or out of it.
-    let astray = found.astray / (energy + found.weights[NOISE]);
+    // What is no mixture of the lot's may be of parts in gear or out of it; so may what strikes all over the turn, as noise does.
+    let even = (found.weights[NOISE] - noise).max(0.0);
+    let astray = (found.astray + even) / (energy + found.weights[NOISE]);
     let error = libm::sqrtf(scattered + COUNTED * COUNTED + astray * astray);
     (error < TELLS).then_some(GearShare { share, error })
 }
@@ -862,7 +876,7 @@ mod tests {
 
     use super::{PARTS, inverted};
     use crate::control::target::Target;
-    use crate::plant::{ClosedLoop, EnvelopeLoop, Noise, Scene};
+    use crate::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Noise, Scene};
     use crate::regime::gear::GearWatch;
 
     #[test]
@@ -1039,6 +1053,29 @@ mod tests {
             });
             // What noise there is differs: each is held against its own truth, with one standard deviation of a run above 0.03.
             assert!(slow.abs() < 0.05 && fast.abs() < 0.05, "{slow} {fast}");
+        }
+    }
+
+    /// Parts that were in gear and become others, which are never in it, strike all over the turn: that is not taken for noise.
+    #[test]
+    fn parts_that_become_others_are_not_taken_for_noise() {
+        for (restitution, scatter) in [(0.6, 0.1), (0.7, 0.05)] {
+            for seed in 100..104 {
+                let mut scene = scene([0.18, 0.22], 0.0, 0.393, 1, seed);
+                let changes = [Change::Restitution(restitution), Change::Scatter(scatter)];
+                let at = |change| Disturbance { at: 4.0, change };
+                scene.disturbances = changes.into_iter().map(at).collect();
+                let mut whole = ClosedLoop::build(&scene).unwrap();
+                let mut geared = std::vec![];
+                for _ in 0..600 {
+                    let report = whole.cycle().report;
+                    geared.push(report.in_gear - report.in_gear_error > 0.5);
+                }
+                assert!(geared[150..200].iter().all(|geared| *geared), "{seed}");
+                // What was heard before is forgotten with 256 cycles.
+                let still = geared[400..].iter().filter(|geared| **geared).count();
+                assert_eq!(still, 0, "{restitution} {seed}");
+            }
         }
     }
 
