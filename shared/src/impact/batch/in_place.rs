@@ -90,24 +90,7 @@ pub(super) fn advance<L: Lane>(
         }
         for (n, &(at, bits)) in starts.iter().enumerate() {
             let bits = flying::<L>(bits);
-            let [back, rounded, distance, x, value, slope, sine, cosine] =
-                stages.get_at::<L, _>(n * QUANTITIES + BACK);
-            // The step asks for no sine and cosine of the node.
-            let node = Node {
-                sine,
-                cosine,
-                distance,
-                rounded,
-            };
-            let near = Near {
-                node,
-                back,
-                x,
-                value,
-                slope,
-                sine,
-                cosine,
-            };
+            let near = Near::handed_on(stages.get_at::<L, _>(n * QUANTITIES + BACK));
             let landing = near.finish_only(&columns.track_at(at), L::mask(bits));
             let landing = [landing.flight, landing.phase, landing.arrival];
             stages.put_at(n * QUANTITIES + NEAR, landing);

@@ -1,7 +1,7 @@
 //! What the stages of the kernels hand on: register by register, dense.
 
 use super::columns::Aligned;
-use crate::arithmetic::lane::{Lane, Node};
+use crate::arithmetic::lane::Lane;
 use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::{Close, Landing, Near};
 use crate::impact::double::{low, tall};
@@ -227,26 +227,12 @@ impl Stages {
         self.put(n, GAP_TRACK, [near.sine, near.cosine]);
     }
 
-    /// The gap near the impact; its node comes without sine and cosine, for which no step asks.
+    /// The gap near the impact.
     #[inline(always)]
     pub fn near<L: Lane>(&self, n: usize) -> Near<L> {
         let [distance, x, value, slope] = self.get(n, GAP);
         let [_, back, rounded, sine, cosine] = self.get(n, CLOSE);
-        let node = Node {
-            sine,
-            cosine,
-            distance,
-            rounded,
-        };
-        Near {
-            node,
-            back,
-            x,
-            value,
-            slope,
-            sine,
-            cosine,
-        }
+        Near::handed_on([back, rounded, distance, x, value, slope, sine, cosine])
     }
 
     #[inline(always)]

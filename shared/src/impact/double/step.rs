@@ -153,6 +153,27 @@ impl<L: Lane> Near<L> {
         Self::around(track, launch, close, close.next())
     }
 
+    /// What another stage has found, handed on in this order: `back`, name and distance of the node, `x`, `value`, `slope`, `sine`
+    /// and `cosine`. No step asks for the node's own sine and cosine: they stand in it for nothing.
+    #[cfg(any(test, feature = "analysis"))]
+    #[inline(always)]
+    pub fn handed_on([back, rounded, distance, x, value, slope, sine, cosine]: [L; 8]) -> Self {
+        Self {
+            node: Node {
+                sine,
+                cosine,
+                distance,
+                rounded,
+            },
+            back,
+            x,
+            value,
+            slope,
+            sine,
+            cosine,
+        }
+    }
+
     /// [`Near::at`], where the node next to the impact is known.
     #[inline(always)]
     pub(super) fn around(
