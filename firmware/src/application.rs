@@ -251,6 +251,7 @@ mod tests {
         let found = Found {
             settings: scene.settings,
             target: scene.target,
+            pin: None,
             condition: Condition::Whole,
         };
         let start = StartCause::Ordinary;

@@ -13,6 +13,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod access;
 pub mod application;
 pub mod board;
 #[cfg(target_os = "none")]

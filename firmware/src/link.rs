@@ -1,7 +1,8 @@
 //! The link to the desk: requests answered, telemetry sent, garbage counted.
 //!
 //! It never stalls the control: a drive cycle answers a few requests, and what comes beyond is counted
-//! and dropped; after every request and every piece of input other tasks run.
+//! and dropped; after every request and every piece of input other tasks run. Nothing waits for the
+//! line without end: telemetry that does not fit is dropped, an answer waits 100 ms.
 
 use core::future::Future;
 
@@ -10,15 +11,15 @@ use embassy_futures::yield_now;
 use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, StartCause};
 use kband::feeder::OutOfRange;
 use kband::wire::{
-    Counters, FRAME_MOST, Identity, Incoming, Inputs, Kept, Receiver, Refusal, Request, Response,
-    SCHEMA, SelfTest, SetUp, Setting, Telemetry, VERSION, fold_output, read_reading, read_request,
-    write_identity, write_response,
+    Access, Counters, FRAME_MOST, Identity, Incoming, Inputs, Kept, Pin, Receiver, Refusal,
+    Request, Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION,
+    fold_output, read_reading, read_request, write_identity, write_response,
 };
 
+use crate::access::LinkLock;
 use crate::saves::Saves;
 use crate::station::{NotTaken, Station};
 use crate::store::{Condition, Store};
-use crate::watch::{Roll, Watched};
 
 /// Requests that a drive cycle answers: of the dearest, 81 196 instructions (counted), they take 2.6 of the 3.36 million of a
 /// cycle at 50 Hz.
@@ -26,13 +27,21 @@ const ALLOWANCE: u8 = 32;
 /// Largest mean of the accelerometer at rest, in m/s^2: gravity along its axis and a fifth of error.
 const AT_REST: f32 = 11.8;
 
+/// Time in ms for which an answer may wait until the line has room for it.
+const ANSWER_WAIT_MS: u32 = 100;
+/// Share of the line that telemetry may take, in percent: the rest is for answers.
+const TELEMETRY_SHARE: u64 = 80;
+
 /// Bytes to and from the desk.
 pub trait Line {
     /// Waits for input and takes some of it; how much.
     fn read(&mut self, bytes: &mut [u8]) -> impl Future<Output = usize>;
 
-    /// Sends all of it.
-    fn write(&mut self, bytes: &[u8]) -> impl Future<Output = ()>;
+    /// Takes a whole frame to send it, or nothing of it where it has no room; whether it was taken.
+    fn send(&mut self, frame: &[u8]) -> bool;
+
+    /// Waits for a millisecond.
+    fn millisecond(&mut self) -> impl Future<Output = ()>;
 }
 
 /// What an image tells of itself.
@@ -44,6 +53,10 @@ pub struct Image {
     pub stack_free: fn() -> u32,
     /// How its chip is set up.
     pub set_up: fn() -> SetUp,
+    /// Bytes that its line carries in a second.
+    pub line_rate: u32,
+    /// Whether the strap that makes the link read-only is wired to ground.
+    pub strapped: fn() -> bool,
 }
 
 /// The board's side of the link.
@@ -54,6 +67,7 @@ pub struct Service<S> {
     counters: Counters,
     allowance: u8,
     saves: Saves,
+    lock: LinkLock,
     every: u16,
     since: u16,
     simulation: Option<Simulation>,
@@ -70,8 +84,8 @@ struct Simulation {
 }
 
 impl<S: Store> Service<S> {
-    /// The service, with telemetry off.
-    pub fn new(image: Image, store: S) -> Self {
+    /// The service, with telemetry off; the PIN is the one that was saved with the settings.
+    pub fn new(image: Image, store: S, pin: Option<Pin>) -> Self {
         Self {
             image,
             store,
@@ -79,6 +93,7 @@ impl<S: Store> Service<S> {
             counters: Counters::default(),
             allowance: ALLOWANCE,
             saves: Saves::default(),
+            lock: LinkLock::new(pin),
             every: 0,
             since: 0,
             simulation: None,
@@ -101,6 +116,7 @@ impl<S: Store> Service<S> {
             counters,
             allowance,
             saves,
+            lock,
             every,
             simulation,
             buffer,
@@ -133,17 +149,33 @@ impl<S: Store> Service<S> {
                 write_identity(buffer, sequence, &identity)
             }
             Incoming::Request { sequence, request } => {
-                if let Request::Telemetry(cycles) = request {
-                    *every = cycles;
-                }
+                let access = lock.access((image.strapped)());
                 let response = match request {
+                    _ if changes(&request) && access != Access::Full => {
+                        Response::Refused(Refusal::ReadOnly(access))
+                    }
+                    Request::Telemetry(cycles) => {
+                        telemetry(cycles, every, &station.settings(), image.line_rate)
+                    }
                     Request::Simulate { target, start } => {
                         begin(simulation, target.into(), start.into(), station)
                     }
                     Request::Samples { codes, end } => {
                         samples(simulation, codes, end, station).await
                     }
-                    Request::Save => save(station, store, saves).await,
+                    Request::Save => save(station, store, saves, lock.pin()).await,
+                    Request::Lock(pin) => {
+                        let response = save(station, store, saves, pin).await;
+                        if response == Response::Done {
+                            lock.close(pin);
+                        }
+                        response
+                    }
+                    Request::Unlock(pin) => match lock.unlock(pin, station.seconds()) {
+                        Ok(()) => Response::Done,
+                        Err(refusal) => Response::Refused(refusal),
+                    },
+                    Request::Status => Response::Status(station.status(access)),
                     _ => answer(&request, station, store, image, counters).await,
                 };
                 write_response(buffer, sequence, &response)
@@ -168,6 +200,16 @@ impl<S: Store> Service<S> {
             // A memory that fails is told by the self-test; the fault itself is in the event log.
             let _ = self.store.keep_fault(&fault).await;
         }
+    }
+
+    fn rows_dropped(&mut self, dropped: bool) {
+        let count = &mut self.counters.rows_dropped;
+        *count = count.wrapping_add(dropped.into());
+    }
+
+    fn answers_dropped(&mut self, dropped: bool) {
+        let count = &mut self.counters.answers_dropped;
+        *count = count.wrapping_add(dropped.into());
     }
 
     /// A drive cycle ended; the telemetry that is due.
@@ -216,13 +258,16 @@ async fn answer<'a>(
             Err(refused) => out_of_range(refused),
         },
         Request::Enable(enabled) => {
-            station.enable(enabled);
+            station.withhold(!enabled);
             Response::Done
         }
-        // What else these ask for is done where they are told from the others.
-        Request::Telemetry(_)
-        | Request::Alive
+        // Service::take answers all of these but the first.
+        Request::Alive
+        | Request::Telemetry(_)
         | Request::Save
+        | Request::Lock(_)
+        | Request::Unlock(_)
+        | Request::Status
         | Request::Simulate { .. }
         | Request::Samples { .. } => Response::Done,
         Request::Event(number) => Response::Event(station.event(number)),
@@ -251,7 +296,6 @@ async fn answer<'a>(
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
         Request::Identification => Response::Identification(station.identification().into()),
-        Request::Status => Response::Status(station.status()),
         Request::Held => Response::Held(station.target().into()),
         Request::Fault(back) => {
             if !station.at_rest() {
@@ -262,15 +306,46 @@ async fn answer<'a>(
     }
 }
 
-/// Keeps settings and target, as often as the memory bears it.
-async fn save(station: &Station, store: &mut impl Store, saves: &mut Saves) -> Response<'static> {
+/// Whether a request changes more than what the desk sees.
+fn changes(request: &Request<'_>) -> bool {
+    matches!(
+        request,
+        Request::Set { .. }
+            | Request::Defaults
+            | Request::Target(_)
+            | Request::Save
+            | Request::Lock(_)
+            | Request::Simulate { .. }
+            | Request::Samples { .. }
+    )
+}
+
+/// Begins telemetry every so many drive cycles; refused where the line cannot carry it.
+fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
+    let frequency = (settings.frequency + settings.tracking) as u64 + 1;
+    let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
+    let fewest = bytes.div_ceil(u64::from(rate) * TELEMETRY_SHARE).max(1);
+    if cycles > 0 && u64::from(cycles) < fewest {
+        return Response::Refused(Refusal::Faster(fewest as u16));
+    }
+    *every = cycles;
+    Response::Done
+}
+
+/// Keeps settings, target and PIN, as often as the memory bears it.
+async fn save(
+    station: &Station,
+    store: &mut impl Store,
+    saves: &mut Saves,
+    pin: Option<Pin>,
+) -> Response<'static> {
     if !station.at_rest() {
         return Response::Refused(Refusal::Running);
     }
     if !saves.one_more(station.seconds()) {
         return Response::Refused(Refusal::TooOften);
     }
-    match store.save(&station.settings(), station.target()).await {
+    match store.save(&station.settings(), station.target(), pin).await {
         Ok(()) => {
             station.saved();
             Response::Done
@@ -385,32 +460,38 @@ fn out_of_range(refused: OutOfRange) -> Response<'static> {
     })
 }
 
-/// The link's task. It has no deadline: what it does late, the desk sees late.
-pub async fn link(
-    mut service: Service<impl Store>,
-    mut line: impl Line,
-    station: &Station,
-    roll: &Roll,
-) -> ! {
+/// Sends an answer as soon as the line has room for it, within 100 ms; whether it was sent.
+async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
+    for _ in 0..ANSWER_WAIT_MS {
+        if line.send(frame) {
+            return true;
+        }
+        line.millisecond().await;
+    }
+    line.send(frame)
+}
+
+/// The link's task. It has no deadline, and no watchdog waits for it: where it hangs, the drive goes
+/// on as where the link is lost (limit 7).
+pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
     if let Some(frame) = service.hello() {
-        line.write(frame).await;
+        line.send(frame);
     }
     let mut bytes = [0; 64];
     loop {
-        // The end of a cycle first: input that never ceases must not keep the link from checking in.
+        // The end of a cycle first: input that never ceases must not keep telemetry from its turn.
         match select(station.tick(), line.read(&mut bytes)).await {
             Either::First(()) => {
-                roll.check_in(Watched::Link);
-                if let Some(frame) = service.tick(station) {
-                    line.write(frame).await;
-                }
+                let sent = service.tick(station).is_none_or(|frame| line.send(frame));
+                service.rows_dropped(!sent);
                 service.keep_fault(station).await;
             }
             Either::Second(count) => {
                 for &byte in bytes.iter().take(count) {
                     if let Some(frame) = service.take(byte, station).await {
-                        line.write(frame).await;
-                        // No two requests in a row: what the control owes goes between them.
+                        let sent = send_answer(&mut line, frame).await;
+                        service.answers_dropped(!sent);
+                        // No two requests in a row: the control's work goes between them.
                         yield_now().await;
                     }
                 }

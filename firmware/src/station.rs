@@ -5,11 +5,11 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::control::{
-    Controller, Cycle, Event, Fault, Identification, Inputs, Report, SAMPLE_RATE, Settings, Signal,
-    StartCause, State, Target,
+    Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Report, SAMPLE_RATE,
+    Settings, Signal, StartCause, State, Target,
 };
 use kband::feeder::OutOfRange;
-use kband::wire::{KeptFault, Record, Status};
+use kband::wire::{Access, KeptFault, Record, Status};
 
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
@@ -102,14 +102,16 @@ impl Uptime {
 pub struct Station {
     controller: RefCell<Controller>,
     settings: Cell<Settings>,
-    condition: Cell<Condition>,
     report: Cell<Report>,
     mean: Cell<f32>,
     log: RefCell<Log>,
     heard: Cell<bool>,
-    enabled: Cell<bool>,
-    /// Seconds since the start at which the desk was last heard of the plant that it simulates.
+    /// Whether the link withholds the drive.
+    withheld: Cell<bool>,
+    /// Time in s since the start of the desk's last request for the plant that it simulates.
     simulated: Cell<Option<u32>>,
+    /// The board's own interlock and target while the desk simulates a plant.
+    held: RefCell<Option<(Interlock, Target)>>,
     /// The board's inputs as they were last seen; before the first cycle nothing can have been started by them.
     inputs: Cell<Inputs>,
     /// Most cycles of the core that the control of a drive cycle took.
@@ -146,7 +148,6 @@ impl Station {
         Self {
             controller: RefCell::new(controller.clone()),
             settings: Cell::new(found.settings),
-            condition: Cell::new(found.condition),
             report: Cell::new(Report::default()),
             mean: Cell::new(0.0),
             log: RefCell::new(Log {
@@ -154,8 +155,9 @@ impl Station {
                 next: 0,
             }),
             heard: Cell::new(false),
-            enabled: Cell::new(true),
+            withheld: Cell::new(false),
             simulated: Cell::new(None),
+            held: RefCell::new(None),
             inputs: Cell::new(Inputs::default()),
             longest: Cell::new(0),
             tick: Mailbox::new(),
@@ -181,7 +183,7 @@ impl Station {
         Some(self.control(
             cycle,
             Inputs {
-                enable: inputs.enable && self.enabled.get(),
+                withheld: self.withheld.get(),
                 link_heard: self.heard.take() || inputs.link_heard,
                 ..inputs
             },
@@ -196,45 +198,51 @@ impl Station {
         self.control(cycle, inputs)
     }
 
-    /// Starts a controller anew for a simulated plant, and the signal path that goes with it; the drive
-    /// stays off while the desk goes on. Refused while the drive runs or its enable input is given: a simulation must not
-    /// take a machine out of service.
+    /// Starts a controller for a simulated plant, and the signal path that goes with it; the drive
+    /// stays off while the desk goes on. Refused while the drive runs or its enable input is on: a
+    /// simulation must not take a machine out of service.
     pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, NotTaken> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
             return Err(NotTaken::Running);
         }
         let settings = self.settings.get();
         let signal = Signal::build(&settings).map_err(NotTaken::OutOfRange)?;
-        self.renew_controller(&settings, target, start)?;
+        let interlock = Interlock::begin(start, settings.frequency);
+        let own = (self.interlock(), self.target());
+        self.renew_controller(&settings, target, &interlock)?;
+        self.held.borrow_mut().get_or_insert(own);
         self.simulated.set(Some(self.seconds()));
         Ok(signal)
     }
 
-    /// The desk has not gone on with its simulation: the board has its drive back, off until enabled anew.
+    /// Ends a simulation: the board has its interlock and its target back, and waits for an edge of
+    /// the enable input.
     #[inline(never)]
     fn end_simulation(&self) {
         self.simulated.set(None);
-        let start = match self.condition.get() {
-            Condition::Whole => StartCause::Reset,
-            Condition::Never | Condition::Lost => StartCause::Refused,
-        };
-        // Settings that were accepted once are accepted again.
-        let _ = self.renew_controller(&self.settings.get(), self.target(), start);
+        if let Some((interlock, target)) = self.held.borrow_mut().take() {
+            // Settings that were accepted once are accepted again.
+            let _ = self.renew_controller(&self.settings.get(), target, &interlock.latched());
+        }
         self.report.set(self.controller.borrow().report());
     }
 
-    /// A controller begun anew in the place of the one that is there; refused, with that one kept.
+    fn interlock(&self) -> Interlock {
+        self.controller.borrow().interlock().clone()
+    }
+
+    /// Puts another controller in the place of the present one; refused, with that one kept.
     ///
-    /// Controller and signal path are large: each is made in a call of its own, on a stack that is empty
-    /// again before the next.
+    /// Controller and signal path are large: each is made in a call of its own, on a stack that is
+    /// empty again before the next.
     #[inline(never)]
     fn renew_controller(
         &self,
         settings: &Settings,
         target: Target,
-        start: StartCause,
+        interlock: &Interlock,
     ) -> Result<(), NotTaken> {
-        match Controller::build(settings, target, start) {
+        match Controller::resume(settings, target, interlock) {
             Ok(controller) => {
                 *self.controller.borrow_mut() = controller;
                 Ok(())
@@ -325,12 +333,13 @@ impl Station {
         self.mean.get()
     }
 
-    /// The board's inputs and outputs in the last cycle.
+    /// The board's inputs and outputs in the last cycle, for a desk that may do what `access` says.
     #[must_use]
-    pub fn status(&self) -> Status {
+    pub fn status(&self, access: Access) -> Status {
         Status {
             inputs: self.inputs.get().into(),
-            permitted: self.enabled.get(),
+            permitted: !self.withheld.get(),
+            access,
             ready: self.ready(),
             mean: self.mean.get(),
             seconds: self.seconds(),
@@ -348,9 +357,9 @@ impl Station {
         self.heard.set(true);
     }
 
-    /// Withdraws the enable or gives it back.
-    pub fn enable(&self, enabled: bool) {
-        self.enabled.set(enabled);
+    /// Withholds the drive, or gives back what was withheld.
+    pub fn withhold(&self, withheld: bool) {
+        self.withheld.set(withheld);
     }
 
     /// Takes a new target; refused, with the old one kept, where its number is out of range.
@@ -377,30 +386,30 @@ impl Station {
     }
 
     /// Takes new settings for controller and signal path; refused, with nothing changed, while the
-    /// drive runs and where they do not go together.
+    /// drive runs and where they do not go together. It ends a simulation.
     pub fn set_settings(&self, settings: &Settings) -> Result<(), NotTaken> {
+        if self.simulated.get().is_some() {
+            self.end_simulation();
+        }
         let report = self.report.get();
-        let start = match (report.state, report.fault) {
-            (State::Off, _) => StartCause::Ordinary,
-            // One by one they come; the fault ends once all of them are saved.
-            (State::Fault, Some(Fault::SettingsInvalid)) => StartCause::Refused,
+        match (report.state, report.fault) {
+            // They come one by one; the fault is acknowledged once all of them are saved.
+            (State::Off, _) | (State::Fault, Some(Fault::SettingsInvalid)) => {}
             _ => return Err(NotTaken::Running),
-        };
+        }
         settings.check().map_err(NotTaken::OutOfRange)?;
         Self::check_signal(settings)?;
-        self.renew_controller(settings, self.target(), start)?;
+        self.renew_controller(settings, self.target(), &self.interlock())?;
         self.settings.set(*settings);
         self.renew_signal(settings)
     }
 
-    /// The settings in use were saved: where they were missing the fault ends, and the drive waits for a new enable.
+    /// The settings in use were saved: a fault for invalid settings may be acknowledged.
     pub fn saved(&self) {
-        self.condition.set(Condition::Whole);
-        if self.report.get().fault == Some(Fault::SettingsInvalid) && self.simulated.get().is_none()
-        {
-            // Settings that were accepted once are accepted again.
-            let _ = self.renew_controller(&self.settings.get(), self.target(), StartCause::Reset);
+        if self.simulated.get().is_some() {
+            self.end_simulation();
         }
+        self.controller.borrow_mut().settings_saved();
     }
 
     /// Seconds since the start.

@@ -6,7 +6,10 @@ use core::hint::black_box;
 use core::ptr::{read_volatile, write_volatile};
 use core::sync::atomic::{AtomicU8, Ordering};
 
+use core::task::Poll;
+
 use cortex_m::peripheral::DWT;
+use embassy_futures::poll_once;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
 use embassy_stm32::dac::{DacChannel, Value};
@@ -19,7 +22,7 @@ use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, TIM1, USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, PC1, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -27,6 +30,7 @@ use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::PwmPin;
 use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
+use embassy_time::Timer;
 use embedded_io_async::{Read, Write};
 use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE};
 
@@ -246,6 +250,7 @@ impl Panel for Terminals {
     fn inputs(&mut self) -> Inputs {
         Inputs {
             enable: self.enable.is_high(),
+            withheld: false,
             over_temperature: self.cool.is_high(),
             link_heard: false,
             stack_low: stack_low(),
@@ -259,6 +264,18 @@ impl Panel for Terminals {
     fn now(&self) -> u32 {
         DWT::cycle_count()
     }
+}
+
+/// Makes PC1 the strap of the link: wired to ground it makes the link read-only, open it does not.
+pub fn watch_strap(strap: Peri<'static, PC1>) {
+    // The pin keeps its pull-up while the program runs.
+    core::mem::forget(Input::new(strap, Pull::Up));
+}
+
+/// Whether the strap of the link is wired to ground.
+#[must_use]
+pub fn strapped() -> bool {
+    pac::GPIOC.idr().read().idr(1) == pac::gpio::vals::Idr::LOW
 }
 
 /// Outputs: ready on PB10 (the wanted regime is held), fault on PB11.
@@ -370,6 +387,9 @@ impl Buffers {
     };
 }
 
+/// Bytes that the link carries in a second: 115200 baud, ten bits a byte.
+pub const LINE_RATE: u32 = 11_520;
+
 /// The link's serial port: USART2, 115200 baud, sends on PA2 and receives on PA3.
 pub struct Serial(BufferedUart<'static>);
 
@@ -406,9 +426,19 @@ impl Line for Serial {
         Read::read(&mut self.0, bytes).await.unwrap_or(0)
     }
 
-    async fn write(&mut self, bytes: &[u8]) {
-        // A port that cannot send has nobody to tell.
-        let _ = Write::write_all(&mut self.0, bytes).await;
+    /// `embassy-stm32` 0.6.0 (usart/buffered.rs, `BufferedUartTx::write`) takes a whole frame or, where
+    /// its ring has no room, returns `Pending` without a waker: whoever awaits it may sleep for ever.
+    /// Polled once it does what is wanted here. A version that registers its waker, or takes a part of
+    /// the frame, makes this work-around wrong: `cargo update` has to look here.
+    fn send(&mut self, frame: &[u8]) -> bool {
+        matches!(
+            poll_once(Write::write(&mut self.0, frame)),
+            Poll::Ready(Ok(_))
+        )
+    }
+
+    async fn millisecond(&mut self) {
+        Timer::after_millis(1).await;
     }
 }
 

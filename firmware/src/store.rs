@@ -8,13 +8,13 @@ use core::future::Future;
 
 use embedded_storage_async::nor_flash::NorFlash;
 use kband::control::{Settings, Shape, Target, UpperTone};
-use kband::wire::KeptFault;
+use kband::wire::{KeptFault, Pin};
 
 pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
 
 /// Version of what a record means; raised when a setting keeps its name and changes its meaning.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Bytes of a slot for settings and target: with two pages of 2 KiB, 160 000 saves for 10 000 erasures of a page.
 const SLOT: usize = 256;
 const CONTENT: usize = SLOT - OVERHEAD;
@@ -25,7 +25,7 @@ const FAULT_SLOT: usize = 40;
 pub const FAULTS: u32 = 32;
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 
-const _: () = assert!(4 + 4 * COUNT + 24 <= CONTENT);
+const _: () = assert!(4 + 4 * COUNT + 24 + 4 <= CONTENT);
 
 /// In what condition the settings were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,6 +46,8 @@ pub struct Found {
     pub settings: Settings,
     /// The target saved with them; standstill where there is none.
     pub target: Target,
+    /// The PIN of the link, where one was saved.
+    pub pin: Option<Pin>,
     /// In what condition they are.
     pub condition: Condition,
 }
@@ -57,6 +59,7 @@ impl Found {
         Self {
             settings: Settings::default(),
             target: Target::Amplitude(0.0),
+            pin: None,
             condition,
         }
     }
@@ -73,13 +76,14 @@ pub trait Store {
     /// The settings and the target saved last.
     fn load(&mut self) -> impl Future<Output = Found>;
 
-    /// Keeps settings and target.
+    /// Keeps settings, target and PIN.
     ///
     /// A loss of power leaves what was kept before, or these.
     fn save(
         &mut self,
         settings: &Settings,
         target: Target,
+        pin: Option<Pin>,
     ) -> impl Future<Output = Result<(), StoreFailed>>;
 
     /// Keeps a fault with the last [`FAULTS`] ones.
@@ -121,8 +125,13 @@ impl<F: NorFlash> Store for Records<F> {
         }
     }
 
-    async fn save(&mut self, settings: &Settings, target: Target) -> Result<(), StoreFailed> {
-        let content = write(settings, target);
+    async fn save(
+        &mut self,
+        settings: &Settings,
+        target: Target,
+        pin: Option<Pin>,
+    ) -> Result<(), StoreFailed> {
+        let content = write(settings, target, pin);
         if self.settings.holds(&mut self.flash, &content).await {
             return Ok(());
         }
@@ -183,7 +192,7 @@ fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
     }
 }
 
-fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
+fn write(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT] {
     let mut content = [0; CONTENT];
     let values = settings.values().map(f32::to_bits);
     let mut tones = Shape::SINE;
@@ -207,7 +216,8 @@ fn write(settings: &Settings, target: Target) -> [u8; CONTENT] {
     let target = [kind, number]
         .into_iter()
         .chain(tones.into_iter().flatten());
-    let words = [SCHEMA].into_iter().chain(values).chain(target);
+    let pin = [pin.map_or(0, Pin::number)];
+    let words = [SCHEMA].into_iter().chain(values).chain(target).chain(pin);
     put(&mut content, words);
     content
 }
@@ -253,9 +263,14 @@ fn read(content: &[u8]) -> Option<Found> {
         },
         _ => return None,
     };
+    let pin = match words.next()? {
+        0 => None,
+        number => Some(Pin::numbered(number)?),
+    };
     Some(Found {
         settings,
         target,
+        pin,
         condition: Condition::Whole,
     })
 }

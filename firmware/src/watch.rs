@@ -10,8 +10,6 @@ pub enum Watched {
     Samples = 1,
     /// The control of each drive cycle.
     Cycle = 2,
-    /// The link to the desk.
-    Link = 8,
 }
 
 /// The roll: who has checked in since the watchdog was last fed.
@@ -56,7 +54,7 @@ impl Roll {
 mod tests {
     use super::*;
 
-    const ALL: [Watched; 3] = [Watched::Samples, Watched::Cycle, Watched::Link];
+    const ALL: [Watched; 2] = [Watched::Samples, Watched::Cycle];
 
     #[test]
     fn one_missing_task_is_enough_to_starve_the_watchdog() {

@@ -253,6 +253,11 @@ pub fn count(
     }
 }
 
+/// A PIN.
+pub fn pin(text: &str) -> Result<kband::wire::Pin, String> {
+    kband::wire::Pin::parse(text).ok_or_else(|| "accepted: 4 to 8 digits".into())
+}
+
 /// A seed.
 pub fn seed(text: &str) -> Result<u64, String> {
     let read = text.trim().parse();

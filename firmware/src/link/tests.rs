@@ -4,6 +4,7 @@ use core::cell::Cell;
 use core::pin::pin;
 use core::task::{Context, Waker};
 use std::boxed::Box;
+use std::println;
 use std::vec::Vec;
 
 use embassy_futures::block_on;
@@ -36,10 +37,16 @@ impl Store for Memory {
         self.found
     }
 
-    async fn save(&mut self, settings: &Settings, target: Target) -> Result<(), StoreFailed> {
+    async fn save(
+        &mut self,
+        settings: &Settings,
+        target: Target,
+        pin: Option<Pin>,
+    ) -> Result<(), StoreFailed> {
         self.found = Found {
             settings: *settings,
             target,
+            pin,
             condition: Condition::Whole,
         };
         Ok(())
@@ -58,6 +65,7 @@ impl Store for Memory {
 const FOUND: fn(Condition) -> Found = |condition| Found {
     settings: Settings::default(),
     target: Target::Locked { order: 1 },
+    pin: None,
     condition,
 };
 
@@ -65,6 +73,8 @@ const IMAGE: Image = Image {
     identity: "kband test",
     stack_free: || 1000,
     set_up: SetUp::default,
+    line_rate: 11_520,
+    strapped: || false,
 };
 
 const SIMULATE: Request<'static> = Request::Simulate {
@@ -86,13 +96,17 @@ impl Board {
     }
 
     fn with(found: Found) -> Self {
+        Self::started(found, StartCause::Ordinary)
+    }
+
+    fn started(found: Found, start: StartCause) -> Self {
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
-        let controller = Station::controller(&found, StartCause::Ordinary).unwrap();
-        let station = Station::new(&found, StartCause::Ordinary, &controller, exchange, words);
+        let controller = Station::controller(&found, start).unwrap();
+        let station = Station::new(&found, start, &controller, exchange, words);
         Self {
-            service: Service::new(IMAGE, Memory::of(found)),
+            service: Service::new(IMAGE, Memory::of(found), found.pin),
             station,
             enable: false,
             mean: 0.0,
@@ -157,6 +171,8 @@ fn open<T>(frame: &[u8], look: impl FnOnce(u8, Response<'_>) -> T) -> T {
         identity => panic!("{identity:?}"),
     }
 }
+
+mod interlock;
 
 #[test]
 fn settings_are_read_changed_and_saved_at_rest() {
@@ -311,6 +327,92 @@ fn a_sensor_that_reads_more_than_gravity_at_rest_fails_the_self_test() {
     }
 }
 
+/// A line that takes nothing, and counts the milliseconds that it is waited for.
+struct Stuck<'a> {
+    frame: &'a [u8],
+    read: usize,
+    waited: &'a Cell<u32>,
+}
+
+impl Line for Stuck<'_> {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        let left = &self.frame[self.read..];
+        let count = bytes.len().min(left.len());
+        if count == 0 {
+            core::future::pending::<()>().await;
+        }
+        bytes[..count].copy_from_slice(&left[..count]);
+        self.read += count;
+        count
+    }
+
+    fn send(&mut self, _frame: &[u8]) -> bool {
+        false
+    }
+
+    async fn millisecond(&mut self) {
+        self.waited.set(self.waited.get() + 1);
+        yield_now().await;
+    }
+}
+
+#[test]
+fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
+    let board = Board::new();
+    let mut buffer = [0; FRAME_MOST];
+    let frame = write_request(&mut buffer, 1, &Request::Alive)
+        .unwrap()
+        .to_vec();
+    let waited = Cell::new(0);
+    let line = Stuck {
+        frame: &frame,
+        read: 0,
+        waited: &waited,
+    };
+    let mut service = Service::new(IMAGE, Memory::of(Found::default()), None);
+    service.every = 1;
+    let mut task = pin!(link(service, line, &board.station));
+    for _ in 0..300 {
+        let mut context = Context::from_waker(Waker::noop());
+        assert!(task.as_mut().poll(&mut context).is_pending());
+    }
+    assert_eq!(waited.get(), ANSWER_WAIT_MS);
+    board.station.cycle(&Cycle::default(), Inputs::default());
+    for _ in 0..10 {
+        let mut context = Context::from_waker(Waker::noop());
+        assert!(task.as_mut().poll(&mut context).is_pending());
+    }
+    assert_eq!(waited.get(), ANSWER_WAIT_MS);
+}
+
+#[test]
+fn telemetry_that_the_line_cannot_carry_is_refused() {
+    let mut board = Board::new();
+    // 80 % of 11 520 bytes a second are 68 rows of 135 bytes.
+    for (frequency, fewest) in [
+        (5.0, 1),
+        (50.0, 1),
+        (67.0, 1),
+        (68.0, 2),
+        (100.0, 2),
+        (500.0, 8),
+    ] {
+        board.done(&Request::Set {
+            key: "safe_amplitude",
+            value: 0.0,
+        });
+        board.done(&Request::Set {
+            key: "frequency",
+            value: frequency,
+        });
+        for cycles in 1..fewest {
+            board.refused(&Request::Telemetry(cycles), Refusal::Faster(fewest));
+        }
+        board.done(&Request::Telemetry(fewest));
+        board.done(&Request::Telemetry(0));
+    }
+}
+
 #[test]
 fn telemetry_comes_as_often_as_asked() {
     let mut board = Board::new();
@@ -370,8 +472,9 @@ fn a_flood_is_counted_and_costs_no_more_than_its_share() {
 /// A line on which there is always more to read.
 struct Flood<'a> {
     bytes: &'a [u8],
-    /// Frames that were answered.
+    /// Frames that were answered, and rows of telemetry.
     answered: &'a Cell<u32>,
+    rows: &'a Cell<u32>,
 }
 
 impl Line for Flood<'_> {
@@ -381,25 +484,35 @@ impl Line for Flood<'_> {
         count
     }
 
-    async fn write(&mut self, _bytes: &[u8]) {
-        self.answered.set(self.answered.get() + 1);
+    fn send(&mut self, frame: &[u8]) -> bool {
+        // The answer who is there is short.
+        let count = if frame.len() < 50 {
+            self.answered
+        } else {
+            self.rows
+        };
+        count.set(count.get() + 1);
+        true
     }
+
+    async fn millisecond(&mut self) {}
 }
 
 #[test]
-fn input_that_never_ceases_keeps_the_link_neither_from_checking_in_nor_the_others_from_running() {
+fn input_that_never_ceases_stops_neither_telemetry_nor_the_other_tasks() {
     let board = Board::new();
     let mut buffer = [0; FRAME_MOST];
     let question = write_question(&mut buffer, 1).unwrap().to_vec();
     for flood in [&question.repeat(5)[..], b"no frame at all", b"\0"] {
-        let roll = Roll::of(&[Watched::Link]);
-        let answered = Cell::new(0);
+        let (answered, rows) = (Cell::new(0), Cell::new(0));
         let line = Flood {
             bytes: flood,
             answered: &answered,
+            rows: &rows,
         };
-        let service = Service::new(IMAGE, Memory::of(Found::default()));
-        let mut task = pin!(link(service, line, &board.station, &roll));
+        let mut service = Service::new(IMAGE, Memory::of(Found::default()), None);
+        service.every = 1;
+        let mut task = pin!(link(service, line, &board.station));
         for n in 0..10 {
             let inputs = Inputs::default();
             board.station.cycle(&Cycle::default(), inputs);
@@ -410,7 +523,7 @@ fn input_that_never_ceases_keeps_the_link_neither_from_checking_in_nor_the_other
                 assert!(task.as_mut().poll(&mut context).is_pending());
                 assert!(answered.get() - before <= 1, "two in a row");
             }
-            assert!(roll.complete(), "cycle {n} of a flood of {flood:?}");
+            assert_eq!(rows.get(), n + 1, "a flood of {flood:?}");
         }
         assert_eq!(answered.get() > 10, flood.len() > 20);
     }
@@ -581,21 +694,21 @@ fn a_desk_that_simulates_and_falls_silent_gives_the_board_back() {
     let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
     assert_eq!(silent.count(), 10);
     // Off, and not by an enable input that was there before.
+    for _ in 0..5 {
+        let report = board.station.cycle(&second, inputs).unwrap();
+        assert_eq!((report.state, report.command.amplitude), (State::Off, 0.0));
+    }
+    board
+        .station
+        .cycle(&second, Inputs::default())
+        .expect("a cycle");
     let report = board.station.cycle(&second, inputs).unwrap();
-    assert_eq!(
-        (report.state, report.command.amplitude),
-        (State::Fault, 0.0)
-    );
+    assert_eq!(report.state, State::Starting);
 }
 
 #[test]
 fn no_fault_is_kept_while_the_drive_runs() {
-    let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
-    let found = FOUND(Condition::Whole);
-    let controller = Station::controller(&found, StartCause::Reset).unwrap();
-    let mut board = Board::new();
-    let words = LastWords::EMPTY;
-    board.station = Station::new(&found, StartCause::Reset, &controller, exchange, words);
+    let mut board = Board::started(FOUND(Condition::Whole), StartCause::Reset);
     // Given, withdrawn for half a second, and given: acknowledged before the link came to keep it.
     for cycle in 0..40 {
         board.enable = !(2..35).contains(&cycle);

@@ -166,11 +166,13 @@ fn settings_and_target_come_back_as_saved_and_never_saved_is_told() {
     assert_eq!(found.condition, Condition::Never);
     for (n, target) in TARGETS.into_iter().enumerate() {
         let settings = changed(0.9 + 0.01 * n as f32);
-        block_on(store.save(&settings, target)).unwrap();
+        let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
+        block_on(store.save(&settings, target, pin)).unwrap();
         store = records(store.flash);
         let wanted = Found {
             settings,
             target,
+            pin,
             condition: Condition::Whole,
         };
         assert_eq!(block_on(store.load()), wanted);
@@ -180,11 +182,11 @@ fn settings_and_target_come_back_as_saved_and_never_saved_is_told() {
 #[test]
 fn a_byte_that_takes_nothing_is_told() {
     let mut store = records(Nor::<SMALL>::new());
-    block_on(store.save(&changed(1.0), TARGETS[0])).unwrap();
+    block_on(store.save(&changed(1.0), TARGETS[0], None)).unwrap();
     // Within the settings of the second record.
     store.flash.worn = Some(SLOT + 20);
     assert_eq!(
-        block_on(store.save(&changed(0.9), TARGETS[0])),
+        block_on(store.save(&changed(0.9), TARGETS[0], None)),
         Err(StoreFailed)
     );
     let found = block_on(records(store.flash.clone()).load());
@@ -194,10 +196,10 @@ fn a_byte_that_takes_nothing_is_told() {
 #[test]
 fn saving_the_same_again_writes_nothing() {
     let mut store = records(Nor::<SMALL>::new());
-    block_on(store.save(&changed(0.95), Target::Chaotic)).unwrap();
+    block_on(store.save(&changed(0.95), Target::Chaotic, None)).unwrap();
     let mut store = records(store.flash.powered(0));
-    block_on(store.save(&changed(0.95), Target::Chaotic)).unwrap();
-    assert!(block_on(store.save(&changed(0.95), Target::K(0.5))).is_err());
+    block_on(store.save(&changed(0.95), Target::Chaotic, None)).unwrap();
+    assert!(block_on(store.save(&changed(0.95), Target::K(0.5), None)).is_err());
 }
 
 /// A save cut after every word, with `before` saves in the memory: what is found is what was kept before or what
@@ -207,18 +209,19 @@ fn cuts<const PAGE: usize>(before: u32, words: impl Iterator<Item = usize>) -> u
     let (mut old, mut lost, mut whole) = (Found::default(), 0, false);
     for n in 0..before {
         let settings = changed(0.9 + 0.001 * (n % 50) as f32);
-        block_on(store.save(&settings, Target::K(0.4))).unwrap();
+        block_on(store.save(&settings, Target::K(0.4), None)).unwrap();
         old = block_on(store.load());
     }
     let base = store.flash;
     let new = Found {
         settings: changed(0.99),
         target: Target::Locked { order: 2 },
+        pin: None,
         condition: Condition::Whole,
     };
     for power in words {
         let mut cut = records(base.powered(power));
-        let saved = block_on(cut.save(&new.settings, new.target)).is_ok();
+        let saved = block_on(cut.save(&new.settings, new.target, None)).is_ok();
         let mut again = records(cut.flash.powered(usize::MAX));
         let found = block_on(again.load());
         if found.condition == Condition::Lost {
@@ -229,7 +232,7 @@ fn cuts<const PAGE: usize>(before: u32, words: impl Iterator<Item = usize>) -> u
         }
         assert!(!saved || found == new, "{before}, {power}: told to be kept");
         whole |= saved;
-        block_on(again.save(&new.settings, new.target)).unwrap();
+        block_on(again.save(&new.settings, new.target, None)).unwrap();
         assert_eq!(block_on(records(again.flash).load()), new);
     }
     assert!(whole, "the last one was not cut");
@@ -255,7 +258,7 @@ fn a_cut_after_any_word_leaves_old_or_new() {
 fn any_flipped_bit_leaves_the_settings_or_is_told() {
     let mut store = records(Nor::<SMALL>::new());
     for n in 0..11 {
-        block_on(store.save(&changed(0.9 + 0.005 * n as f32), TARGETS[0])).unwrap();
+        block_on(store.save(&changed(0.9 + 0.005 * n as f32), TARGETS[0], None)).unwrap();
     }
     let kept = block_on(store.load());
     let (mut held, mut lost) = (0, 0);
@@ -288,7 +291,7 @@ fn years<const PAGE: usize>(most_erasures: u32) {
         let target = Target::K(0.3 + (n % 7) as f32 * 0.1);
         if noise.bits().is_multiple_of(16) {
             let mut cut = records(store.flash.powered(noise.bits() as usize % WORDS));
-            assert!(block_on(cut.save(&settings, target)).is_err());
+            assert!(block_on(cut.save(&settings, target, None)).is_err());
             store = records(cut.flash.powered(usize::MAX));
             let found = block_on(store.load());
             assert!(
@@ -299,13 +302,14 @@ fn years<const PAGE: usize>(most_erasures: u32) {
         let erased: u32 = store.flash.erasures.iter().sum();
         words = store.flash.touched.max(words);
         store.flash.touched = 0;
-        block_on(store.save(&settings, target)).unwrap();
+        block_on(store.save(&settings, target, None)).unwrap();
         if store.flash.erasures.iter().sum::<u32>() == erased {
             most = store.flash.touched.max(most);
         }
         last = Some(Found {
             settings,
             target,
+            pin: None,
             condition: Condition::Whole,
         });
     }
@@ -327,7 +331,7 @@ fn a_hundred_thousand_saves_wear_no_page_out() {
 
 #[test]
 fn settings_out_of_range_or_of_another_firmware_are_told() {
-    let sound = write(&Settings::default(), Target::Chaotic);
+    let sound = write(&Settings::default(), Target::Chaotic, None);
     assert_eq!(read(&sound).unwrap().settings, Settings::default());
     let spoilt = |word: usize, value: u32| {
         let mut content = sound;

@@ -7,8 +7,8 @@ use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use kband::wire::{
-    FRAME_MOST, Identity, Outgoing, Receiver, Refusal as Refused, Request, Response, SCHEMA,
-    Target, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
+    Access, FRAME_MOST, Identity, Outgoing, Receiver, Refusal as Refused, Request, Response,
+    SCHEMA, Target, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
 use super::emulator;
@@ -211,6 +211,15 @@ impl Link {
         })?
     }
 
+    /// Begins telemetry every so many drive cycles, or as often as the line carries it.
+    pub fn begin_telemetry(&mut self, every: u16) -> Result<(), Refusal> {
+        let fewest = self.ask(&Request::Telemetry(every), |response| match response {
+            Response::Refused(Refused::Faster(fewest)) => Some(fewest),
+            _ => None,
+        })?;
+        self.tell(&Request::Telemetry(fewest.unwrap_or(every)))
+    }
+
     /// The target that the board holds, whoever set it.
     pub fn held(&mut self) -> Result<Target, Refusal> {
         self.ask(&Request::Held, |response| match response {
@@ -380,6 +389,26 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
         Refused::TooOften => Refusal::new(
             format!("{name} has saved its settings 60 times within an hour"),
             "its flash wears: save once more in a minute, after all changes",
+        ),
+        Refused::ReadOnly(Access::Strapped) => Refusal::new(
+            format!("the link of {name} is read-only: its strap, PC1, is wired to ground"),
+            "open the strap to change the board from the desk",
+        ),
+        Refused::ReadOnly(_) => Refusal::new(
+            format!("the link of {name} is locked by a PIN"),
+            "kband unlock PIN lets the desk change it until its next start",
+        ),
+        Refused::WrongPin => Refusal::new(
+            format!("{name} was locked with another PIN"),
+            "give the right one; five wrong ones cost a minute",
+        ),
+        Refused::Wait(seconds) => Refusal::new(
+            format!("{name} was given five wrong PINs"),
+            format!("wait for {seconds} s, then give the right one"),
+        ),
+        Refused::Faster(fewest) => Refusal::new(
+            format!("the line of {name} carries telemetry every {fewest} drive cycles at most"),
+            format!("kband monitor --every {fewest}, or more"),
         ),
         Refused::OutOfStep => Refusal::new(
             format!("{name} and the desk fell out of step"),

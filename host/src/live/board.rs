@@ -46,7 +46,7 @@ impl Board {
     }
 
     fn listen_to_cycles(&mut self) -> Result<(), Refusal> {
-        self.link.tell(&Request::Telemetry(self.every))
+        self.link.begin_telemetry(self.every)
     }
 
     fn seen(&mut self, telemetry: Telemetry) -> Seen {

@@ -3,7 +3,9 @@
 use serde_json::json;
 
 use kband::control::{Fault, State};
-use kband::wire::{Counters, Kept, KeptFault, Request, Response, SCHEMA, SelfTest, VERSION};
+use kband::wire::{
+    Access, Counters, Kept, KeptFault, Request, Response, SCHEMA, SelfTest, VERSION,
+};
 
 use crate::arguments::Printed;
 use crate::board::{Address, Emulated, Link};
@@ -94,6 +96,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         }
         None => row("self-test", "not while the drive runs".into()),
     }
+    row("desk", allowed(condition.access).into());
     row(
         "last words",
         condition.words.clone().unwrap_or_else(|| "none".into()),
@@ -108,6 +111,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         foreign,
         unknown,
         flooded,
+        rows_dropped,
+        answers_dropped,
     } = condition.counters;
     row("requests read", requests.to_string());
     row(
@@ -116,6 +121,15 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
             "{oversized} oversized, {corrupt} corrupt, {foreign} foreign, {unknown} unknown, {flooded} too many"
         ),
     );
+    row(
+        "frames dropped",
+        format!("{rows_dropped} rows of telemetry, {answers_dropped} answers"),
+    );
+    json["access"] = json!(match condition.access {
+        Access::Full => "full",
+        Access::Strapped => "read-only by strap",
+        Access::Locked => "read-only by PIN",
+    });
     json["self_test"] = condition.test.map_or(json!(null), |test| {
         json!({
             "sensor": test.sensor,
@@ -149,6 +163,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     json["counters"] = json!({
         "requests": requests, "oversized": oversized, "corrupt": corrupt,
         "foreign": foreign, "unknown": unknown, "flooded": flooded,
+        "rows_dropped": rows_dropped, "answers_dropped": answers_dropped,
     });
     Printout::new(table)
         .json(&json)?
@@ -158,6 +173,15 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
 
 /// Faults that a board keeps.
 const FAULTS: u8 = 32;
+
+/// What the desk may do.
+pub(super) fn allowed(access: Access) -> &'static str {
+    match access {
+        Access::Full => "may change the board",
+        Access::Strapped => "may read and stop the drive: the strap, PC1, is wired to ground",
+        Access::Locked => "may read and stop the drive until kband unlock PIN",
+    }
+}
 
 fn settings_in_words(kept: Kept) -> &'static str {
     match kept {
@@ -193,6 +217,7 @@ struct Condition {
     faults: Vec<KeptFault>,
     words: Option<String>,
     counters: Counters,
+    access: Access,
 }
 
 impl Condition {
@@ -219,6 +244,10 @@ impl Condition {
             counters: link.ask(&Request::Counters, |response| match response {
                 Response::Counters(counters) => counters,
                 _ => Counters::default(),
+            })?,
+            access: link.ask(&Request::Status, |response| match response {
+                Response::Status(status) => status.access,
+                _ => Access::default(),
             })?,
         })
     }

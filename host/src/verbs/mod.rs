@@ -22,6 +22,7 @@ pub mod identify;
 mod idle;
 pub mod impacts;
 pub mod live;
+pub mod lock;
 pub mod man;
 pub mod margins;
 pub mod monitor;
@@ -32,6 +33,7 @@ pub mod simulate;
 pub mod status;
 pub mod target;
 pub mod transport;
+pub mod unlock;
 
 use std::error::Error as _;
 use std::process::ExitCode;
@@ -80,6 +82,7 @@ verbs! {
     Identify => identify,
     Impacts => impacts,
     Live => live,
+    Lock => lock,
     Man => man,
     Margins => margins,
     Monitor => monitor,
@@ -90,6 +93,7 @@ verbs! {
     Status => status,
     Target => target,
     Transport => transport,
+    Unlock => unlock,
 }
 
 /// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it there.

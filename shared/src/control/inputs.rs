@@ -19,6 +19,8 @@ pub enum StartCause {
 pub struct Inputs {
     /// The enable input.
     pub enable: bool,
+    /// Whether the link withholds the drive: it stops, or does not start, although the input is on.
+    pub withheld: bool,
     /// The over-temperature input.
     pub over_temperature: bool,
     /// Whether the link brought a valid frame since the last cycle.

@@ -56,4 +56,5 @@ pub use inputs::{Inputs, StartCause};
 pub use report::Report;
 pub use settings::{Key, Settings};
 pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};
+pub use supervise::Interlock;
 pub use target::Target;

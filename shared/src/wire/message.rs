@@ -26,9 +26,11 @@ pub enum Request<'a> {
     Defaults,
     /// A new target; refused outside its range.
     Target(Target),
-    /// Withdraws the drive's enable, or gives it back; the enable input has to be active too.
+    /// Withholds the drive, or gives back what the link withheld; it starts nothing else and
+    /// acknowledges nothing.
     Enable(bool),
-    /// Telemetry every so many drive cycles from now on; 0 ends it.
+    /// Telemetry every so many drive cycles from now on; 0 ends it. Refused where the line cannot
+    /// carry so much.
     Telemetry(u16),
     /// The first record of the event log from this number on.
     Event(u32),
@@ -63,6 +65,56 @@ pub enum Request<'a> {
     Fault(u8),
     /// The board's inputs and outputs as they are now.
     Status,
+    /// Saves settings and target with this PIN, or without one, and makes the link read-only where
+    /// there is one; refused while the drive runs.
+    Lock(Option<Pin>),
+    /// Lets the desk change the board until its next start.
+    Unlock(Pin),
+}
+
+/// A PIN of 4 to 8 digits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pin(u32);
+
+impl Pin {
+    /// The PIN of these digits; `None` where they are no 4 to 8 digits.
+    #[must_use]
+    pub fn parse(digits: &str) -> Option<Self> {
+        if !(4..=8).contains(&digits.len()) {
+            return None;
+        }
+        // A leading 1 keeps zeros at the front.
+        let number = digits.bytes().try_fold(1, |number: u32, digit| {
+            (digit.is_ascii_digit()).then(|| 10 * number + u32::from(digit - b'0'))
+        });
+        number.map(Self)
+    }
+
+    /// The number that it is kept as: its digits behind a 1.
+    #[must_use]
+    pub fn number(self) -> u32 {
+        self.0
+    }
+
+    /// The PIN of that number; `None` where none has it.
+    #[must_use]
+    pub fn numbered(number: u32) -> Option<Self> {
+        let power = 10_u32.checked_pow(number.checked_ilog10()?)?;
+        let digits = (10_000..=100_000_000).contains(&power) && number / power == 1;
+        digits.then_some(Self(number))
+    }
+}
+
+/// What the desk may do over the link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Access {
+    /// It may read, set, save and simulate.
+    #[default]
+    Full,
+    /// It may read and stop the drive: the board's strap is wired to ground.
+    Strapped,
+    /// It may read and stop the drive until it gives the PIN.
+    Locked,
 }
 
 /// The inputs of a board, or of one that is simulated.
@@ -112,6 +164,7 @@ impl From<Inputs> for control::Inputs {
             control_late: inputs.control_late,
             supply_low: inputs.supply_low,
             clock_failed: inputs.clock_failed,
+            withheld: false,
         }
     }
 }
@@ -200,6 +253,8 @@ pub struct Status {
     pub inputs: Inputs,
     /// Whether the desk lets the drive run ([`Request::Enable`]).
     pub permitted: bool,
+    /// What the desk may do.
+    pub access: Access,
     /// Whether READY is on: what is wanted is so.
     pub ready: bool,
     /// Mean of the acceleration over the cycle in m/s^2; about 0 where `sensor_zero` is right.
@@ -228,6 +283,14 @@ pub enum Refusal<'a> {
     OutOfStep,
     /// The memory of the settings was written too often within the last hour.
     TooOften,
+    /// The link is read-only.
+    ReadOnly(Access),
+    /// Not the PIN that the board was locked with.
+    WrongPin,
+    /// Too many wrong PINs: not before so many seconds.
+    Wait(u16),
+    /// The line carries telemetry every so many drive cycles at most.
+    Faster(u16),
 }
 
 /// A setting with what may be known of it.
@@ -385,6 +448,9 @@ pub struct Telemetry {
     pub limits: u16,
 }
 
+/// Most bytes of a frame of telemetry.
+pub const TELEMETRY_FRAME: usize = 135;
+
 impl From<&control::Report> for Telemetry {
     fn from(report: &control::Report) -> Self {
         Self {
@@ -508,6 +574,10 @@ pub struct Counters {
     pub unknown: u32,
     /// Requests beyond what a drive cycle answers.
     pub flooded: u32,
+    /// Telemetry rows that did not fit into the line's buffer, and were dropped.
+    pub rows_dropped: u32,
+    /// Answers that did not fit within 100 ms, and were dropped.
+    pub answers_dropped: u32,
 }
 
 impl Counters {
@@ -521,6 +591,8 @@ impl Counters {
             foreign,
             unknown,
             flooded,
+            rows_dropped: _,
+            answers_dropped: _,
         } = *self;
         let all = [requests, oversized, corrupt, foreign, unknown, flooded];
         all.into_iter().map(u64::from).sum()

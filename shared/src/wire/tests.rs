@@ -1,7 +1,7 @@
 //! The golden frames, and what is done with frames that are none.
 
 use std::format;
-use std::string::String;
+use std::string::{String, ToString};
 use std::vec::Vec;
 
 use proptest::prelude::*;
@@ -73,6 +73,9 @@ fn requests() -> Vec<Request<'static>> {
         Request::Held,
         Request::Fault(3),
         Request::Status,
+        Request::Lock(Pin::parse("0420")),
+        Request::Lock(None),
+        Request::Unlock(Pin::parse("12345678").unwrap()),
     ]
 }
 
@@ -88,6 +91,10 @@ fn responses() -> Vec<Response<'static>> {
         Response::Refused(Refusal::Store),
         Response::Refused(Refusal::OutOfStep),
         Response::Refused(Refusal::TooOften),
+        Response::Refused(Refusal::ReadOnly(Access::Strapped)),
+        Response::Refused(Refusal::WrongPin),
+        Response::Refused(Refusal::Wait(59)),
+        Response::Refused(Refusal::Faster(2)),
         Response::Setting(Setting {
             number: 0,
             key: "frequency",
@@ -125,6 +132,8 @@ fn responses() -> Vec<Response<'static>> {
             foreign: 4,
             unknown: 5,
             flooded: 600,
+            rows_dropped: 7,
+            answers_dropped: 8,
         }),
         Response::LastWords(Some("panic at lib.rs:7")),
         Response::LastWords(None),
@@ -194,6 +203,7 @@ fn responses() -> Vec<Response<'static>> {
                 ..Inputs::default()
             },
             permitted: true,
+            access: Access::Locked,
             ready: false,
             mean: -0.25,
             seconds: 4711,
@@ -345,6 +355,42 @@ fn every_message_arrives_as_it_was_sent() {
         identity,
     };
     assert_eq!(read_answer(&inside.unwrap()), Ok(expected));
+}
+
+#[test]
+fn no_frame_of_telemetry_is_longer_than_the_line_plans_for() {
+    let report = control::Report {
+        margin: Some(control::GearMargin::default()),
+        load: Some(control::Load::default()),
+        ..control::Report::default()
+    };
+    // Numbers of variable length at their longest.
+    let telemetry = Telemetry {
+        cycle: u32::MAX,
+        k: f32::MAX,
+        state: u8::MAX,
+        fault: u8::MAX,
+        limits: u16::MAX,
+        ..Telemetry::from(&report)
+    };
+    let mut buffer = [0; FRAME_MOST];
+    let frame = write_response(&mut buffer, 0, &Response::Telemetry(telemetry)).unwrap();
+    assert_eq!(frame.len(), TELEMETRY_FRAME);
+}
+
+#[test]
+fn a_pin_is_4_to_8_digits() {
+    for digits in ["0000", "0420", "12345678", "00000001"] {
+        let pin = Pin::parse(digits).unwrap();
+        assert_eq!(Pin::numbered(pin.number()), Some(pin), "{digits}");
+        assert_eq!(pin.number().to_string(), format!("1{digits}"));
+    }
+    for text in ["", "123", "123456789", "12a4", "+123", "１２３４"] {
+        assert_eq!(Pin::parse(text), None, "{text}");
+    }
+    for number in [0, 1, 999, 1_999, 20_000, 99_999, 1_000_000_000, u32::MAX] {
+        assert_eq!(Pin::numbered(number), None, "{number}");
+    }
 }
 
 #[test]

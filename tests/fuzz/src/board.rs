@@ -19,6 +19,8 @@ const IMAGE: Image = Image {
     identity: "kband fuzzed",
     stack_free: || 1000,
     set_up: SetUp::default,
+    line_rate: 11_520,
+    strapped: || false,
 };
 
 struct Board {
@@ -32,7 +34,7 @@ impl Board {
         let controller = Station::controller(&found, start).expect("what is found is accepted");
         Self {
             station: Station::new(&found, start, &controller, &EXCHANGE, LastWords::EMPTY),
-            service: Service::new(IMAGE, flash.records()),
+            service: Service::new(IMAGE, flash.records(), found.pin),
         }
     }
 

@@ -152,7 +152,7 @@ pub fn store(input: &[u8]) -> bool {
                 sound = false;
             }
             1 => {
-                let kept = block_on(records.save(&some(number), one(number)));
+                let kept = block_on(records.save(&some(number), one(number), None));
                 assert!(kept.is_ok() || !sound, "a sound memory keeps");
                 if kept.is_ok() {
                     for mut records in [flash.records(), records] {
@@ -180,7 +180,7 @@ pub fn store(input: &[u8]) -> bool {
             3 => {
                 let before = block_on(records.load());
                 flash.power(usize::from(input.half().unwrap_or(0)) % 700);
-                let kept = block_on(records.save(&some(number), one(number)));
+                let kept = block_on(records.save(&some(number), one(number), None));
                 flash.power(usize::MAX);
                 records = flash.records();
                 let after = block_on(records.load());

@@ -24,7 +24,8 @@ use kband_firmware::log;
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
-    Buffers, Converter, Guard, HalfBridge, Lamps, Serial, Terminals, Window, drive_off,
+    Buffers, Converter, Guard, HalfBridge, LINE_RATE, Lamps, Serial, Terminals, Window, drive_off,
+    strapped, watch_strap,
 };
 use kband_firmware::store::{Condition, Found, Store};
 use kband_firmware::watch::{Roll, Watched};
@@ -41,7 +42,7 @@ defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 /// Priority of what may wait for a sample: half way down.
 const LATER: u8 = 0x80;
 
-static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle, Watched::Link]);
+static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static STATION: StaticCell<Station> = StaticCell::new();
 static BUFFERS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::EMPTY);
 
@@ -101,7 +102,7 @@ async fn desk_link(
     serial: Serial,
     station: &'static Station,
 ) {
-    link(service, serial, station, &ROLL).await;
+    link(service, serial, station).await;
 }
 
 #[embassy_executor::task]
@@ -221,10 +222,13 @@ async fn main(spawner: Spawner) {
             sample: LONGEST_SAMPLE.load(Ordering::Relaxed),
             ..Board::set_up()
         },
+        line_rate: LINE_RATE,
+        strapped,
     };
     let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
+    watch_strap(p.PC1);
     let lamps = Lamps::new(p.PB10, p.PB11);
-    let service = Service::new(image, memory);
+    let service = Service::new(image, memory, found.pin);
     spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
     spawner.spawn(supervise(guard).expect("spawned once"));

@@ -24,7 +24,6 @@ const ORDERS: u32 = 8;
 /// Cycles of the drive that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
-static EXCHANGE: Exchange = Exchange::new();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
 /// The reading that the bench gave before the count.

@@ -117,7 +117,7 @@ pub fn count(
     mut bench: Bench,
 ) {
     begin(timer);
-    let mut service = Service::new(image, store);
+    let mut service = Service::new(image, store, None);
     let mut frame = [0; FRAME_MOST];
     let idle = (0..1000).map(|_| lap(&mut || ())).sum::<u32>() / 1000;
     let counted = |name: &str, service: &mut Service<_>, frame: &[u8]| {

@@ -18,7 +18,7 @@ use embassy_time::Timer;
 use kband::control::{AdcCode, Inputs, Report, Settings, Signal, Target};
 use kband::feeder::OutOfRange;
 use kband::plant::{Bench, Scene};
-use kband::wire::{KeptFault, SetUp};
+use kband::wire::{KeptFault, Pin, SetUp};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use kband_firmware::cortex::{
@@ -57,7 +57,7 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(CORE_CLOCK, (CORE_CLOCK / 1_000 - 1) as u32));
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
-static EXCHANGE: Exchange = Exchange::new();
+pub(crate) static EXCHANGE: Exchange = Exchange::new();
 static STATION: StaticCell<Station> = StaticCell::new();
 static HUNGRY: AtomicU32 = AtomicU32::new(0);
 static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
@@ -97,6 +97,9 @@ const IMAGE: Image = Image {
     identity: IDENTITY,
     stack_free,
     set_up: SetUp::default,
+    // The emulated line takes each byte at once.
+    line_rate: u32::MAX,
+    strapped: || false,
 };
 
 /// The bench as converter, power stage and inputs.
@@ -178,9 +181,14 @@ impl Store for Memory {
         }
     }
 
-    async fn save(&mut self, settings: &Settings, target: Target) -> Result<(), StoreFailed> {
+    async fn save(
+        &mut self,
+        settings: &Settings,
+        target: Target,
+        pin: Option<Pin>,
+    ) -> Result<(), StoreFailed> {
         match &mut self.0 {
-            Some(records) => records.save(settings, target).await,
+            Some(records) => records.save(settings, target, pin).await,
             None => Err(StoreFailed),
         }
     }
@@ -258,8 +266,8 @@ async fn drive_cycle(station: &'static Station, trace: Trace) {
 }
 
 #[embassy_executor::task]
-async fn desk_link(station: &'static Station, memory: Memory) {
-    link(Service::new(IMAGE, memory), Serial, station, &ROLL).await;
+async fn desk_link(station: &'static Station, memory: Memory, pin: Option<Pin>) {
+    link(Service::new(IMAGE, memory, pin), Serial, station).await;
 }
 
 #[embassy_executor::task]
@@ -440,6 +448,7 @@ fn begin(spawner: Spawner) {
         None => Found {
             settings: scene.settings,
             target: scene.target,
+            pin: None,
             condition: Condition::Whole,
         },
     };
@@ -476,7 +485,7 @@ fn begin(spawner: Spawner) {
     }
     if linked {
         serial::start();
-        spawner.spawn(desk_link(station, memory).expect("spawned once"));
+        spawner.spawn(desk_link(station, memory, found.pin).expect("spawned once"));
     }
     if word != "hang" {
         let trace = Trace {

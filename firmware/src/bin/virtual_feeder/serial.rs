@@ -1,6 +1,7 @@
 //! USART2 by its registers: received by interrupt, sent by waiting.
 
 use cortex_m::peripheral::NVIC;
+use embassy_futures::yield_now;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -40,10 +41,15 @@ impl Line for Serial {
         RECEIVED.read(bytes).await
     }
 
-    async fn write(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
+    fn send(&mut self, frame: &[u8]) -> bool {
+        for &byte in frame {
             while !pac::USART2.sr().read().txe() {}
             pac::USART2.dr().write(|data| data.set_dr(u16::from(byte)));
         }
+        true
+    }
+
+    async fn millisecond(&mut self) {
+        yield_now().await;
     }
 }

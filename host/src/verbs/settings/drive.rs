@@ -30,7 +30,7 @@ pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
 
 /// The last of the drive cycles that come in a while.
 fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
-    link.tell(&Request::Telemetry(1))?;
+    link.begin_telemetry(1)?;
     let said = link.listen(LOOK)?;
     link.tell(&Request::Telemetry(0))?;
     Ok(said.into_iter().rev().find_map(|said| match said {

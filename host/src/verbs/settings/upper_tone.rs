@@ -204,7 +204,7 @@ fn follow(
     if let Some(off) = why_off(link)? {
         return Err(off);
     }
-    link.tell(&Request::Telemetry(1))?;
+    link.begin_telemetry(1)?;
     while begun.elapsed() < within {
         desk.go_on()?;
         let before = cycles.len();

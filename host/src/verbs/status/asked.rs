@@ -31,7 +31,7 @@ impl BoardStatus {
             _ => None,
         })?;
         let target = link.held()?.into();
-        link.tell(&Request::Telemetry(1))?;
+        link.begin_telemetry(1)?;
         let telemetry = row(link);
         // Off again, whatever came.
         link.tell(&Request::Telemetry(0))?;

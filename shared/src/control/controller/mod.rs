@@ -6,8 +6,8 @@ use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::aim::{NoSetpoint, Selection};
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::supervise::{
-    Decision, EnableResponse, Expected, FaultDetector, LimitInputs, LimitMonitor, Observation,
-    Standstill, StateMachine,
+    Decision, EnableResponse, Expected, FaultDetector, Interlock, LimitInputs, LimitMonitor,
+    Observation, Standstill, StateMachine,
 };
 use crate::control::target::Target;
 use num_complex::Complex32 as Complex;
@@ -145,6 +145,18 @@ impl Controller {
         target: Target,
         start: StartCause,
     ) -> Result<Self, OutOfRange> {
+        let interlock = Interlock::begin(start, settings.frequency);
+        Self::resume(settings, target, &interlock)
+    }
+
+    /// As [`Controller::build`], with the interlock of another controller: what kept the drive off
+    /// keeps it off.
+    pub fn resume(
+        settings: &Settings,
+        target: Target,
+        interlock: &Interlock,
+    ) -> Result<Self, OutOfRange> {
+        let pace = settings.frequency;
         let amplitude = AmplitudeLoop::build(settings)?;
         let resonance = Resonance::new(settings);
         let scale = Scale::at(settings, resonance.frequency());
@@ -154,7 +166,7 @@ impl Controller {
             resonance,
             amplitude,
             selection: Selection::at(target, settings, &scale)?,
-            machine: StateMachine::begin(start, settings.frequency, settings.capture_attempts),
+            machine: StateMachine::begin(interlock.at_pace(pace), pace, settings.capture_attempts),
             listener: Listener::build(gear_hearing(settings, false))?,
             deafness: Deafness::default(),
             identifier: Identifier::new(),
@@ -194,6 +206,11 @@ impl Controller {
         self.news.push(Event::TargetSet);
         self.pursue();
         Ok(())
+    }
+
+    /// The settings in use were saved: a fault for invalid settings may be acknowledged.
+    pub fn settings_saved(&mut self) {
+        self.machine.settings_saved();
     }
 
     /// Begins the way to the target.

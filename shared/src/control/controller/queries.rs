@@ -9,6 +9,7 @@ use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
 use crate::control::state::{Events, State};
+use crate::control::supervise::Interlock;
 use crate::control::target::Target;
 
 impl Controller {
@@ -79,6 +80,12 @@ impl Controller {
     #[must_use]
     pub fn state(&self) -> State {
         self.machine.state()
+    }
+
+    /// What keeps the drive off, for [`Controller::resume`].
+    #[must_use]
+    pub fn interlock(&self) -> &Interlock {
+        self.machine.interlock()
     }
 
     /// What happened in the last cycle.

@@ -1,8 +1,9 @@
 //! The state machine of a drive: a cycle's facts in, the next state and a decision out.
 
 use super::capture::{Capture, CaptureEvent};
+use super::interlock::Interlock;
 use crate::control::aim::Chaos;
-use crate::control::inputs::{Inputs, StartCause};
+use crate::control::inputs::Inputs;
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::regime::capture::Plan;
 use crate::regime::classify::{Regime, Verdict};
@@ -31,13 +32,6 @@ const SURE: f32 = 0.5;
 /// Cycles in lock before the glide to chaos begins: three times the memory of the phase statistics. From 5 to 200
 /// every scene passes.
 const SETTLED: u32 = 50;
-/// Seconds for which the enable input has to be withdrawn before a fault is acknowledged: no contact bounces so long. Longer
-/// and shorter, `half_a_second_without_enable_acknowledges_a_fault` fails.
-const ACKNOWLEDGED: f32 = 0.5;
-/// The third fault within so many seconds locks the drive out, for as long: who looks for the cause of the second one takes
-/// that long. Longer and shorter, `the_third_fault_within_a_minute_locks_the_drive_out_for_a_minute` fails.
-const MINUTE: f32 = 60.0;
-
 /// Where the way to chaos stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Glide {
@@ -110,18 +104,7 @@ pub enum Decision {
 #[derive(Clone, Debug)]
 pub struct StateMachine {
     state: State,
-    fault: Option<Fault>,
-    /// Whether the enable input must be withdrawn before the drive may start.
-    latched: bool,
-    /// Whether faults came so often that a short withdrawal does not acknowledge them.
-    locked_out: bool,
-    /// Cycles since the beginning, and when the last faults came, newest first.
-    now: u32,
-    faults: [Option<u32>; 2],
-    /// Cycles for which the enable input has been withdrawn in a fault.
-    withdrawn: u32,
-    /// Cycles a second.
-    pace: f32,
+    interlock: Interlock,
     in_state: u32,
     arrived: u8,
     doubts: u8,
@@ -135,27 +118,16 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
-    /// The state machine of a drive that starts for a reason, makes so many cycles a second and may be kicked `attempts`
-    /// times.
-    pub fn begin(start: StartCause, pace: f32, attempts: f32) -> Self {
-        let fault = match start {
-            StartCause::Ordinary | StartCause::PowerOn => None,
-            StartCause::Reset => Some(Fault::WatchdogReset),
-            StartCause::Refused => Some(Fault::SettingsInvalid),
-        };
+    /// The state machine of a drive at rest that makes `pace` cycles per second and may be kicked
+    /// `attempts` times; its interlock says whether there is a fault.
+    pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
         Self {
-            state: if fault.is_some() {
+            state: if interlock.fault().is_some() {
                 State::Fault
             } else {
                 State::Off
             },
-            fault,
-            latched: start != StartCause::Ordinary,
-            locked_out: false,
-            now: 0,
-            faults: [None; 2],
-            withdrawn: 0,
-            pace,
+            interlock,
             in_state: 0,
             arrived: 0,
             doubts: 0,
@@ -167,6 +139,16 @@ impl StateMachine {
         }
     }
 
+    /// What keeps the drive off.
+    pub fn interlock(&self) -> &Interlock {
+        &self.interlock
+    }
+
+    /// The settings in use were saved.
+    pub fn settings_saved(&mut self) {
+        self.interlock.settings_saved();
+    }
+
     /// What the controller is doing.
     pub fn state(&self) -> State {
         self.state
@@ -174,7 +156,7 @@ impl StateMachine {
 
     /// What stopped it.
     pub fn fault(&self) -> Option<Fault> {
-        self.fault
+        self.interlock.fault()
     }
 
     /// Whether the drive is on.
@@ -226,7 +208,7 @@ impl StateMachine {
     /// A cycle on.
     pub fn count(&mut self) {
         self.in_state = self.in_state.saturating_add(1);
-        self.now = self.now.wrapping_add(1);
+        self.interlock.count();
         self.capture.count();
     }
 
@@ -245,18 +227,8 @@ impl StateMachine {
 
     /// A fault stops the drive, unless one has.
     pub fn fail(&mut self, fault: Fault, events: &mut Events) {
-        if self.fault.is_none() {
-            self.fault = Some(fault);
-            self.withdrawn = 0;
+        if self.interlock.fail(fault, events) {
             self.enter(State::Fault);
-            events.push(Event::Faulted);
-            let [newest, oldest] = self.faults;
-            let since = |then: u32| self.now.wrapping_sub(then) as f32;
-            if oldest.is_some_and(|then| since(then) < MINUTE * self.pace) {
-                self.locked_out = true;
-                events.push(Event::LockedOut);
-            }
-            self.faults = [Some(self.now), newest];
         }
     }
 
@@ -274,39 +246,19 @@ impl StateMachine {
         rest: &Standstill,
         events: &mut Events,
     ) -> Option<EnableResponse> {
-        self.withdrawn = if inputs.enable {
-            0
-        } else {
-            self.withdrawn.saturating_add(1)
-        };
+        self.interlock.watch(inputs);
         match self.state {
-            State::Fault if !inputs.enable => {
-                // A fault stays while its cause does: refused settings until others are saved.
-                let stays = match self.fault {
-                    Some(Fault::SettingsInvalid) => true,
-                    Some(Fault::OverTemperature) => inputs.over_temperature,
-                    Some(Fault::StackLow) => inputs.stack_low,
-                    Some(Fault::OverCurrent) => inputs.over_current,
-                    Some(Fault::SupplyLow) => inputs.supply_low,
-                    Some(Fault::ClockFailed) => inputs.clock_failed,
-                    _ => false,
-                };
-                let seconds = if self.locked_out {
-                    MINUTE
-                } else {
-                    ACKNOWLEDGED
-                };
-                if stays || (self.withdrawn as f32) < seconds * self.pace {
+            State::Fault => {
+                if inputs.enable || !self.interlock.acknowledges(inputs, events) {
                     return None;
                 }
-                self.fault = None;
-                self.locked_out = false;
-                self.latched = false;
                 self.enter(State::Off);
-                events.push(Event::Acknowledged);
                 Some(EnableResponse::Acknowledged)
             }
-            State::Off if inputs.enable && ready && !self.latched => {
+            State::Off => {
+                if !self.interlock.may_start(inputs) || !ready {
+                    return None;
+                }
                 self.enter(State::Starting);
                 self.arrived = 0;
                 events.push(Event::Started);
@@ -319,12 +271,8 @@ impl StateMachine {
                 }
                 None
             }
-            State::Off => {
-                self.latched &= inputs.enable;
-                None
-            }
-            State::Fault => None,
-            _ if !inputs.enable => {
+            _ if !inputs.enable || inputs.withheld => {
+                self.interlock.stopping(inputs);
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);
                 Some(EnableResponse::Stopping)
@@ -499,12 +447,17 @@ impl StateMachine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::inputs::StartCause;
 
     const PACE: f32 = 50.0;
     const AT_REST: Standstill = Standstill {
         reached: true,
         patience: 0.0,
     };
+
+    fn begin(start: StartCause) -> StateMachine {
+        StateMachine::begin(Interlock::begin(start, PACE), PACE, 8.0)
+    }
 
     /// The state after so many cycles with these inputs.
     fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
@@ -528,7 +481,7 @@ mod tests {
             (Fault::ClockFailed, |inputs| inputs.clock_failed = true),
         ];
         for (fault, cause) in causes {
-            let mut machine = StateMachine::begin(StartCause::Ordinary, PACE, 8.0);
+            let mut machine = begin(StartCause::Ordinary);
             machine.fail(fault, &mut Events::default());
             let mut there = Inputs::default();
             cause(&mut there);
@@ -541,7 +494,7 @@ mod tests {
 
     #[test]
     fn what_was_withdrawn_before_a_fault_acknowledges_nothing() {
-        let mut machine = StateMachine::begin(StartCause::Ordinary, PACE, 8.0);
+        let mut machine = begin(StartCause::Ordinary);
         let withdrawn = Inputs::default();
         after(&mut machine, 100, &withdrawn);
         machine.fail(Fault::StackLow, &mut Events::default());
@@ -555,11 +508,11 @@ mod tests {
             enable: true,
             ..Inputs::default()
         };
-        let mut machine = StateMachine::begin(StartCause::PowerOn, PACE, 8.0);
+        let mut machine = begin(StartCause::PowerOn);
         assert_eq!(after(&mut machine, 100, &given), State::Off);
         assert_eq!(after(&mut machine, 1, &Inputs::default()), State::Off);
         assert_eq!(after(&mut machine, 1, &given), State::Starting);
-        let mut machine = StateMachine::begin(StartCause::Ordinary, PACE, 8.0);
+        let mut machine = begin(StartCause::Ordinary);
         assert_eq!(after(&mut machine, 1, &given), State::Starting);
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! | file | holds |
 //! |---|---|
+//! | `interlock` | what keeps the drive off until somebody acts at the machine |
 //! | `machine` | the state machine of a drive |
 //! | `capture` | the attempts at capturing the parts, kick by kick |
 //! | `faults` | what looks like a fault of the sensor or the drive, and is one where it lasts |
@@ -9,9 +10,11 @@
 
 mod capture;
 mod faults;
+mod interlock;
 mod limits;
 mod machine;
 
 pub use faults::{Expected, FaultDetector};
+pub use interlock::Interlock;
 pub use limits::{LimitInputs, LimitMonitor};
 pub use machine::{Decision, EnableResponse, Observation, Standstill, StateMachine};

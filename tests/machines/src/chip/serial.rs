@@ -35,6 +35,8 @@ pub struct Serial {
     cycle: u64,
     /// Bytes that came at another rate than the port's and were lost.
     pub garbled: u64,
+    /// Whether the transmitter has failed: a byte under way never ends.
+    pub stuck: bool,
     /// Bytes that nobody saw: overrun, or complete between a read of the status and one of the data.
     pub lost: u64,
 }
@@ -54,6 +56,7 @@ impl Default for Serial {
             seen: 0,
             cycle: 63,
             garbled: 0,
+            stuck: false,
             lost: 0,
         }
     }
@@ -147,7 +150,8 @@ impl Serial {
     #[must_use]
     pub fn due(&self) -> u64 {
         let coming = self.coming.front().map_or(u64::MAX, |next| next.0);
-        let going = self.shifting.map_or(u64::MAX, |shifted| shifted.0);
+        let going = self.shifting.filter(|_| !self.stuck);
+        let going = going.map_or(u64::MAX, |shifted| shifted.0);
         coming.min(going).min(self.idle_at)
     }
 
@@ -179,6 +183,7 @@ impl Serial {
         }
         if let Some((time, byte)) = self.shifting
             && time <= now
+            && !self.stuck
         {
             self.sent.push((time, byte));
             self.shifting = self.waiting.take().map(|next| (time + self.byte(), next));

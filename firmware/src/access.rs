@@ -1,0 +1,107 @@
+//! Who may change the board over the link: a strap and a PIN make it read-only.
+
+use kband::wire::{Access, Pin, Refusal};
+
+/// Wrong PINs after which the link waits.
+const WRONG_PINS: u8 = 5;
+/// Time in s that the link then waits.
+const WAIT_SECONDS: u32 = 60;
+
+/// The lock of the link.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LinkLock {
+    /// The PIN, where one is set.
+    pin: Option<Pin>,
+    /// Whether it was given since the start.
+    open: bool,
+    /// Wrong PINs in a row.
+    wrong: u8,
+    /// Time in s since the start at which the last of them came.
+    since: u32,
+}
+
+impl LinkLock {
+    /// The lock with the PIN that was saved, closed.
+    #[must_use]
+    pub fn new(pin: Option<Pin>) -> Self {
+        Self {
+            pin,
+            ..Self::default()
+        }
+    }
+
+    /// The PIN to be saved with the settings.
+    #[must_use]
+    pub fn pin(&self) -> Option<Pin> {
+        self.pin
+    }
+
+    /// What the desk may do; `strapped` is whether the strap is wired to ground.
+    #[must_use]
+    pub fn access(&self, strapped: bool) -> Access {
+        if strapped {
+            Access::Strapped
+        } else if self.pin.is_some() && !self.open {
+            Access::Locked
+        } else {
+            Access::Full
+        }
+    }
+
+    /// Takes another PIN, or none, and closes the lock.
+    pub fn close(&mut self, pin: Option<Pin>) {
+        *self = Self::new(pin);
+    }
+
+    /// Opens the lock until the next start; refused for a wrong PIN, and for a minute after five.
+    pub fn unlock(&mut self, pin: Pin, now: u32) -> Result<(), Refusal<'static>> {
+        if self.wrong >= WRONG_PINS {
+            let waited = now.saturating_sub(self.since);
+            if waited < WAIT_SECONDS {
+                return Err(Refusal::Wait((WAIT_SECONDS - waited) as u16));
+            }
+            self.wrong = 0;
+        }
+        if self.pin.is_some_and(|right| right != pin) {
+            (self.wrong, self.since) = (self.wrong + 1, now);
+            return Err(Refusal::WrongPin);
+        }
+        (self.open, self.wrong) = (true, 0);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pin(text: &str) -> Pin {
+        Pin::parse(text).unwrap()
+    }
+
+    #[test]
+    fn a_pin_locks_and_unlocks_until_the_next_start() {
+        let mut lock = LinkLock::new(None);
+        assert_eq!(lock.access(false), Access::Full);
+        lock.close(Some(pin("0420")));
+        assert_eq!(lock.access(false), Access::Locked);
+        assert_eq!(lock.unlock(pin("420420"), 1), Err(Refusal::WrongPin));
+        assert_eq!(lock.unlock(pin("0420"), 1), Ok(()));
+        assert_eq!(lock.access(false), Access::Full);
+        assert_eq!(lock.access(true), Access::Strapped);
+        assert_eq!(LinkLock::new(lock.pin()).access(false), Access::Locked);
+    }
+
+    #[test]
+    fn five_wrong_pins_cost_a_minute() {
+        let mut lock = LinkLock::new(Some(pin("12345678")));
+        for _ in 0..5 {
+            assert_eq!(lock.unlock(pin("1234"), 100), Err(Refusal::WrongPin));
+        }
+        // Not even the right one.
+        assert_eq!(lock.unlock(pin("12345678"), 100), Err(Refusal::Wait(60)));
+        assert_eq!(lock.unlock(pin("12345678"), 159), Err(Refusal::Wait(1)));
+        assert_eq!(lock.unlock(pin("1234"), 160), Err(Refusal::WrongPin));
+        assert_eq!(lock.unlock(pin("12345678"), 160), Ok(()));
+    }
+}

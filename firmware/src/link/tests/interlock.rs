@@ -1,0 +1,251 @@
+//! What no request may do: start a machine, or clear a fault, a latch or a lock-out.
+
+use kband::control::{Fault, Inputs};
+use kband::plant::Noise;
+
+use super::*;
+
+/// Random sequences of requests, and the longest of them.
+const SEQUENCES: u32 = 100_000;
+const LONGEST: u32 = 40;
+
+fn below(noise: &mut Noise, limit: u32) -> u32 {
+    noise.bits() % limit
+}
+
+fn value(noise: &mut Noise, low: f32, high: f32) -> f32 {
+    low + (high - low) * (below(noise, 1001) as f32 / 1000.0)
+}
+
+fn target(noise: &mut Noise) -> kband::wire::Target {
+    use kband::wire::Target;
+    match below(noise, 6) {
+        0 => Target::Locked(1 + below(noise, 3) as u8),
+        1 => Target::Gear(1),
+        2 => Target::Amplitude(value(noise, 0.0, 0.9)),
+        3 => Target::Speed(value(noise, 10.0, 100.0)),
+        4 => Target::Identify,
+        _ => Target::K(value(noise, 0.2, 1.5)),
+    }
+}
+
+fn request(noise: &mut Noise) -> Request<'static> {
+    match below(noise, 16) {
+        0..=3 => {
+            let key = &Settings::KEYS[below(noise, Settings::KEYS.len() as u32) as usize];
+            let value = match below(noise, 3) {
+                0 => key.default,
+                1 => value(noise, key.low, key.high.min(4.0 * key.default + key.low)),
+                _ => value(noise, key.low, key.high),
+            };
+            Request::Set {
+                key: key.name,
+                value,
+            }
+        }
+        4 => Request::Defaults,
+        5 | 6 => Request::Save,
+        7 => Request::Target(target(noise)),
+        8 | 9 => Request::Enable(true),
+        10 => Request::Enable(false),
+        11 => Request::Simulate {
+            target: target(noise),
+            start: kband::wire::StartCause::Ordinary,
+        },
+        12 => Request::Samples {
+            codes: &[0; 150],
+            end: None,
+        },
+        13 => Request::Lock(Pin::parse("4711").filter(|_| below(noise, 2) == 0)),
+        14 => Request::Unlock(Pin::parse("4711").unwrap()),
+        _ => [
+            Request::Alive,
+            Request::Status,
+            Request::SelfTest,
+            Request::Fault(0),
+            Request::Telemetry(1),
+            Request::Identification,
+        ][below(noise, 6) as usize],
+    }
+}
+
+/// A board whose enable input is on, and the fault that it has.
+fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
+    let condition = [Condition::Whole, Condition::Never, Condition::Lost];
+    let found = FOUND(condition[(below(noise, 5) as usize).min(2)]);
+    let starts = [StartCause::PowerOn, StartCause::Reset];
+    let start = starts[below(noise, 2) as usize];
+    let mut board = Board::started(found, start);
+    // Some boards run first, after an edge of the input, until their track is found not to move.
+    let runs = found.condition == Condition::Whole && below(noise, 4) == 0;
+    if runs {
+        for cycle in 0..90 {
+            board.enable = cycle > 30;
+            board.cycle();
+        }
+        assert_eq!(board.station.report().state, State::Fault);
+    }
+    board.enable = true;
+    (board, runs)
+}
+
+#[test]
+fn no_request_closes_the_bridge_or_clears_a_fault() {
+    let mut noise = Noise::new(32);
+    let (mut faults, mut answered, mut done) = (0, 0_u64, 0_u64);
+    for sequence in 0..SEQUENCES {
+        let (mut board, _) = board_with_the_input_on(&mut noise);
+        let mut fault: Option<Fault> = None;
+        let mut said = Vec::new();
+        for _ in 0..=below(&mut noise, LONGEST) {
+            let request = request(&mut noise);
+            said.push(request);
+            let mut buffer = [0; FRAME_MOST];
+            let frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
+            for answer in board.send(&frame) {
+                answered += 1;
+                open(&answer, |_, response| {
+                    done += u64::from(response == Response::Done);
+                });
+            }
+            // A simulation ends after 10 s without the desk: now and then a cycle of a second.
+            let second = below(&mut noise, 20) == 0;
+            let inputs = Inputs {
+                enable: true,
+                stack_low: below(&mut noise, 40) == 0,
+                supply_low: below(&mut noise, 40) == 0,
+                ..Inputs::default()
+            };
+            for _ in 0..if second { 12 } else { 1 + below(&mut noise, 3) } {
+                let mut cycle = Cycle::default();
+                (cycle.low, cycle.high) = (2040, 2056);
+                cycle.samples = if second { 20_000 } else { 400 };
+                let Some(report) = board.station.cycle(&cycle, inputs) else {
+                    continue;
+                };
+                assert_eq!(report.command.amplitude, 0.0, "{sequence}: {said:?}");
+                assert!(
+                    matches!(report.state, State::Off | State::Fault),
+                    "{sequence}: {said:?}: {report:?}"
+                );
+                assert!(
+                    fault.is_none() || report.fault == fault,
+                    "{sequence}: {fault:?} became {:?}: {said:?}",
+                    report.fault
+                );
+                faults += u32::from(fault.is_none() && report.fault.is_some());
+                fault = report.fault;
+                let _ = board.service.tick(&board.station);
+            }
+        }
+    }
+    println!("{SEQUENCES} sequences, {answered} answers, {done} of them done, {faults} faults");
+    assert!(faults > SEQUENCES / 2 && done > u64::from(SEQUENCES));
+}
+
+/// Three faults within a minute lock the drive out, also where settings are changed between them.
+#[test]
+fn a_setting_between_faults_does_not_end_the_lock_out() {
+    let mut board = Board::started(FOUND(Condition::Whole), StartCause::PowerOn);
+    let mut fault = |acknowledged: bool| {
+        board.enable = false;
+        (0..30).for_each(|_| drop(board.cycle()));
+        if acknowledged {
+            assert_eq!(board.station.report().state, State::Off);
+            board.done(&Request::Set {
+                key: "soft_start",
+                value: 0.3,
+            });
+        }
+        board.enable = true;
+        (0..60).for_each(|_| drop(board.cycle()));
+        assert_eq!(board.station.report().state, State::Fault);
+    };
+    (0..3).for_each(|_| fault(true));
+    fault(false);
+    // A minute is 3000 cycles.
+    board.enable = false;
+    for cycle in 1..=3000 {
+        board.cycle();
+        let off = board.station.report().state == State::Off;
+        assert_eq!(off, cycle == 3000, "{cycle}");
+    }
+}
+
+/// A fault outlives a simulation by the desk, which begins where the input is off.
+#[test]
+fn a_simulation_leaves_the_fault_as_it_was() {
+    for (found, start) in [
+        (FOUND(Condition::Whole), StartCause::Reset),
+        (FOUND(Condition::Lost), StartCause::PowerOn),
+    ] {
+        let mut board = Board::started(found, start);
+        board.cycle();
+        let before = board.station.report().fault;
+        assert!(before.is_some());
+        board.done(&SIMULATE);
+        let mut second = Cycle::default();
+        second.samples = 20_000;
+        for _ in 0..12 {
+            board.station.cycle(&second, Inputs::default());
+        }
+        assert_eq!(board.station.report().fault, before);
+    }
+}
+
+#[test]
+fn a_strap_and_a_pin_make_the_link_read_only() {
+    let set = Request::Set {
+        key: "gain",
+        value: 2.0,
+    };
+    let pin = Pin::parse("0420").unwrap();
+    let changes = [
+        set,
+        Request::Defaults,
+        Request::Target(kband::wire::Target::K(0.5)),
+        Request::Save,
+        SIMULATE,
+        Request::Samples {
+            codes: &[],
+            end: None,
+        },
+        Request::Lock(None),
+    ];
+    let mut board = Board::new();
+    board.done(&Request::Lock(Some(pin)));
+    assert_eq!(board.service.store.found.pin, Some(pin));
+    for request in changes {
+        board.refused(&request, Refusal::ReadOnly(Access::Locked));
+    }
+    for request in [
+        Request::Enable(false),
+        Request::Enable(true),
+        Request::Alive,
+    ] {
+        board.done(&request);
+    }
+    board.refused(
+        &Request::Unlock(Pin::parse("0421").unwrap()),
+        Refusal::WrongPin,
+    );
+    board.done(&Request::Unlock(pin));
+    board.done(&set);
+    // After its next start it is locked again; the strap is stronger than the PIN.
+    let mut board = Board::with(board.service.store.found);
+    board.refused(&set, Refusal::ReadOnly(Access::Locked));
+    board.done(&Request::Unlock(pin));
+    board.service.image.strapped = || true;
+    for request in changes {
+        board.refused(&request, Refusal::ReadOnly(Access::Strapped));
+    }
+    board.ask(&Request::Status, |response| match response {
+        Response::Status(status) => assert_eq!(status.access, Access::Strapped),
+        other => panic!("{other:?}"),
+    });
+    board.service.image.strapped = || false;
+    board.done(&Request::Lock(None));
+    assert_eq!(board.service.store.found.pin, None);
+    let mut board = Board::with(board.service.store.found);
+    board.done(&set);
+}

@@ -1,0 +1,35 @@
+//! `kband unlock`: lets the desk change a board that is locked by a PIN.
+
+use kband::wire::{Pin, Request};
+
+use crate::arguments::pin;
+use crate::board::{Address, Emulated};
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+
+/// Give a board its PIN: the desk may change it until its next start or kband lock.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband unlock 4711
+  kband unlock 4711 --on /dev/ttyACM0
+
+Five wrong PINs cost a minute.")]
+pub struct Arguments {
+    #[command(flatten)]
+    address: Address,
+
+    /// 4 to 8 digits.
+    #[arg(value_parser = pin)]
+    pin: Pin,
+}
+
+/// Unlocks, and says so.
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+    let mut link = arguments.address.open(Emulated::Running)?;
+    link.tell(&Request::Unlock(arguments.pin))?;
+    println!(
+        "{}: the desk may change it until its next start",
+        link.name()
+    );
+    Ok(Exit::Done)
+}

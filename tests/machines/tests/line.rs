@@ -1,0 +1,438 @@
+//! What the link may do to a drive: a flood, much telemetry, a stuck line and requests that would
+//! start a machine, each played to the flashed image.
+
+use std::path::PathBuf;
+
+use kband::control::{Event, Fault, Limits, State};
+use kband::wire::{
+    FRAME_MOST, Outgoing, Receiver, Refusal, Request, Response, Target, read_answer,
+};
+use kband_machines::chip::gpio::Wire;
+use kband_machines::chip::world::Seen;
+use kband_machines::emulator::Machine;
+use kband_machines::hazards::Hazard;
+use kband_machines::images;
+use kband_machines::rig::{Act, Rig};
+
+fn image() -> PathBuf {
+    images::build("kband-firmware", "feeder", Machine::CortexM4F)
+}
+
+/// A machine of a frequency, its settings saved and its drive at rest; the link may be silent.
+fn machine(frequency: f32, target: Target) -> Rig {
+    let mut hazard = Hazard::of("line", frequency, target);
+    let settings = &mut hazard.scene.settings;
+    settings.link_timeout = 0.0;
+    // Within the acceleration limit at any of these frequencies.
+    settings.safe_amplitude = 0.005;
+    hazard.scene.sensor.noise = 0.04;
+    hazard.commissioned(&image())
+}
+
+/// What a machine of a frequency is to hold.
+fn target(frequency: f32) -> Target {
+    if frequency < 30.0 {
+        Target::Amplitude(0.9)
+    } else {
+        Target::K(0.41)
+    }
+}
+
+/// The machine that has run for some seconds.
+fn running(frequency: f32, target: Target, seconds: f64) -> Rig {
+    let mut rig = machine(frequency, target);
+    rig.at(1.1, Act::Enable(true)).run(1.1 + seconds);
+    assert_eq!(rig.opens_after(1.2), None, "{frequency} Hz: it runs");
+    rig
+}
+
+/// One request of every kind that does not change what the drive does.
+fn requests() -> Vec<Request<'static>> {
+    vec![
+        Request::Setting(3),
+        Request::Get("frequency"),
+        Request::Set {
+            key: "gain",
+            value: 1.0,
+        },
+        Request::Save,
+        Request::Defaults,
+        Request::Target(Target::K(f32::NAN)),
+        Request::Telemetry(10),
+        Request::Event(0),
+        Request::SelfTest,
+        Request::Counters,
+        Request::LastWords,
+        Request::Alive,
+        Request::Simulate {
+            target: Target::K(0.4),
+            start: kband::wire::StartCause::Ordinary,
+        },
+        Request::Samples {
+            codes: &[],
+            end: None,
+        },
+        Request::Identification,
+        Request::Held,
+        Request::Fault(0),
+        Request::Status,
+        Request::Lock(None),
+        Request::Enable(true),
+    ]
+}
+
+/// Amplitude of the track in mm each 0.1 s, so many times.
+fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
+    let began = rig.time();
+    let seen = (1..=times).map(|n| {
+        // Between two steps of the track.
+        let step = (20_000.0 * (began + 0.1 * f64::from(n))).floor();
+        rig.run((step + 0.5) / 20_000.0);
+        assert!(rig.amplitude() > 1e-3, "it runs");
+        rig.amplitude()
+    });
+    seen.collect()
+}
+
+/// Largest relative difference of two amplitudes, each to each. The model of the chip sees an edge
+/// of the bridge up to an instruction late, so that no two runs have the same bits.
+fn apart(one: &[f64], other: &[f64]) -> f64 {
+    assert_eq!(one.len(), other.len());
+    let ratios = one.iter().zip(other).map(|(a, b)| (a / b - 1.0).abs());
+    ratios.fold(0.0, f64::max)
+}
+
+/// Responses that came since some byte.
+fn responses(rig: &Rig, from: usize) -> Vec<(u8, String)> {
+    let mut receiver = Receiver::new();
+    let mut found = Vec::new();
+    for byte in rig.sent().split_off(from) {
+        if let Some(Ok(inside)) = receiver.take(byte)
+            && let Ok(Outgoing::Response { sequence, response }) = read_answer(inside)
+        {
+            found.push((sequence, format!("{response:?}")));
+        }
+    }
+    found
+}
+
+fn counters(rig: &mut Rig) -> kband::wire::Counters {
+    rig.ask(&Request::Counters, |response| match response {
+        Response::Counters(counters) => counters,
+        other => panic!("{other:?}"),
+    })
+}
+
+fn report(rig: &mut Rig) -> (State, Option<Fault>, Limits) {
+    let before = rig.sent().len();
+    rig.done(&Request::Telemetry(10));
+    rig.run(rig.time() + 2.5);
+    rig.done(&Request::Telemetry(0));
+    let mut receiver = Receiver::new();
+    let mut last = None;
+    for byte in rig.sent().split_off(before) {
+        if let Some(Ok(inside)) = receiver.take(byte)
+            && let Ok(Outgoing::Response {
+                response: Response::Telemetry(row),
+                ..
+            }) = read_answer(inside)
+        {
+            last = Some(row);
+        }
+    }
+    let row = last.expect("telemetry");
+    (
+        State::numbered(row.state).unwrap(),
+        Fault::numbered(row.fault),
+        Limits::from_bits(row.limits).unwrap(),
+    )
+}
+
+/// Before: twenty `Setting` requests in a row hung the link task, and 0.8 s later the independent
+/// watchdog reset the running machine.
+#[test]
+fn a_thousand_pipelined_requests_are_answered() {
+    for frequency in [5.0, 50.0, 500.0] {
+        let ready = running(frequency, target(frequency), 2.5);
+        let silent = amplitudes(&mut ready.clone(), 45);
+        let mut rig = ready;
+        let before = rig.sent().len();
+        let mut bytes = Vec::new();
+        for request in requests().iter().cycle().take(1000) {
+            bytes.extend(rig.frame(request));
+        }
+        println!("{frequency} Hz: {} bytes of requests", bytes.len());
+        rig.act(&Act::Link(bytes));
+        let flooded = amplitudes(&mut rig, 45);
+        let apart = apart(&flooded, &silent);
+        println!("{frequency} Hz: b differs by {apart:.1e}");
+        assert!(apart < 0.02, "{frequency} Hz: b differs by {apart}");
+        assert_eq!(rig.resets().len(), 1, "{frequency} Hz");
+        let answers = responses(&rig, before).len() as u32;
+        let counters = counters(&mut rig);
+        println!("{frequency} Hz: {answers} frames came back, {counters:?}");
+        // A drive cycle answers 32 requests and counts the others. Of what comes faster than answers
+        // leave, some is lost in the port's ring.
+        assert!(answers >= 190, "{frequency} Hz: {answers}");
+        assert!(
+            answers + 12 >= counters.requests,
+            "{frequency} Hz: {answers}"
+        );
+        assert_eq!(counters.answers_dropped, 0, "{frequency} Hz");
+        rig.act(&Act::Enable(false));
+        rig.run(rig.time() + 2.0);
+        let missed = rig.ask(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => test.missed,
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(missed, 0, "{frequency} Hz: cycles whose control came late");
+    }
+}
+
+/// Before: `Telemetry(1)` hung the link in gear at 100 Hz, and otherwise at 130 and 300 Hz.
+#[test]
+fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
+    for frequency in [5.0, 20.0, 60.0, 67.0, 100.0, 130.0, 300.0, 500.0] {
+        let ready = running(frequency, target(frequency), 1.5);
+        let (began, silent) = (ready.time(), amplitudes(&mut ready.clone(), 30));
+        let mut rig = ready;
+        let fewest = rig.ask(&Request::Telemetry(1), |response| match response {
+            Response::Done => 1,
+            Response::Refused(Refusal::Faster(fewest)) => fewest,
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(fewest > 1, frequency > 67.5, "{frequency} Hz: {fewest}");
+        rig.done(&Request::Telemetry(fewest));
+        let (from, first) = (rig.sent().len(), rig.time());
+        // Requests beside it that are answered.
+        for n in 1..=25 {
+            let frame = rig.frame(&Request::Setting(4));
+            rig.at(first + 0.1 * f64::from(n), Act::Link(frame));
+        }
+        let rest = ((3.0 - (first - began)) / 0.1).floor() as u32;
+        let offset = 30 - rest;
+        rig.run(began + 0.1 * f64::from(offset));
+        let apart = apart(&amplitudes(&mut rig, rest), &silent[offset as usize..]);
+        println!("{frequency} Hz: b differs by {apart:.1e}");
+        assert!(apart < 0.02, "{frequency} Hz: b differs by {apart}");
+        let lasted = rig.time() - first;
+        let came = responses(&rig, from);
+        let rows = came.iter().filter(|(sequence, _)| *sequence == 0).count();
+        let due = lasted * f64::from(frequency) / f64::from(fewest);
+        println!("{frequency} Hz, each {fewest}: {rows} rows of {due:.0}");
+        assert!(rows as f64 > 0.98 * due - 3.0, "{frequency} Hz");
+        assert!(came.len() - rows >= 24, "{frequency} Hz: answers");
+        assert_eq!(counters(&mut rig).answers_dropped, 0);
+        assert_eq!(rig.resets().len(), 1, "{frequency} Hz");
+    }
+}
+
+/// In gear a row has margin and load, and more rows than the line carries are dropped, not waited for.
+#[test]
+fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
+    let mut hazard = Hazard::of("line in gear", 50.0, Target::Gear(1));
+    hazard.scene.parts = kband::plant::Scene::default().parts;
+    hazard.scene.settings.link_timeout = 0.0;
+    hazard.scene.settings.track_mass = 10.0;
+    let mut rig = hazard.commissioned(&image());
+    rig.at(1.1, Act::Enable(true)).run(4.0);
+    let silent = amplitudes(&mut rig.clone(), 40);
+    rig.done(&Request::Telemetry(1));
+    let from = rig.sent().len();
+    // Answers take what is left of the line, and more.
+    let mut bytes = Vec::new();
+    for _ in 0..600 {
+        bytes.extend(rig.frame(&Request::Setting(4)));
+    }
+    rig.act(&Act::Link(bytes));
+    let flooded = amplitudes(&mut rig, 40);
+    let rows: Vec<_> = responses(&rig, from)
+        .into_iter()
+        .filter(|(sequence, _)| *sequence == 0)
+        .collect();
+    assert!(
+        rows.iter().any(|(_, row)| row.contains("margin: Some")),
+        "in gear"
+    );
+    assert!(
+        rows.iter().any(|(_, row)| row.contains("load: Some")),
+        "weighed"
+    );
+    let counted = counters(&mut rig);
+    println!("{} rows came, {counted:?}", rows.len());
+    assert!(counted.rows_dropped > 0);
+    // What is planned in idle time comes later under load, so that b has other bits.
+    assert!(apart(&flooded, &silent) < 0.02);
+    assert_eq!(rig.resets().len(), 1);
+}
+
+/// The port sends nothing any more, as where its transmitter fails. Then it is dead altogether.
+#[test]
+fn a_hung_link_is_a_limit_and_never_a_reset() {
+    let mut hazard = Hazard::of("hung", 50.0, Target::Amplitude(0.2));
+    hazard.scene.settings.link_timeout = 0.8;
+    let mut rig = hazard.commissioned(&image());
+    rig.at(1.1, Act::Enable(true));
+    let alive = |rig: &mut Rig, from: f64, to: f64| {
+        let mut time = from;
+        while time < to {
+            let frame = rig.frame(&Request::Setting(4));
+            rig.at(time, Act::Link(frame));
+            time += 0.1;
+        }
+    };
+    alive(&mut rig, 1.0, 6.0);
+    rig.run(3.0);
+    rig.chip.board.serials[1].stuck = true;
+    rig.run(6.0);
+    assert!((rig.amplitude() - 0.2).abs() < 0.005, "{}", rig.amplitude());
+    assert_eq!(rig.resets().len(), 1);
+    rig.chip.board.serials[1].stuck = false;
+    alive(&mut rig, 6.0, 6.5);
+    rig.run(6.6);
+    assert!(counters(&mut rig).answers_dropped > 5);
+    // The port's interrupt is masked: nothing comes and nothing goes.
+    let interrupt = 38;
+    rig.act(&Act::Store(
+        0xe000_e180 + 4 * (interrupt / 32),
+        1 << (interrupt % 32),
+    ));
+    let from = rig.time();
+    rig.run(from + 5.0);
+    assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
+    let safe = f64::from(hazard.scene.settings.safe_amplitude);
+    assert!(
+        (rig.amplitude() / safe - 1.0).abs() < 0.05,
+        "{}",
+        rig.amplitude()
+    );
+    assert_eq!(rig.seen_after(3.0, &Seen::Bridge(false)), None);
+}
+
+/// Before: with the input on since power-on, any `Set` or `Defaults` closed the bridge 22 ms later,
+/// and so did the link's enable.
+#[test]
+fn no_request_starts_a_machine_whose_input_is_on() {
+    let mut rig = machine(50.0, Target::Amplitude(0.2));
+    rig.act(&Act::Volts(0.0));
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.3);
+    rig.act(&Act::Volts(3.3));
+    let on = rig.time();
+    rig.run(on + 0.5);
+    let set = Request::Set {
+        key: "soft_start",
+        value: 0.3,
+    };
+    for request in [
+        set,
+        Request::Defaults,
+        Request::Enable(false),
+        Request::Enable(true),
+        Request::Target(Target::Amplitude(0.3)),
+        set,
+        Request::Save,
+        Request::Enable(true),
+    ] {
+        rig.done(&request);
+        rig.run(rig.time() + 0.2);
+    }
+    rig.run(rig.time() + 2.0);
+    assert_eq!(rig.seen_after(on, &Seen::Bridge(true)), None);
+    // An edge of the input starts it.
+    rig.act(&Act::Enable(false));
+    rig.run(rig.time() + 0.2);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
+    // What the link withheld it gives back.
+    rig.done(&Request::Enable(false));
+    rig.run(rig.time() + 1.5);
+    let stopped = rig.time();
+    assert_eq!(rig.opens_after(stopped), Some(0.0));
+    rig.done(&Request::Enable(true));
+    rig.run(rig.time() + 0.2);
+    assert!(rig.seen_after(stopped, &Seen::Bridge(true)).is_some());
+}
+
+/// Before: the link's enable, withdrawn and given back, acknowledged any fault in half a second.
+#[test]
+fn the_link_acknowledges_no_fault() {
+    let mut rig = running(50.0, Target::Amplitude(0.2), 1.0);
+    let fault = rig.time();
+    rig.act(&Act::Cool(false));
+    rig.run(fault + 0.2);
+    rig.act(&Act::Cool(true));
+    assert_eq!(rig.opens_after(fault + 0.1), Some(0.0));
+    for _ in 0..3 {
+        rig.done(&Request::Enable(false));
+        rig.run(rig.time() + 1.0);
+        rig.done(&Request::Enable(true));
+        rig.run(rig.time() + 1.0);
+    }
+    assert_eq!(rig.seen_after(fault + 0.1, &Seen::Bridge(true)), None);
+    let (state, fault, _) = report(&mut rig);
+    assert_eq!((state, fault), (State::Fault, Some(Fault::OverTemperature)));
+    let acknowledged = Event::Acknowledged.number();
+    for number in 0..64 {
+        let event = rig.ask(&Request::Event(number), |response| match response {
+            Response::Event(record) => record,
+            other => panic!("{other:?}"),
+        });
+        assert!(event.is_none_or(|record| record.event != acknowledged || record.cycle < 100));
+    }
+}
+
+/// Before: a `Set` between two faults erased the times of the faults.
+#[test]
+fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
+    let mut rig = running(50.0, Target::Amplitude(0.2), 0.5);
+    for fault in 1..=3 {
+        rig.act(&Act::Cool(false));
+        rig.run(rig.time() + 0.1);
+        rig.act(&Act::Cool(true));
+        rig.act(&Act::Enable(false));
+        rig.run(rig.time() + 0.8);
+        if fault < 3 {
+            rig.done(&Request::Set {
+                key: "soft_start",
+                value: 0.3,
+            });
+        }
+        let from = rig.time();
+        rig.act(&Act::Enable(true));
+        rig.run(from + 0.4);
+        let closes = rig.seen_after(from, &Seen::Bridge(true));
+        assert_eq!(closes.is_some(), fault < 3, "fault {fault}: {closes:?}");
+    }
+}
+
+/// PC1 to ground makes the link read-only; the drive is stopped and given back as before.
+#[test]
+fn the_strap_makes_the_link_read_only() {
+    let mut rig = machine(50.0, Target::Amplitude(0.2));
+    let set = Request::Set {
+        key: "soft_start",
+        value: 0.3,
+    };
+    rig.done(&set);
+    rig.act(&Act::Wire(2, 1, Wire::Low));
+    let refused = |rig: &mut Rig, request: &Request<'_>| {
+        rig.ask(request, |response| {
+            matches!(response, Response::Refused(Refusal::ReadOnly(_)))
+        })
+    };
+    for request in [
+        set,
+        Request::Defaults,
+        Request::Save,
+        Request::Target(Target::Amplitude(0.9)),
+        Request::Lock(None),
+    ] {
+        assert!(refused(&mut rig, &request), "{request:?}");
+    }
+    rig.done(&Request::Enable(false));
+    rig.act(&Act::Wire(2, 1, Wire::Open));
+    rig.done(&set);
+    assert!(FRAME_MOST <= 512, "a frame fits the ring of the port");
+}
