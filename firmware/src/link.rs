@@ -462,7 +462,7 @@ fn out_of_range(refused: OutOfRange) -> Response<'static> {
 
 /// Sends an answer as soon as the line has room for it, within 100 ms; whether it was sent.
 async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
-    for _ in 0..ANSWER_WAIT_MS {
+    for _ in 1..=ANSWER_WAIT_MS {
         if line.send(frame) {
             return true;
         }
