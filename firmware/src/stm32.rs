@@ -19,7 +19,7 @@ use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, TIM1, USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC2, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -45,7 +45,7 @@ const DUTY_END: f32 = 0.07;
 /// that each gets a chance to check in.
 const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
-/// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
+/// Half bridge on TIM1 (PA8 high side, PA7 low side), and the same output as a voltage on PA4.
 ///
 /// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that full output of the
 /// control is the most that the bridge gives. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
@@ -67,7 +67,7 @@ impl HalfBridge {
     pub fn new(
         timer: Peri<'static, TIM1>,
         high: Peri<'static, PA8>,
-        low: Peri<'static, PB13>,
+        low: Peri<'static, PA7>,
         converter: Peri<'static, DAC1>,
         voltage: Peri<'static, PA4>,
         over_current: Peri<'static, PB12>,
@@ -261,7 +261,7 @@ impl Panel for Terminals {
     }
 }
 
-/// Outputs: ready on PB10 (the wanted regime is held), fault on PB11.
+/// Outputs: ready on PC2 (the wanted regime is held), fault on PB11.
 pub struct Lamps {
     ready: Output<'static>,
     fault: Output<'static>,
@@ -270,7 +270,7 @@ pub struct Lamps {
 impl Lamps {
     /// Both off.
     #[must_use]
-    pub fn new(ready: Peri<'static, PB10>, fault: Peri<'static, PB11>) -> Self {
+    pub fn new(ready: Peri<'static, PC2>, fault: Peri<'static, PB11>) -> Self {
         Self {
             ready: Output::new(ready, Level::Low, Speed::Low),
             fault: Output::new(fault, Level::Low, Speed::Low),

@@ -304,7 +304,7 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on() {
     let mut rig = Rig::boot(&image);
     let floats = |chip: &Chip| {
         let ports = &chip.board.ports;
-        let inputs = [(0, 4), (0, 8), (1, 10), (1, 11), (1, 13)];
+        let inputs = [(0, 4), (0, 7), (0, 8), (1, 11), (2, 2)];
         chip.board.voltage.output().is_none()
             && inputs
                 .iter()
@@ -315,11 +315,38 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on() {
     assert!(!floats(&rig.chip));
     let output = rig.chip.board.voltage.output();
     assert_eq!(output, Some(0.5), "an external amplifier gets its middle");
-    assert_eq!(rig.chip.board.ports[1].output(10), Some(false), "READY");
+    assert_eq!(rig.chip.board.ports[2].output(2), Some(false), "READY");
     assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
     // A reset lets go of them again.
     rig.chip.reset(Cause::Window);
     assert!(floats(&rig.chip));
+}
+
+/// Pins that ST's bootloaders drive push-pull with BOOT0 high (AN2606, tables 73, 75 and 117): ports by number, A being 0.
+/// Before: the low gate on PB13 (CAN2), READY on PB10 (USART3).
+#[test]
+fn no_bootloader_drives_an_output_of_the_machine() {
+    let f405 = [(0, 6), (0, 9), (0, 11), (0, 12), (1, 10), (1, 13), (2, 10)];
+    let g474 = [(0, 2), (0, 6), (0, 9), (0, 11), (0, 12), (1, 14), (2, 10)];
+    // The high side: I2C2_SDA of the STM32G474 is open drain, with a pull-up that the gate's resistor outweighs.
+    let link = (0, 2);
+    let mut rig = Rig::boot(&image());
+    rig.run(0.5);
+    let ports = rig.chip.board.ports.iter().enumerate();
+    let pins = ports.flat_map(|(number, port)| (0..16).map(move |pin| (number, pin, port)));
+    let outputs = pins.filter_map(|(number, pin, port)| {
+        let drives = matches!(port.mode(pin), Mode::Output | Mode::Function(1));
+        drives.then_some((number, pin))
+    });
+    let outputs: Vec<_> = outputs.collect();
+    println!("outputs and pins of TIM1: {outputs:?}");
+    for output in [(0, 7), (0, 8), (1, 11), (2, 2)] {
+        assert!(outputs.contains(&output), "{output:?}");
+    }
+    for output in outputs {
+        let driven = f405.contains(&output) || g474.contains(&output);
+        assert!(!driven || output == link, "{output:?}");
+    }
 }
 
 /// Before: a period of 8398 counts, 238 ppm fast, and at large outputs an edge within the sample.
