@@ -19,7 +19,7 @@ use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC2, TIM1, USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC2, PC3, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -49,11 +49,16 @@ const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 ///
 /// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that full output of the
 /// control is the most that the bridge gives. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
+/// PC3 is high while the bridge is closed: the enable of an external amplifier.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,
     /// Kept: given back, the pin would leave the timer.
     _over_current: Flex<'static>,
+    /// Kept as an output; its level is written by registers.
+    _drive_on: Output<'static>,
+    /// Whether the supply lets the bridge close.
+    closable: fn() -> bool,
     full: f32,
     on: bool,
 }
@@ -62,7 +67,9 @@ impl HalfBridge {
     /// The bridge, off; the core's clock in Hz is what TIM1 counts.
     ///
     /// The over-current input opens both switches by itself, within a few cycles of the core and whatever
-    /// the program does; they stay open until the drive was switched off and on again.
+    /// the program does; they stay open until the drive was switched off and on again. The bridge closes only where
+    /// `closable` allows it.
+    #[allow(clippy::too_many_arguments)]
     #[must_use]
     pub fn new(
         timer: Peri<'static, TIM1>,
@@ -71,6 +78,8 @@ impl HalfBridge {
         converter: Peri<'static, DAC1>,
         voltage: Peri<'static, PA4>,
         over_current: Peri<'static, PB12>,
+        drive_on: Peri<'static, PC3>,
+        closable: fn() -> bool,
         core_clock: u32,
     ) -> Self {
         let mut pwm = ComplementaryPwm::new(
@@ -128,6 +137,8 @@ impl HalfBridge {
             pwm,
             voltage,
             _over_current: over_current,
+            _drive_on: Output::new(drive_on, Level::Low, Speed::Low),
+            closable,
             full,
             on: false,
         }
@@ -140,6 +151,22 @@ const MIDDLE: u16 = 2048;
 impl Drive for HalfBridge {
     #[inline]
     fn set(&mut self, output: f32) {
+        if self.on {
+            // Opened by the break or by an interrupt: no voltage either, until the control has switched off and on.
+            if !pac::TIM1.bdtr().read().moe() {
+                drive_off();
+                return;
+            }
+        } else {
+            self.on = true;
+            if !(self.closable)() {
+                return;
+            }
+            // What opened the bridge before is past, or opens it again.
+            forget_break();
+            self.pwm.set_master_output_enable(true);
+            drive_on();
+        }
         let share = 0.5 + (0.5 - DUTY_END) * output.clamp(-1.0, 1.0);
         let duty = share * self.full;
         pac::TIM1
@@ -147,12 +174,6 @@ impl Drive for HalfBridge {
             .write(|compare| compare.set_ccr(duty as u16));
         self.voltage
             .set(Value::Bit12Right((share * 4095.0 + 0.5) as u16));
-        if !self.on {
-            self.on = true;
-            // What opened the bridge before is past, or opens it again.
-            forget_break();
-            self.pwm.set_master_output_enable(true);
-        }
     }
 
     fn off(&mut self) {
@@ -179,10 +200,19 @@ pub fn forget_break() {
         .write_value(pac::timer::regs::SrAdv(!(1 << 7)));
 }
 
-/// Takes the power from the half bridge and the voltage to its middle, by registers alone.
+/// Number of the pin of port C that says that the drive is on.
+const DRIVE_ON: usize = 3;
+
+fn drive_on() {
+    pac::GPIOC.bsrr().write(|set| set.set_bs(DRIVE_ON, true));
+}
+
+/// Takes the power from the half bridge, the voltage to its middle and the enable from an external amplifier, by
+/// registers alone.
 pub fn drive_off() {
     // Without the main output enable both switches are held open.
     pac::TIM1.bdtr().modify(|register| register.set_moe(false));
+    pac::GPIOC.bsrr().write(|set| set.set_br(DRIVE_ON, true));
     pac::DAC1
         .dhr12r(0)
         .write(|register| register.set_dhr(MIDDLE));

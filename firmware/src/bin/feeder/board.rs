@@ -170,6 +170,8 @@ async fn main(spawner: Spawner) {
         p.DAC1,
         p.PA4,
         p.PB12,
+        p.PC3,
+        Board::supply_allows,
         Board::CORE_CLOCK,
     );
     Board::watch(sound);

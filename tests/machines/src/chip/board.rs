@@ -246,7 +246,7 @@ impl Board {
     /// What is seen from outside, and what must not be.
     fn look(&mut self) {
         let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
-        let (ready, fault) = (lamp(2, 2), lamp(1, 11));
+        let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];
         let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == Mode::Function(1));
         let gates = gates.contains(&true);
         let driven = self.supplied && self.bridge.driven() && gates;
@@ -256,8 +256,8 @@ impl Board {
             0.0
         };
         self.world.drive(output, self.now);
-        let lamps = [ready, fault].map(|on| on && self.supplied);
-        self.world.look(self.now, [driven, lamps[0], lamps[1]]);
+        let [drive_on, ready, fault] = outputs.map(|on| on && self.supplied);
+        self.world.look(self.now, [driven, drive_on, ready, fault]);
     }
 
     fn schedule(&mut self) {
