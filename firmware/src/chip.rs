@@ -45,6 +45,9 @@ pub trait Chip {
     /// Whether the supply is, or was since the last call, below what the chip needs.
     fn supply_low() -> bool;
 
+    /// Whether the supply is high enough to close the bridge: asked in the sample that closes it.
+    fn supply_allows() -> bool;
+
     /// Starts the window watchdog, which [`crate::stm32::Window`] feeds.
     fn start_window();
 

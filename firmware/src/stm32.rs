@@ -22,7 +22,7 @@ use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, PA1, PA2, PA3, PA4, PA8, PB0, PB1, PB10, PB11, PB12, PB13, PC1, TIM1, USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC1, PC2, PC3, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -49,15 +49,20 @@ const DUTY_END: f32 = 0.07;
 /// that each gets a chance to check in.
 const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
-/// Half bridge on TIM1 (PA8 high side, PB13 low side), and the same output as a voltage on PA4.
+/// Half bridge on TIM1 (PA8 high side, PA7 low side), and the same output as a voltage on PA4.
 ///
 /// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that full output of the
 /// control is the most that the bridge gives. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
+/// PC3 is high while the bridge is closed: the enable of an external amplifier.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,
     /// Kept: given back, the pin would leave the timer.
     _over_current: Flex<'static>,
+    /// Kept as an output; its level is written by registers.
+    _drive_on: Output<'static>,
+    /// Whether the supply lets the bridge close.
+    closable: fn() -> bool,
     full: f32,
     on: bool,
 }
@@ -66,15 +71,19 @@ impl HalfBridge {
     /// The bridge, off; the core's clock in Hz is what TIM1 counts.
     ///
     /// The over-current input opens both switches by itself, within a few cycles of the core and whatever
-    /// the program does; they stay open until the drive was switched off and on again.
+    /// the program does; they stay open until the drive was switched off and on again. The bridge closes only where
+    /// `closable` allows it.
+    #[allow(clippy::too_many_arguments)]
     #[must_use]
     pub fn new(
         timer: Peri<'static, TIM1>,
         high: Peri<'static, PA8>,
-        low: Peri<'static, PB13>,
+        low: Peri<'static, PA7>,
         converter: Peri<'static, DAC1>,
         voltage: Peri<'static, PA4>,
         over_current: Peri<'static, PB12>,
+        drive_on: Peri<'static, PC3>,
+        closable: fn() -> bool,
         core_clock: u32,
     ) -> Self {
         let mut pwm = ComplementaryPwm::new(
@@ -132,6 +141,8 @@ impl HalfBridge {
             pwm,
             voltage,
             _over_current: over_current,
+            _drive_on: Output::new(drive_on, Level::Low, Speed::Low),
+            closable,
             full,
             on: false,
         }
@@ -144,6 +155,22 @@ const MIDDLE: u16 = 2048;
 impl Drive for HalfBridge {
     #[inline]
     fn set(&mut self, output: f32) {
+        if self.on {
+            // Opened by the break or by an interrupt: no voltage either, until the control has switched off and on.
+            if !pac::TIM1.bdtr().read().moe() {
+                drive_off();
+                return;
+            }
+        } else {
+            self.on = true;
+            if !(self.closable)() {
+                return;
+            }
+            // What opened the bridge before is past, or opens it again.
+            forget_break();
+            self.pwm.set_master_output_enable(true);
+            drive_on();
+        }
         let share = 0.5 + (0.5 - DUTY_END) * output.clamp(-1.0, 1.0);
         let duty = share * self.full;
         pac::TIM1
@@ -151,12 +178,6 @@ impl Drive for HalfBridge {
             .write(|compare| compare.set_ccr(duty as u16));
         self.voltage
             .set(Value::Bit12Right((share * 4095.0 + 0.5) as u16));
-        if !self.on {
-            self.on = true;
-            // What opened the bridge before is past, or opens it again.
-            forget_break();
-            self.pwm.set_master_output_enable(true);
-        }
     }
 
     fn off(&mut self) {
@@ -183,10 +204,19 @@ pub fn forget_break() {
         .write_value(pac::timer::regs::SrAdv(!(1 << 7)));
 }
 
-/// Takes the power from the half bridge and the voltage to its middle, by registers alone.
+/// Number of the pin of port C that says that the drive is on.
+const DRIVE_ON: usize = 3;
+
+fn drive_on() {
+    pac::GPIOC.bsrr().write(|set| set.set_bs(DRIVE_ON, true));
+}
+
+/// Takes the power from the half bridge, the voltage to its middle and the enable from an external amplifier, by
+/// registers alone.
 pub fn drive_off() {
     // Without the main output enable both switches are held open.
     pac::TIM1.bdtr().modify(|register| register.set_moe(false));
+    pac::GPIOC.bsrr().write(|set| set.set_br(DRIVE_ON, true));
     pac::DAC1
         .dhr12r(0)
         .write(|register| register.set_dhr(MIDDLE));
@@ -278,7 +308,7 @@ pub fn strapped() -> bool {
     pac::GPIOC.idr().read().idr(1) == pac::gpio::vals::Idr::LOW
 }
 
-/// Outputs: ready on PB10 (the wanted regime is held), fault on PB11.
+/// Outputs: ready on PC2 (the wanted regime is held), fault on PB11.
 pub struct Lamps {
     ready: Output<'static>,
     fault: Output<'static>,
@@ -287,7 +317,7 @@ pub struct Lamps {
 impl Lamps {
     /// Both off.
     #[must_use]
-    pub fn new(ready: Peri<'static, PB10>, fault: Peri<'static, PB11>) -> Self {
+    pub fn new(ready: Peri<'static, PC2>, fault: Peri<'static, PB11>) -> Self {
         Self {
             ready: Output::new(ready, Level::Low, Speed::Low),
             fault: Output::new(fault, Level::Low, Speed::Low),

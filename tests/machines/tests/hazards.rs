@@ -34,7 +34,27 @@ fn play(hazard: &Hazard) -> Outcome {
         outcome.fault,
     );
     assert_eq!(outcome.rig.resets().len(), 1, "{}", hazard.name);
+    drive_on_follows_the_bridge(&outcome.rig);
     outcome
+}
+
+/// The output "drive on" is as the bridge a sample after each change of either.
+fn drive_on_follows_the_bridge(rig: &Rig) {
+    let trace = &rig.chip.board.world.trace;
+    let (mut bridge, mut output) = ((false, 0), (false, 0));
+    for (time, seen) in trace
+        .iter()
+        .chain([&(rig.chip.board.now, Seen::Ready(false))])
+    {
+        let since = bridge.1.max(output.1);
+        let apart = bridge.0 != output.0 && *time > since + ticks(60e-6);
+        assert!(!apart, "{bridge:?} {output:?} at {time}");
+        match seen {
+            Seen::Bridge(on) => bridge = (*on, *time),
+            Seen::DriveOn(on) => output = (*on, *time),
+            _ => {}
+        }
+    }
 }
 
 /// A machine that works at an amplitude of 0.2 mm.
@@ -156,6 +176,37 @@ fn ready_is_the_wanted_regime_and_nothing_else() {
         again.is_some_and(|time| (3.6..3.7).contains(&time)),
         "once it is past it can be acknowledged: {again:?}"
     );
+}
+
+/// Before: the voltage swung on until the cycle's end, 15 ms at 50 Hz and up to 200 ms at 5 Hz, as the next sample
+/// overwrote what the interrupt of the supply had set.
+#[test]
+fn the_voltage_goes_to_its_middle_with_the_bridge() {
+    for frequency in [5.0, 50.0, 500.0] {
+        let amplitude = if frequency < 400.0 { 0.2 } else { 0.002 };
+        let mut hazard = Hazard::of("voltage", frequency, Target::Amplitude(amplitude));
+        if frequency > 400.0 {
+            hazard.scene.settings.safe_amplitude = 0.005;
+        }
+        let rig = hazard.before(&image());
+        let from = rig.time();
+        for act in [Act::OverCurrent(true), Act::Volts(2.8)] {
+            // At any phase of the drive.
+            for n in 0..5 {
+                let mut rig = rig.clone();
+                let at = from + 1e-3 + f64::from(n) / f64::from(5.3 * frequency);
+                rig.at(at, act.clone()).run(at - 1e-4);
+                assert!(rig.chip.is_driven(), "it runs");
+                for sample in 1..5_000 {
+                    rig.run(at + 60e-6 + 50e-6 * f64::from(sample - 1));
+                    let voltage = rig.chip.board.voltage.output();
+                    assert_eq!(voltage, Some(0.5), "{frequency} Hz, {act:?}, {sample}");
+                }
+                drive_on_follows_the_bridge(&rig);
+                assert!(rig.seen_after(at, &Seen::Fault(true)).is_some());
+            }
+        }
+    }
 }
 
 /// In target gear READY comes once the share heard, less its error, is above 0.5, and goes where it is under 0.4.
@@ -304,7 +355,7 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on() {
     let mut rig = Rig::boot(&image);
     let floats = |chip: &Chip| {
         let ports = &chip.board.ports;
-        let inputs = [(0, 4), (0, 8), (1, 10), (1, 11), (1, 13)];
+        let inputs = [(0, 4), (0, 7), (0, 8), (1, 11), (2, 2), (2, 3)];
         chip.board.voltage.output().is_none()
             && inputs
                 .iter()
@@ -315,11 +366,38 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on() {
     assert!(!floats(&rig.chip));
     let output = rig.chip.board.voltage.output();
     assert_eq!(output, Some(0.5), "an external amplifier gets its middle");
-    assert_eq!(rig.chip.board.ports[1].output(10), Some(false), "READY");
+    assert_eq!(rig.chip.board.ports[2].output(2), Some(false), "READY");
     assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
     // A reset lets go of them again.
     rig.chip.reset(Cause::Window);
     assert!(floats(&rig.chip));
+}
+
+/// Pins that ST's bootloaders drive push-pull with BOOT0 high (AN2606, tables 73, 75 and 117): ports by number, A being 0.
+/// Before: the low gate on PB13 (CAN2), READY on PB10 (USART3).
+#[test]
+fn no_bootloader_drives_an_output_of_the_machine() {
+    let f405 = [(0, 6), (0, 9), (0, 11), (0, 12), (1, 10), (1, 13), (2, 10)];
+    let g474 = [(0, 2), (0, 6), (0, 9), (0, 11), (0, 12), (1, 14), (2, 10)];
+    // The high side: I2C2_SDA of the STM32G474 is open drain, with a pull-up that the gate's resistor outweighs.
+    let link = (0, 2);
+    let mut rig = Rig::boot(&image());
+    rig.run(0.5);
+    let ports = rig.chip.board.ports.iter().enumerate();
+    let pins = ports.flat_map(|(number, port)| (0..16).map(move |pin| (number, pin, port)));
+    let outputs = pins.filter_map(|(number, pin, port)| {
+        let drives = matches!(port.mode(pin), Mode::Output | Mode::Function(1));
+        drives.then_some((number, pin))
+    });
+    let outputs: Vec<_> = outputs.collect();
+    println!("outputs and pins of TIM1: {outputs:?}");
+    for output in [(0, 7), (0, 8), (1, 11), (2, 2), (2, 3)] {
+        assert!(outputs.contains(&output), "{output:?}");
+    }
+    for output in outputs {
+        let driven = f405.contains(&output) || g474.contains(&output);
+        assert!(!driven || output == link, "{output:?}");
+    }
 }
 
 /// Before: a period of 8398 counts, 238 ppm fast, and at large outputs an edge within the sample.

@@ -167,10 +167,12 @@ async fn main(spawner: Spawner) {
     let bridge = HalfBridge::new(
         p.TIM1,
         p.PA8,
-        p.PB13,
+        p.PA7,
         p.DAC1,
         p.PA4,
         p.PB12,
+        p.PC3,
+        Board::supply_allows,
         Board::CORE_CLOCK,
     );
     Board::watch(sound);
@@ -227,7 +229,7 @@ async fn main(spawner: Spawner) {
     };
     let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
     watch_strap(p.PC1);
-    let lamps = Lamps::new(p.PB10, p.PB11);
+    let lamps = Lamps::new(p.PC2, p.PB11);
     let service = Service::new(image, memory, found.pin);
     spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));

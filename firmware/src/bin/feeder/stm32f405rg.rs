@@ -112,6 +112,10 @@ impl Chip for Board {
         SUPPLY_FELL.swap(false, Ordering::Relaxed) || now
     }
 
+    fn supply_allows() -> bool {
+        !SUPPLY_FELL.load(Ordering::Relaxed) && !pac::PWR.csr1().read().pvdo()
+    }
+
     fn start_window() {
         pac::RCC.apb1enr().modify(|clocks| clocks.set_wwdgen(true));
         // 42 MHz.

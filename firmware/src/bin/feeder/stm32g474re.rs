@@ -74,6 +74,11 @@ impl Chip for Board {
         pac::PWR.sr2().read().pvdo()
     }
 
+    /// The break holds the bridge open by itself.
+    fn supply_allows() -> bool {
+        true
+    }
+
     fn start_window() {
         pac::RCC.apb1enr1().modify(|clocks| clocks.set_wwdgen(true));
         // 170 MHz by 4.

@@ -245,11 +245,10 @@ impl Board {
 
     /// What is seen from outside, and what must not be.
     fn look(&mut self) {
-        let port = &self.ports[1];
-        let lamp = |pin: usize| port.output(pin) == Some(true);
-        let (ready, fault) = (lamp(10), lamp(11));
-        let gates = self.ports[0].mode(8) == Mode::Function(1)
-            || self.ports[1].mode(13) == Mode::Function(1);
+        let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
+        let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];
+        let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == Mode::Function(1));
+        let gates = gates.contains(&true);
         let driven = self.supplied && self.bridge.driven() && gates;
         let output = if driven {
             self.bridge.output(self.now)
@@ -257,8 +256,8 @@ impl Board {
             0.0
         };
         self.world.drive(output, self.now);
-        let lamps = [ready, fault].map(|on| on && self.supplied);
-        self.world.look(self.now, [driven, lamps[0], lamps[1]]);
+        let [drive_on, ready, fault] = outputs.map(|on| on && self.supplied);
+        self.world.look(self.now, [driven, drive_on, ready, fault]);
     }
 
     fn schedule(&mut self) {

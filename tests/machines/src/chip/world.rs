@@ -16,6 +16,8 @@ pub const FULL: f32 = 0.86;
 pub enum Seen {
     /// The bridge is driven (`true`) or open.
     Bridge(bool),
+    /// The output "drive on".
+    DriveOn(bool),
     /// The lamp READY.
     Ready(bool),
     /// The lamp FAULT.
@@ -48,8 +50,8 @@ pub struct World {
     held: f32,
     since: u64,
     sum: f64,
-    /// Bridge, READY and FAULT as they were seen last.
-    last: [bool; 3],
+    /// Bridge, "drive on", READY and FAULT as they were seen last.
+    last: [bool; 4],
     /// What was seen, and when.
     pub trace: Vec<(u64, Seen)>,
     /// Largest displacement of the track in m since it was last forgotten.
@@ -85,7 +87,7 @@ impl World {
             held: 0.0,
             since: 0,
             sum: 0.0,
-            last: [false; 3],
+            last: [false; 4],
             trace: Vec::new(),
             peak: 0.0,
             loudest: 0.0,
@@ -127,12 +129,12 @@ impl World {
         self.trace.push((now, seen));
     }
 
-    /// The bridge and the two lamps are looked at; what is another than before is seen.
-    pub fn look(&mut self, now: u64, levels: [bool; 3]) {
+    /// The bridge, "drive on" and the two lamps are looked at; what is another than before is seen.
+    pub fn look(&mut self, now: u64, levels: [bool; 4]) {
         if levels == self.last {
             return;
         }
-        let seen = [Seen::Bridge, Seen::Ready, Seen::Fault];
+        let seen = [Seen::Bridge, Seen::DriveOn, Seen::Ready, Seen::Fault];
         for ((seen, level), last) in seen.into_iter().zip(levels).zip(self.last) {
             if level != last {
                 self.see(now, seen(level));
