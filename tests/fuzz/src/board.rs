@@ -147,6 +147,7 @@ pub fn service(input: &[u8]) -> bool {
                     control_late: bits & 0x60 == 0x60,
                     supply_low: bits & 0xc0 == 0xc0,
                     clock_failed: bits & 0x84 == 0x84,
+                    withheld: false,
                 };
             }
             6 => {
