@@ -291,6 +291,7 @@ fn lowest_partner(order: u32, edge: f64) -> Result<f64, OutOfRange> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::println;
 
     #[test]
     fn edges_are_the_papers_corrected_numbers() {
