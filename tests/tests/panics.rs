@@ -198,3 +198,18 @@ fn no_panic_can_be_reached_from_a_sample_or_the_link() {
     }
     assert!(wrong.is_empty(), "a panic can come from {wrong:?}");
 }
+
+/// The board computes in f32 and integers. The map in f64 would take 35 KiB of its flash.
+#[test]
+fn the_map_in_f64_is_not_in_the_image() {
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let bytes = std::fs::read(image).unwrap();
+    let file = object::File::parse(&*bytes).unwrap();
+    let of = |module: &str| -> Vec<&str> {
+        let names = file.symbols().filter_map(|symbol| symbol.name().ok());
+        names.filter(|name| name.contains(module)).collect()
+    };
+    // The mangled path of a symbol: each name after its length.
+    assert!(!of("6impact6anchor").is_empty(), "the board's own map");
+    assert_eq!(of("6impact6double"), Vec::<&str>::new());
+}
