@@ -26,6 +26,7 @@ pub mod last_words;
 pub mod link;
 #[cfg(target_os = "none")]
 pub mod log;
+pub mod resets;
 pub mod saves;
 pub mod start;
 pub mod station;

@@ -163,11 +163,14 @@ impl<S: Store> Service<S> {
                     Request::Samples { codes, end } => {
                         samples(simulation, codes, end, station).await
                     }
-                    Request::Save => save(station, store, saves, lock.pin()).await,
-                    Request::Lock(pin) => {
-                        let response = save(station, store, saves, pin).await;
+                    Request::Save | Request::Lock(_) => {
+                        let mut locked = *lock;
+                        if let Request::Lock(pin) = request {
+                            locked.close(pin);
+                        }
+                        let response = save(station, store, saves, locked.pin()).await;
                         if response == Response::Done {
-                            lock.close(pin);
+                            *lock = locked;
                         }
                         response
                     }

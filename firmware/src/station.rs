@@ -23,6 +23,7 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
     let fault = match start {
         StartCause::Ordinary | StartCause::PowerOn => return None,
         StartCause::Reset => Fault::WatchdogReset,
+        StartCause::Repeated => Fault::RepeatedResets,
         StartCause::Refused => Fault::SettingsInvalid,
     };
     Some(KeptFault {
@@ -206,13 +207,13 @@ impl Station {
             return Err(NotTaken::Running);
         }
         let settings = self.settings.get();
-        let signal = Signal::build(&settings).map_err(NotTaken::OutOfRange)?;
         let interlock = Interlock::begin(start, settings.frequency);
         let own = (self.interlock(), self.target());
         self.renew_controller(&settings, target, &interlock)?;
         self.held.borrow_mut().get_or_insert(own);
         self.simulated.set(Some(self.seconds()));
-        Ok(signal)
+        // Last, as it is large: settings in use have a signal path.
+        Signal::build(&settings).map_err(NotTaken::OutOfRange)
     }
 
     /// Ends a simulation: the board has its interlock and its target back, and waits for an edge of
@@ -388,7 +389,7 @@ impl Station {
     /// Takes new settings for controller and signal path; refused, with nothing changed, while the
     /// drive runs and where they do not go together. It ends a simulation.
     pub fn set_settings(&self, settings: &Settings) -> Result<(), NotTaken> {
-        if self.simulated.get().is_some() {
+        if self.simulated.get().is_some() && self.at_rest() {
             self.end_simulation();
         }
         let report = self.report.get();

@@ -115,7 +115,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 70] = [
+const PROOFS: [(&str, Shows, Break); 71] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -292,6 +292,11 @@ const PROOFS: [(&str, Shows, Break); 70] = [
     ("target_in_holding", Obeying, Hidden(target)),
     ("target_in_limiting", Obeying, Hidden(target)),
     ("target_in_lost", Obeying, Hidden(target)),
+    (
+        "repeated_resets",
+        Shows::Fault(Fault::RepeatedResets),
+        Told(forget_reset),
+    ),
     (
         "watchdog_reset",
         Shows::Fault(Fault::WatchdogReset),

@@ -163,6 +163,7 @@ scenes! {
     over_current
     over_temperature
     over_temperature_in_start
+    repeated_resets
     resonance_tracking
     sensor_implausible
     second_tone_cut

@@ -67,8 +67,13 @@ impl SceneFile {
                 Some("power-on") => StartCause::PowerOn,
                 Some("reset") => StartCause::Reset,
                 Some("refused") => StartCause::Refused,
+                Some("repeated") => StartCause::Repeated,
                 _ => {
-                    return Err(root.refuse("start", &start, "ordinary, power-on, reset, refused"));
+                    return Err(root.refuse(
+                        "start",
+                        &start,
+                        "ordinary, power-on, reset, refused, repeated",
+                    ));
                 }
             };
         }

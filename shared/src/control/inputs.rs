@@ -10,6 +10,8 @@ pub enum StartCause {
     PowerOn,
     /// The watchdog or a brown-out reset the board: off until enabled anew.
     Reset,
+    /// The board was reset three times in a row: off until that is acknowledged.
+    Repeated,
     /// The stored settings were refused: off, with the defaults in their place.
     Refused,
 }

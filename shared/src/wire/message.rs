@@ -381,6 +381,8 @@ pub enum StartCause {
     Refused,
     /// Power came: off until the enable input was seen withdrawn.
     PowerOn,
+    /// The board was reset three times in a row.
+    Repeated,
 }
 
 impl From<control::StartCause> for StartCause {
@@ -390,6 +392,7 @@ impl From<control::StartCause> for StartCause {
             control::StartCause::Reset => Self::Reset,
             control::StartCause::Refused => Self::Refused,
             control::StartCause::PowerOn => Self::PowerOn,
+            control::StartCause::Repeated => Self::Repeated,
         }
     }
 }
@@ -401,6 +404,7 @@ impl From<StartCause> for control::StartCause {
             StartCause::Reset => Self::Reset,
             StartCause::Refused => Self::Refused,
             StartCause::PowerOn => Self::PowerOn,
+            StartCause::Repeated => Self::Repeated,
         }
     }
 }

@@ -11,16 +11,17 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::{Controller, Settings, Signal, StartCause};
+use kband::control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband::wire::SetUp;
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::Watchdog;
+use kband_firmware::board::{Monitor, Panel, Watchdog};
 use kband_firmware::chip::Chip;
 use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_words};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
+use kband_firmware::resets::{GOOD_SECONDS, Resets};
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
@@ -52,6 +53,9 @@ bind_interrupts!(struct Interrupts {
 
 static EXCHANGE: Exchange = Exchange::new();
 static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
+/// Resets in a row, in RAM that they leave alone.
+#[unsafe(link_section = ".uninit.resets")]
+static RESETS: Resets = Resets::none();
 /// Most cycles of the core that a sample took.
 static LONGEST_SAMPLE: AtomicU32 = AtomicU32::new(0);
 
@@ -110,8 +114,36 @@ async fn supervise(mut guard: Guard) {
     loop {
         if ROLL.complete() {
             guard.feed();
+            if Instant::now().as_secs() >= GOOD_SECONDS {
+                RESETS.forget();
+            }
         }
         Timer::after_millis(20).await;
+    }
+}
+
+/// Stays at rest after repeated resets, without samples: the controller runs by the clock, so that
+/// link, lamps and the acknowledgement work. Once the fault is acknowledged the board starts anew.
+#[embassy_executor::task]
+async fn stay_at_rest(
+    station: &'static Station,
+    mut terminals: Terminals,
+    mut lamps: Lamps,
+    mut guard: Guard,
+) {
+    loop {
+        guard.feed();
+        let frequency = station.settings().frequency;
+        let mut cycle = Cycle::default();
+        cycle.samples = (SAMPLE_RATE as f32 / frequency) as u16;
+        if let Some(report) = station.cycle(&cycle, terminals.inputs()) {
+            lamps.report(&report, false);
+            if report.fault.is_none() {
+                RESETS.acknowledge();
+                SCB::sys_reset();
+            }
+        }
+        Timer::after_millis((1000.0 / frequency) as u64).await;
     }
 }
 
@@ -150,6 +182,7 @@ fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let cause = ResetCause::of(Board::signs());
+    let start = RESETS.start(cause);
     // Before anything that is waited for.
     let mut guard = Guard::start();
     let Some(mut core) = cortex_m::Peripherals::take() else {
@@ -192,11 +225,11 @@ async fn main(spawner: Spawner) {
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
     }
     // A target that another firmware accepted, and this one does not, is lost settings and no reason to stay silent.
-    let (found, station) = match place(&found, cause.start(), last_words) {
+    let (found, station) = match place(&found, start, last_words) {
         Some(station) => (found, Some(station)),
         None => {
             let lost = Found::none(Condition::Lost);
-            (lost, place(&lost, cause.start(), last_words))
+            (lost, place(&lost, start, last_words))
         }
     };
     let (Some(station), Some(())) = (station, place_sampler(&found.settings, converter, bridge))
@@ -213,10 +246,14 @@ async fn main(spawner: Spawner) {
         core.SCB.set_priority(SystemHandler::SysTick, LATER);
         core.NVIC.set_priority(pac::Interrupt::USART2, LATER);
         core.NVIC.set_priority(Board::CONVERTED, 0);
-        NVIC::unmask(Board::CONVERTED);
     }
-    // From here on a sample that does not come is a reset.
-    Board::start_window();
+    let repeated = start == StartCause::Repeated;
+    if !repeated {
+        // SAFETY: no critical section relies on the mask of this interrupt.
+        unsafe { NVIC::unmask(Board::CONVERTED) };
+        // From here on a sample that does not come is a reset.
+        Board::start_window();
+    }
     let image = Image {
         identity: IDENTITY,
         stack_free,
@@ -231,9 +268,13 @@ async fn main(spawner: Spawner) {
     watch_strap(p.PC1);
     let lamps = Lamps::new(p.PC2, p.PB11);
     let service = Service::new(image, memory, found.pin);
-    spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
-    spawner.spawn(supervise(guard).expect("spawned once"));
+    if repeated {
+        spawner.spawn(stay_at_rest(station, terminals, lamps, guard).expect("spawned once"));
+    } else {
+        spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
+        spawner.spawn(supervise(guard).expect("spawned once"));
+    }
     loop {
         Timer::after_secs(60).await;
         let (used, size) = stack_use();

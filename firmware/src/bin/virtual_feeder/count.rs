@@ -13,10 +13,9 @@ use kband::plant::Bench;
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
 use kband_firmware::cortex::stack_low;
+use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
-
-use crate::emulated::EXCHANGE;
 
 /// SysTick's full range; one pass of it is 16.7 million ticks, 99 million instructions.
 const FULL: u32 = 0x00ff_ffff;
@@ -25,6 +24,7 @@ const ORDERS: u32 = 8;
 /// Cycles of the drive that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
+static EXCHANGE: Exchange = Exchange::new();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
 /// The reading that the bench gave before the count.

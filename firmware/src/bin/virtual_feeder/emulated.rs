@@ -57,7 +57,7 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(CORE_CLOCK, (CORE_CLOCK / 1_000 - 1) as u32));
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
-pub(crate) static EXCHANGE: Exchange = Exchange::new();
+static EXCHANGE: Exchange = Exchange::new();
 static STATION: StaticCell<Station> = StaticCell::new();
 static HUNGRY: AtomicU32 = AtomicU32::new(0);
 static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();

@@ -9,7 +9,7 @@ use embassy_sync::pipe::Pipe;
 use kband_firmware::link::Line;
 
 /// Bytes received and not yet taken; what comes beyond is lost, and its frame refused by its check.
-static RECEIVED: Pipe<CriticalSectionRawMutex, 512> = Pipe::new();
+static RECEIVED: Pipe<CriticalSectionRawMutex, 384> = Pipe::new();
 
 /// The serial port.
 pub struct Serial;

@@ -42,6 +42,7 @@ impl Interlock {
             fault: match start {
                 StartCause::Ordinary | StartCause::PowerOn => None,
                 StartCause::Reset => Some(Fault::WatchdogReset),
+                StartCause::Repeated => Some(Fault::RepeatedResets),
                 StartCause::Refused => Some(Fault::SettingsInvalid),
             },
             latched: start != StartCause::Ordinary,
