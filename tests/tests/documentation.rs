@@ -353,6 +353,66 @@ const GIVEN_UP: &[(&str, &str, &str)] = &[
     ("Line", "host/src/board", "link (Link)"),
 ];
 
+/// The mentions of numbered faults or limits in a page that do not have the name of their number
+/// behind them, as in "fault 6 (over-temperature)".
+fn misnamed(page: &str, word: &str, name: impl Fn(u8) -> Option<&'static str>) -> Vec<String> {
+    let mut found = Vec::new();
+    for after in page.split(&format!("{word} ")).skip(1) {
+        let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        let (number, rest) = after.split_at(digits);
+        let Ok(number) = number.parse() else { continue };
+        let said = rest
+            .strip_prefix(" (")
+            .and_then(|rest| rest.split(')').next());
+        // A command that is shown names a number alone.
+        let command = rest.starts_with('`');
+        if !command && (said.is_none() || said != name(number)) {
+            found.push(format!("{word} {number}{}", rest.get(..30).unwrap_or(rest)));
+        }
+    }
+    found
+}
+
+#[test]
+fn every_number_of_a_fault_has_its_name() {
+    use kband::control::{Fault, Limits};
+    let fault = |number| Fault::numbered(number).map(Fault::name);
+    let limit = |number| {
+        let mut all = Limits::ALL.into_iter();
+        all.find(|limit| limit.number() == number).map(Limits::name)
+    };
+    for name in ["safety.md", "wiring.md", "commissioning.md", "link.md"] {
+        let page = fs::read_to_string(root().join("docs").join(name)).unwrap();
+        assert_eq!(
+            misnamed(&page, "fault", fault),
+            Vec::<String>::new(),
+            "{name}"
+        );
+    }
+    let safety = fs::read_to_string(root().join("docs/safety.md")).unwrap();
+    assert_eq!(misnamed(&safety, "limit", limit), Vec::<String>::new());
+    // The headings that `kband explain` prints.
+    let faults = fs::read_to_string(root().join("docs/faults.md")).unwrap();
+    for fault in Fault::ALL {
+        let heading = format!("\n## Fault {}: {}\n", fault.number(), fault.name());
+        assert!(faults.contains(&heading), "{heading}");
+    }
+    assert_eq!(
+        misnamed("too hot: fault 5 (over-temperature)", "fault", fault).len(),
+        1
+    );
+    assert_eq!(misnamed("too hot: fault 6", "fault", fault).len(), 1);
+    assert_eq!(
+        misnamed(
+            "`kband explain fault 3`, fault 6 (over-temperature)",
+            "fault",
+            fault
+        )
+        .len(),
+        0
+    );
+}
+
 #[test]
 fn private_words_do_not_come_back() {
     let inside = |c: char| c.is_alphanumeric() || c == '_';

@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 use core::fmt;
 
-use super::lock::{Lock, accept_order, accept_restitution};
+use super::lock::{accept_order, accept_restitution};
 use crate::feeder::{OutOfRange, Restitution};
 
 /// k where the period-1 orbit of `order` is born in a saddle-node (symbol k1, equation 15).
@@ -290,6 +290,7 @@ fn lowest_partner(order: u32, edge: f64) -> Result<f64, OutOfRange> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::lock::Lock;
     use super::*;
     use std::println;
 
