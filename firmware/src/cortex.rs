@@ -7,11 +7,12 @@
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use cortex_m_rt::exception;
 
 use crate::last_words::LastWords;
+use crate::waiting::Waiting;
 
 unsafe extern "Rust" {
     /// Takes the power from the drive; sound at any time, in any context.
@@ -25,13 +26,29 @@ pub const IDENTITY: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("KBAND_B
 
 /// RAM that neither the start-up code nor a reset changes.
 #[repr(transparent)]
-struct Kept(UnsafeCell<LastWords>);
+struct Kept<T>(UnsafeCell<T>);
 
-// SAFETY: one core; written with interrupts off, by a handler that never returns, or by `take`.
-unsafe impl Sync for Kept {}
+// SAFETY: one core. The last words are written with interrupts off, by a handler that never returns, or by `take`. The
+// waiting faults are given away once.
+unsafe impl<T> Sync for Kept<T> {}
 
 #[unsafe(link_section = ".uninit.last_words")]
-static KEPT: Kept = Kept(UnsafeCell::new(LastWords::EMPTY));
+static KEPT: Kept<LastWords> = Kept(UnsafeCell::new(LastWords::EMPTY));
+
+#[unsafe(link_section = ".uninit.waiting")]
+static WAITING: Kept<Waiting> = Kept(UnsafeCell::new(Waiting::EMPTY));
+
+/// The faults that wait for their place in the flash, those of the time before a reset among them; once after each start.
+#[must_use]
+pub fn waiting_faults() -> Option<&'static mut Waiting> {
+    static GIVEN: AtomicBool = AtomicBool::new(false);
+    if GIVEN.swap(true, Ordering::Relaxed) {
+        return None;
+    }
+    // SAFETY: no other reference lives; any bytes are a valid `Waiting`, which is integers only and judges its content by
+    // checks.
+    Some(unsafe { &mut *WAITING.0.get() })
+}
 
 /// What the image said last before this reset; it is forgotten with this call.
 #[must_use]

@@ -13,18 +13,32 @@
 //! power where the seal was not begun, and what was kept before it still counts. Where the seal is there the record was whole
 //! once: it is [`Newest::Spoilt`], and an older one in its place would be a silent step back to what was meant for
 //! another machine. The maps of `sequential-storage` do step back so, which is why they are not used here.
+//!
+//! The first slot of a bank holds a mark instead of a record. The mark is programmed once the erasure of the bank has
+//! ended, and cleared before the next erasure begins. A bank without a mark is erased before its first record, even where
+//! all of it reads as erased: an erasure that was cut short leaves cells that may not stay erased. Only a journal without any
+//! mark or record is taken for a new chip, and its banks get their marks without an erasure. A cut erasure leaves
+//! no such journal, because the other bank is not blank then. Banks of an older image, which hold a record
+//! in their first slot, are read and appended to as they are.
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 use kband::wire::crc32;
 
-/// The memory failed.
+/// Why nothing was kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StoreFailed;
+pub enum StoreFailed {
+    /// The memory failed.
+    Memory,
+    /// The supply is low, or was a moment ago.
+    SupplyLow,
+}
 
 const NUMBER: usize = 4;
 const CHECK: usize = 4;
 const SEAL: usize = 8;
+/// First bytes of a bank that was erased to its end; the rest of its slot stays blank. As many ones as zeros.
+const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
 /// Bytes of a slot that are not content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
 /// Slots that are read before other tasks run.
@@ -35,6 +49,8 @@ const SLICE: u32 = 16;
 enum Slot {
     /// Nothing was ever written to it.
     Blank,
+    /// The mark of a bank that was erased to its end.
+    Mark,
     /// A record that was not written to its end.
     Cut,
     /// A record.
@@ -47,6 +63,11 @@ impl Slot {
     fn read(bytes: &[u8]) -> Self {
         if bytes.iter().all(|byte| *byte == 0xff) {
             return Self::Blank;
+        }
+        if let Some((MARK, rest)) = bytes.split_first_chunk().map(|(mark, rest)| (*mark, rest))
+            && rest.iter().all(|byte| *byte == 0xff)
+        {
+            return Self::Mark;
         }
         let Some((body, seal)) = bytes.split_last_chunk::<SEAL>() else {
             return Self::Spoilt;
@@ -83,6 +104,8 @@ struct Survey {
     used: [u32; 2],
     /// Slots up to the last spoilt one of each bank.
     spoilt: [u32; 2],
+    /// Whether each bank begins with its mark.
+    marked: [bool; 2],
 }
 
 impl Survey {
@@ -90,6 +113,7 @@ impl Survey {
         newest: None,
         used: [0; 2],
         spoilt: [0; 2],
+        marked: [false; 2],
     };
 
     fn take(&mut self, place: Place, slot: Slot) {
@@ -98,6 +122,7 @@ impl Survey {
             self.used[bank] = index + 1;
         }
         match slot {
+            Slot::Mark if index == 0 => self.marked[bank] = true,
             Slot::Spoilt => self.spoilt[bank] = index + 1,
             Slot::Whole(number) if self.newest.is_none_or(|(_, newest)| number > newest) => {
                 self.newest = Some((place, number));
@@ -106,10 +131,30 @@ impl Survey {
         }
     }
 
-    /// The bank was erased.
+    /// The bank was erased and has its mark.
     fn clear(&mut self, bank: usize) {
-        self.used[bank] = 0;
+        self.used[bank] = 1;
         self.spoilt[bank] = 0;
+        self.marked[bank] = true;
+    }
+
+    /// Whether a bank was erased to its end and holds nothing.
+    fn is_ready(&self, bank: usize) -> bool {
+        self.marked[bank] && self.used[bank] == 1
+    }
+
+    /// The bank for the next record, in banks of `slots`, and whether it has to be erased before.
+    fn next_bank(&self, slots: u32) -> (usize, bool) {
+        let has_room = |bank: usize| self.used[bank] < slots;
+        match self.newest {
+            Some((Place { bank, .. }, _)) if has_room(bank) => (bank, false),
+            Some((Place { bank, .. }, _)) => (1 - bank, !self.is_ready(1 - bank)),
+            None => match [0, 1].into_iter().find(|&b| self.marked[b] && has_room(b)) {
+                Some(bank) => (bank, false),
+                // What lies in the fuller one stays there until the record is kept.
+                None => (usize::from(self.used[1] < self.used[0]), true),
+            },
+        }
     }
 
     /// Whether a record that was whole once may have been newer than the newest that still is, in banks of
@@ -156,7 +201,7 @@ impl<const SLOT: usize> Journal<SLOT> {
             && range.end as usize <= flash.capacity()
             && SEAL.is_multiple_of(F::WRITE_SIZE)
             && F::READ_SIZE == 1
-            && (1..bank / SLOT as u32).contains(&keep);
+            && (1..(bank / SLOT as u32).saturating_sub(1)).contains(&keep);
         if fits {
             Ok(Self {
                 start: range.start,
@@ -165,7 +210,7 @@ impl<const SLOT: usize> Journal<SLOT> {
                 survey: None,
             })
         } else {
-            Err(StoreFailed)
+            Err(StoreFailed::Memory)
         }
     }
 
@@ -187,7 +232,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         let offset = self.offset(place);
         match flash.read(offset, &mut bytes).await {
             Ok(()) => Ok(bytes),
-            Err(_) => Err(StoreFailed),
+            Err(_) => Err(StoreFailed::Memory),
         }
     }
 
@@ -290,19 +335,20 @@ impl<const SLOT: usize> Journal<SLOT> {
             Some(survey) => survey,
             None => self.look(flash).await?,
         };
-        let (mut bank, number) = match survey.newest {
-            Some((place, number)) => (place.bank, number.wrapping_add(1)),
-            None => (0, 0),
-        };
-        let mut index = survey.used[bank];
-        if index == self.slots() {
-            bank = 1 - bank;
-            index = 0;
-            if survey.used[bank] > 0 {
-                self.erase(flash, bank).await?;
+        if survey.used == [0; 2] {
+            for bank in 0..2 {
+                self.mark(flash, bank).await?;
                 survey.clear(bank);
             }
         }
+        let number = survey
+            .newest
+            .map_or(0, |(_, number)| number.wrapping_add(1));
+        let (bank, erase) = survey.next_bank(self.slots());
+        if erase {
+            self.erase(flash, bank, &mut survey).await?;
+        }
+        let index = survey.used[bank];
         let place = Place { bank, index };
         let mut bytes = [0xff; SLOT];
         let (body, seal) = bytes.split_at_mut(SLOT - SEAL);
@@ -316,25 +362,45 @@ impl<const SLOT: usize> Journal<SLOT> {
         let written = flash.write(offset, body).await.is_ok()
             && (flash.write(offset + body.len() as u32, seal).await).is_ok();
         if !written || self.read(flash, place).await? != bytes {
-            return Err(StoreFailed);
+            return Err(StoreFailed::Memory);
         }
         survey.take(place, Slot::Whole(number));
-        // The record is kept: a bank that cannot be erased now is erased after another one, or told when it is needed.
-        if index + 1 >= self.keep
-            && survey.used[1 - bank] > 0
-            && self.erase(flash, 1 - bank).await.is_ok()
-        {
-            survey.clear(1 - bank);
-        }
-        self.survey = Some(survey);
+        let records = survey.used[bank] - u32::from(survey.marked[bank]);
+        // The record is kept. Where the erasure fails it is tried again after the next record, or before the bank is needed.
+        let erased = records < self.keep
+            || survey.is_ready(1 - bank)
+            || self.erase(flash, 1 - bank, &mut survey).await.is_ok();
+        self.survey = erased.then_some(survey);
         Ok(())
     }
 
-    async fn erase<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<(), StoreFailed> {
-        let from = self.start + bank as u32 * self.bank;
-        match flash.erase(from, from + self.bank).await {
-            Ok(()) => Ok(()),
-            Err(_) => Err(StoreFailed),
+    /// Erases a bank and marks it.
+    async fn erase<F: NorFlash>(
+        &self,
+        flash: &mut F,
+        bank: usize,
+        survey: &mut Survey,
+    ) -> Result<(), StoreFailed> {
+        let place = Place { bank, index: 0 };
+        let from = self.offset(place);
+        // Otherwise the mark could outlive the erasure where that is cut short.
+        let cleared = !survey.marked[bank] || flash.write(from, &[0; MARK.len()]).await.is_ok();
+        if !cleared || flash.erase(from, from + self.bank).await.is_err() {
+            return Err(StoreFailed::Memory);
+        }
+        self.mark(flash, bank).await?;
+        survey.clear(bank);
+        Ok(())
+    }
+
+    /// Marks a bank that was erased to its end.
+    async fn mark<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<(), StoreFailed> {
+        let place = Place { bank, index: 0 };
+        let written = flash.write(self.offset(place), &MARK).await.is_ok();
+        if written && Slot::read(&self.read(flash, place).await?) == Slot::Mark {
+            Ok(())
+        } else {
+            Err(StoreFailed::Memory)
         }
     }
 }
@@ -417,13 +483,13 @@ mod tests {
     #[test]
     fn no_single_bit_brings_an_older_record_back() {
         let bits = 8 * (SLOT as u64 - SEAL as u64);
-        for records in [1, 2, 7, 8, 9, 16, 17] {
+        for records in [1, 2, 6, 7, 8, 14, 15] {
             let [kept, spoilt] = flips::<2048>(records);
             assert_eq!(kept + spoilt, 8 * 2 * 2048);
             // Those of the newest record, but for its seal.
             assert_eq!(spoilt, bits, "{records} records");
         }
-        for records in [3, 512, 513] {
+        for records in [3, 511, 512] {
             let [kept, spoilt] = flips::<{ 128 * 1024 }>(records);
             assert_eq!(kept + spoilt, 8 * 2 * 128 * 1024);
             assert_eq!(spoilt, bits, "{records} records");
@@ -449,16 +515,81 @@ mod tests {
 
     #[test]
     fn a_bank_is_filled_before_the_other_one_is_begun() {
-        for records in 1..=8 {
+        let is_marked = |bytes: &[u8]| Slot::read(&bytes[..SLOT]) == Slot::Mark;
+        let used = |bytes: &[u8]| bytes.chunks(SLOT).filter(|slot| slot[0] != 0xff).count();
+        for records in 1..=7 {
             let nor = filled::<2048>(records);
-            let used = |bytes: &[u8]| bytes.chunks(SLOT).filter(|slot| slot[0] != 0xff).count();
-            assert_eq!(used(&nor.bytes[..2048]), records as usize);
-            assert_eq!(used(&nor.bytes[2048..4096]), 0);
+            let (first, second) = nor.bytes[..4096].split_at(2048);
+            assert!(is_marked(first) && is_marked(second));
+            assert_eq!((used(first), used(second)), (1 + records as usize, 1));
         }
-        // The ninth lies in the other one, and with it the first is erased.
-        let nor = filled::<2048>(9);
-        assert_eq!(nor.bytes[..2048], [0xff; 2048]);
-        assert_ne!(nor.bytes[2048..][..SLOT], [0xff; SLOT]);
+        // The eighth lies in the other one, and with it the first is erased.
+        let nor = filled::<2048>(8);
+        let (first, second) = nor.bytes[..4096].split_at(2048);
+        assert!(is_marked(first) && is_marked(second));
+        assert_eq!((used(first), used(second)), (1, 2));
+    }
+
+    /// What an image without marks left: `records` in the first slots, the other bank erased.
+    fn unmarked<const PAGE: usize>(records: u32) -> Nor<PAGE> {
+        let mut nor = Nor::<PAGE>::new();
+        let source = filled::<PAGE>(1);
+        for number in 0..records {
+            let place = &mut nor.bytes[number as usize * SLOT..][..SLOT];
+            place.copy_from_slice(&source.bytes[SLOT..2 * SLOT]);
+            place[..4].copy_from_slice(&number.to_le_bytes());
+            place[4..8].copy_from_slice(&number.to_le_bytes());
+            let check = crc32(&place[..SLOT - SEAL - CHECK]);
+            place[SLOT - SEAL - CHECK..SLOT - SEAL].copy_from_slice(&check.to_le_bytes());
+        }
+        nor
+    }
+
+    #[test]
+    fn a_journal_without_marks_is_read_and_appended_to() {
+        for records in 1..=8_u32 {
+            let mut nor = unmarked::<2048>(records);
+            let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+            let mut content = [0; SLOT - OVERHEAD];
+            let newest = block_on(journal.newest(&mut nor, &mut content));
+            assert_eq!(newest, Newest::Whole);
+            assert!(content.starts_with(&(records - 1).to_le_bytes()));
+            for record in records..records + 30 {
+                block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
+                let mut again = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+                let newest = block_on(again.newest(&mut nor, &mut content));
+                assert_eq!(newest, Newest::Whole);
+                assert!(content.starts_with(&record.to_le_bytes()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_bank_that_reads_blank_without_a_mark_is_erased_before_its_first_record() {
+        // A full bank with its mark, and one without; the other one reads blank: its erasure was cut short.
+        for mut nor in [filled::<2048>(7), unmarked::<2048>(8)] {
+            nor.bytes[2048..4096].fill(0xff);
+            nor.weak[1] = true;
+            let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+            block_on(journal.append(&mut nor, b"new")).unwrap();
+            assert!(nor.bytes[2048 + SLOT + 4..].starts_with(b"new"));
+            assert_eq!(nor.erasures, [1, 1, 0, 0]);
+        }
+        // A new chip: nothing is erased until the first bank is full.
+        assert_eq!(filled::<2048>(7).erasures, [0; 4]);
+    }
+
+    #[test]
+    fn a_mark_does_not_outlive_an_erasure_that_is_cut_short() {
+        // The erasure of the first bank begins after the record; none of its bits has changed yet.
+        let mut nor = filled::<2048>(7);
+        nor.refuses_erasures = true;
+        let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+        block_on(journal.append(&mut nor, b"new")).unwrap();
+        assert_ne!(Slot::read(&nor.bytes[..SLOT]), Slot::Mark);
+        let mut content = [0; SLOT - OVERHEAD];
+        let newest = block_on(journal.newest(&mut nor, &mut content));
+        assert!(newest == Newest::Whole && content.starts_with(b"new"));
     }
 
     #[test]
@@ -468,8 +599,8 @@ mod tests {
         for record in 0..10_u32 {
             let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
             block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
-            // The next one was begun.
-            let next = 40 * (2 * record as usize + 1);
+            // The next one was begun, beyond the mark.
+            let next = 40 * (2 * record as usize + 2);
             nor.bytes[next] = 0;
         }
         let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
@@ -486,6 +617,7 @@ mod tests {
         for range in [0..2048, 0..6144, 1024..5120, 6144..10_240] {
             assert!(Journal::<SLOT>::new(&nor, range.clone(), 1).is_err());
         }
-        assert!(Journal::<SLOT>::new(&nor, 0..4096, 8).is_err());
+        // A mark, one that is new, and seven that are kept.
+        assert!(Journal::<SLOT>::new(&nor, 0..4096, 7).is_err());
     }
 }

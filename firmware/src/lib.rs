@@ -33,5 +33,7 @@ pub mod station;
 #[cfg(target_os = "none")]
 pub mod stm32;
 pub mod store;
+pub mod supply;
 pub mod trial;
+pub mod waiting;
 pub mod watch;

@@ -19,7 +19,7 @@ use kband::wire::{
 use crate::access::LinkLock;
 use crate::saves::Saves;
 use crate::station::{NotTaken, Station};
-use crate::store::{Condition, Store};
+use crate::store::{Condition, Store, StoreFailed};
 
 /// Requests that a drive cycle answers: of the dearest, 81 196 instructions (counted), they take 2.6 of the 3.36 million of a
 /// cycle at 50 Hz.
@@ -197,11 +197,13 @@ impl<S: Store> Service<S> {
         write_identity(&mut self.buffer, 0, &identity).ok()
     }
 
-    /// Keeps a fault that is new, while the drive is at rest.
+    /// Keeps the faults that are new or waited for the supply, while the drive is at rest.
     pub async fn keep_fault(&mut self, station: &Station) {
         if let Some(fault) = station.fresh_fault() {
-            // A memory that fails is told by the self-test; the fault itself is in the event log.
-            let _ = self.store.keep_fault(&fault).await;
+            self.store.take_fault(&fault);
+        }
+        if station.at_rest() {
+            self.store.keep_faults().await;
         }
     }
 
@@ -345,6 +347,9 @@ async fn save(
     if !station.at_rest() {
         return Response::Refused(Refusal::Running);
     }
+    if !store.supply_is_good() {
+        return Response::Refused(Refusal::SupplyLow);
+    }
     if !saves.one_more(station.seconds()) {
         return Response::Refused(Refusal::TooOften);
     }
@@ -353,7 +358,8 @@ async fn save(
             station.saved();
             Response::Done
         }
-        Err(_) => Response::Refused(Refusal::Store),
+        Err(StoreFailed::SupplyLow) => Response::Refused(Refusal::SupplyLow),
+        Err(StoreFailed::Memory) => Response::Refused(Refusal::Store),
     }
 }
 

@@ -1,6 +1,6 @@
 //! How often the memory of the settings may be written.
 
-/// Saves within an hour: at this rate without pause the smallest memory, 160 000 saves, lasts 111 days, that of the
+/// Saves within an hour: at this rate without pause the smallest memory, 140 000 saves, lasts 97 days, that of the
 /// STM32F405 19 years.
 const AN_HOUR: u8 = 60;
 /// Seconds after which another save is allowed.

@@ -482,27 +482,69 @@ const WINDOW_RUNS: u32 = 0x80;
 const WINDOW_COUNT: u32 = 0x7f;
 const HALF_WAY: u32 = 0x58;
 
-/// Erases a page of the flash, with interrupts off: `page` in the control register chooses it. What the program would
-/// fetch from that flash meanwhile stands still, up to 2 s; the end is waited for in RAM, where the window watchdog is fed.
+/// Erases a page of the flash, with interrupts off: `page` in the control register chooses it, `unlock` opens the controller.
+/// What the program would fetch from that flash meanwhile stands still, up to 2 s; the end is waited for in RAM, where the
+/// window watchdog is fed.
+///
+/// Whether the page was erased to its end with a supply that `settled` says is good. It is not touched while the bridge is
+/// closed.
 ///
 /// # Safety
-/// The addresses are those of the registers of the flash's controller, which is unlocked and not busy.
-pub unsafe fn erase_page(status: *const u32, control: *mut u32, page: u32) {
+/// The addresses are those of the registers of the flash's controller, which is not busy.
+pub unsafe fn erase_page(
+    status: *const u32,
+    control: *mut u32,
+    page: u32,
+    settled: fn() -> bool,
+    unlock: fn(),
+) -> bool {
     // Called by its address: it lies farther than a branch reaches.
     let erase: unsafe fn(*const u32, *mut u32, u32) -> bool = black_box(erase);
-    cortex_m::interrupt::free(|_| {
+    let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
+    let began = cortex_m::interrupt::free(|_| {
+        if pac::TIM1.bdtr().read().moe() || !settled() {
+            return false;
+        }
+        allow(ERASURE);
+        unlock();
         // SAFETY: interrupts are off, and the registers are the controller's, as the caller guarantees.
         if unsafe { erase(status, control, page) } {
             // The next feed is a whole round of samples away: one that was nearly due would come too early.
             SAMPLED.store(0, Ordering::Relaxed);
         }
+        pac::FLASH.cr().modify(|control| control.set_lock(true));
+        forget_flash();
+        true
     });
+    if began {
+        allow(usual);
+    }
+    // The supply monitor's interrupt has come by now.
+    began && settled()
+}
+
+/// Programs `bytes` of the flash in words of `SIZE` bytes, each only while `settled` says that the supply is good.
+pub fn program_words<const SIZE: usize, E>(
+    bytes: &[u8],
+    settled: fn() -> bool,
+    low: E,
+    mut program: impl FnMut(u32, &[u8; SIZE]) -> Result<(), E>,
+) -> Result<(), E> {
+    let (words, _) = bytes.as_chunks::<SIZE>();
+    for (at, word) in (0..).step_by(SIZE).zip(words) {
+        let done = cortex_m::interrupt::free(|_| settled().then(|| program(at, word)));
+        match done {
+            Some(result) => result?,
+            None => return Err(low),
+        }
+    }
+    Ok(())
 }
 
 /// Whether the window watchdog was fed meanwhile.
 ///
 /// # Safety
-/// As [`erase_page`]; nothing may run from or read the flash meanwhile.
+/// The controller is unlocked and not busy; nothing may run from or read the flash meanwhile.
 #[unsafe(link_section = ".data.erase")]
 #[inline(never)]
 unsafe fn erase(status: *const u32, control: *mut u32, page: u32) -> bool {
@@ -523,11 +565,12 @@ unsafe fn erase(status: *const u32, control: *mut u32, page: u32) -> bool {
     fed
 }
 
-/// Time that the watchdog is given for the erasure of a page, as its prescaler and reload: 32 s.
+/// Time that the independent watchdog is given for the erasure of a page, which takes up to 2 s: 32 s, as its prescaler and
+/// reload.
 const ERASURE: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
 
 /// Forgets what was read of the flash before an erasure. A cache is reset while it is off (RM0090, 3.5.2; RM0440, 3.3.5).
-pub fn forget_flash() {
+fn forget_flash() {
     let access = pac::FLASH.acr();
     let before = access.read();
     access.modify(|access| {
@@ -543,15 +586,6 @@ pub fn forget_flash() {
         access.set_dcrst(false);
     });
     access.write_value(before);
-}
-
-/// While `work` is done the independent watchdog is given 32 s: an erasure of 128 KiB takes up to 2 s.
-pub fn with_patience<T>(work: impl FnOnce() -> T) -> T {
-    let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
-    allow(ERASURE);
-    let result = work();
-    allow(usual);
-    result
 }
 
 /// Gives the watchdog this prescaler and reload, and feeds it.

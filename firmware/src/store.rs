@@ -4,6 +4,7 @@
 //! replaced by an older one nor by the defaults: these belong to no machine, and the drive stays off until settings
 //! are saved.
 
+use core::borrow::BorrowMut;
 use core::future::Future;
 
 use embedded_storage_async::nor_flash::NorFlash;
@@ -12,18 +13,20 @@ use kband::wire::{KeptFault, Pin};
 
 pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
+use crate::waiting::{RECORD, Waiting};
 
 /// Version of what a record means; raised when a setting keeps its name and changes its meaning.
 const VERSION: u32 = 3;
-/// Bytes of a slot for settings and target: with two pages of 2 KiB, 160 000 saves for 10 000 erasures of a page.
+/// Bytes of a slot for settings and target: with two pages of 2 KiB, 140 000 saves for 10 000 erasures of a page.
 const SLOT: usize = 256;
 const CONTENT: usize = SLOT - OVERHEAD;
 const COUNT: usize = Settings::KEYS.len();
-/// Bytes of a slot for a fault: 51 in the smallest page.
+/// Bytes of a slot for a fault: 50 beside the mark of the smallest page.
 const FAULT_SLOT: usize = 40;
 /// Faults that are kept.
 pub const FAULTS: u32 = 32;
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
+const _: () = assert!(FAULT_CONTENT == RECORD);
 
 const _: () = assert!(4 + 4 * COUNT + 24 + 4 <= CONTENT);
 
@@ -86,36 +89,58 @@ pub trait Store {
         pin: Option<Pin>,
     ) -> impl Future<Output = Result<(), StoreFailed>>;
 
-    /// Keeps a fault with the last [`FAULTS`] ones.
-    fn keep_fault(&mut self, fault: &KeptFault) -> impl Future<Output = Result<(), StoreFailed>>;
+    /// Whether the supply is good enough to keep anything.
+    fn supply_is_good(&self) -> bool;
+
+    /// Takes a fault that is to be kept. It outlives a reset.
+    fn take_fault(&mut self, fault: &KeptFault);
+
+    /// Keeps the faults that were taken with the last [`FAULTS`] ones, once the supply is good; while the drive is at rest.
+    fn keep_faults(&mut self) -> impl Future<Output = ()>;
 
     /// The fault that is `back` faults older than the newest.
     fn fault(&mut self, back: u32) -> impl Future<Output = Option<KeptFault>>;
 }
 
 /// The memory in four pages of a NOR flash: two for the settings, two for the faults.
-pub struct Records<F> {
+pub struct Records<F, W> {
     flash: F,
     settings: Journal<SLOT>,
     faults: Journal<FAULT_SLOT>,
+    waiting: W,
+    supply_settled: fn() -> bool,
 }
 
-impl<F: NorFlash> Records<F> {
-    /// The memory in these pages of the flash; refused unless each range is two whole pages.
+impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
+    /// The memory in these pages of the flash; refused unless each range is two whole pages. Faults wait in `waiting` while
+    /// `supply_settled` says that the supply was low a moment ago.
     pub fn new(
         flash: F,
         settings: core::ops::Range<u32>,
         faults: core::ops::Range<u32>,
+        waiting: W,
+        supply_settled: fn() -> bool,
     ) -> Result<Self, StoreFailed> {
         Ok(Self {
             settings: Journal::new(&flash, settings, 1)?,
             faults: Journal::new(&flash, faults, FAULTS)?,
             flash,
+            waiting,
+            supply_settled,
         })
+    }
+
+    /// What a failure means: the supply may have fallen meanwhile.
+    fn failed(&self, why: StoreFailed) -> StoreFailed {
+        if self.supply_is_good() {
+            why
+        } else {
+            StoreFailed::SupplyLow
+        }
     }
 }
 
-impl<F: NorFlash> Store for Records<F> {
+impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     async fn load(&mut self) -> Found {
         let mut content = [0; CONTENT];
         match self.settings.newest(&mut self.flash, &mut content).await {
@@ -135,13 +160,35 @@ impl<F: NorFlash> Store for Records<F> {
         if self.settings.holds(&mut self.flash, &content).await {
             return Ok(());
         }
-        self.settings.append(&mut self.flash, &content).await
+        if !self.supply_is_good() {
+            return Err(StoreFailed::SupplyLow);
+        }
+        let kept = self.settings.append(&mut self.flash, &content).await;
+        kept.map_err(|why| self.failed(why))
     }
 
-    async fn keep_fault(&mut self, fault: &KeptFault) -> Result<(), StoreFailed> {
-        self.faults
-            .append(&mut self.flash, &fault_content(fault))
-            .await
+    fn supply_is_good(&self) -> bool {
+        (self.supply_settled)()
+    }
+
+    fn take_fault(&mut self, fault: &KeptFault) {
+        self.waiting.borrow_mut().push(fault_content(fault));
+    }
+
+    async fn keep_faults(&mut self) {
+        while let Some(content) = self.waiting.borrow().first() {
+            if !self.supply_is_good() {
+                return;
+            }
+            let kept = self.faults.append(&mut self.flash, &content).await;
+            if let Err(why) = kept
+                && self.failed(why) == StoreFailed::SupplyLow
+            {
+                return;
+            }
+            // A memory that fails is told by the self-test; the fault itself is in the event log.
+            self.waiting.borrow_mut().drop_first();
+        }
     }
 
     async fn fault(&mut self, back: u32) -> Option<KeptFault> {

@@ -21,6 +21,7 @@ use crate::store::{Found, StoreFailed};
 struct Memory {
     found: Found,
     faults: Vec<KeptFault>,
+    supply_good: bool,
 }
 
 impl Memory {
@@ -28,6 +29,7 @@ impl Memory {
         Self {
             found,
             faults: Vec::new(),
+            supply_good: true,
         }
     }
 }
@@ -52,10 +54,15 @@ impl Store for Memory {
         Ok(())
     }
 
-    async fn keep_fault(&mut self, fault: &KeptFault) -> Result<(), StoreFailed> {
-        self.faults.insert(0, *fault);
-        Ok(())
+    fn supply_is_good(&self) -> bool {
+        self.supply_good
     }
+
+    fn take_fault(&mut self, fault: &KeptFault) {
+        self.faults.insert(0, *fault);
+    }
+
+    async fn keep_faults(&mut self) {}
 
     async fn fault(&mut self, back: u32) -> Option<KeptFault> {
         self.faults.get(back as usize).copied()

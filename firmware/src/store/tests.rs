@@ -21,7 +21,11 @@ pub struct Nor<const PAGE: usize> {
     /// Words that the power lasts for.
     power: usize,
     touched: usize,
-    erasures: [u32; 4],
+    pub erasures: [u32; 4],
+    /// Pages whose last erasure was cut short: nothing may be programmed there.
+    pub weak: [bool; 4],
+    /// Erasures fail before they begin.
+    pub refuses_erasures: bool,
     /// A byte that takes nothing.
     worn: Option<usize>,
 }
@@ -42,6 +46,8 @@ impl<const PAGE: usize> Nor<PAGE> {
             power: usize::MAX,
             touched: 0,
             erasures: [0; 4],
+            weak: [false; 4],
+            refuses_erasures: false,
             worn: None,
         }
     }
@@ -86,7 +92,12 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
     const ERASE_SIZE: usize = PAGE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerCut> {
-        self.erasures[from as usize / PAGE] += 1;
+        if self.refuses_erasures {
+            return Err(PowerCut);
+        }
+        let page = from as usize / PAGE;
+        self.erasures[page] += 1;
+        self.weak[page] = true;
         for at in (from as usize..to as usize).step_by(4) {
             if let Err(cut) = self.touch() {
                 // What is half erased reads as anything.
@@ -98,11 +109,18 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
             }
             self.bytes[at..at + 4].fill(0xff);
         }
+        // The last moments, in which all reads as erased already.
+        self.touch()?;
+        self.weak[page] = false;
         Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerCut> {
         assert!(offset.is_multiple_of(8) && bytes.len().is_multiple_of(8));
+        assert!(
+            !self.weak[offset as usize / PAGE],
+            "its erasure did not end"
+        );
         for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks_exact(4)) {
             self.touch()?;
             for (old, new) in self.bytes[at..].iter_mut().zip(word) {
@@ -118,9 +136,10 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
     }
 }
 
-fn records<const PAGE: usize>(nor: Nor<PAGE>) -> Records<Nor<PAGE>> {
+fn records<const PAGE: usize>(nor: Nor<PAGE>) -> Records<Nor<PAGE>, Waiting> {
     let page = PAGE as u32;
-    Records::new(nor, 0..2 * page, 2 * page..4 * page).unwrap()
+    let (settings, faults) = (0..2 * page, 2 * page..4 * page);
+    Records::new(nor, settings, faults, Waiting::EMPTY, || true).unwrap()
 }
 
 /// Settings that differ from the defaults in every key that `change` may halve, and from each other.
@@ -184,10 +203,10 @@ fn a_byte_that_takes_nothing_is_told() {
     let mut store = records(Nor::<SMALL>::new());
     block_on(store.save(&changed(1.0), TARGETS[0], None)).unwrap();
     // Within the settings of the second record.
-    store.flash.worn = Some(SLOT + 20);
+    store.flash.worn = Some(2 * SLOT + 20);
     assert_eq!(
         block_on(store.save(&changed(0.9), TARGETS[0], None)),
-        Err(StoreFailed)
+        Err(StoreFailed::Memory)
     );
     let found = block_on(records(store.flash.clone()).load());
     assert_ne!(found.settings, changed(0.9));
@@ -247,7 +266,7 @@ fn a_cut_after_any_word_leaves_old_or_new() {
         assert_eq!(cuts::<SMALL>(before, 0..=2 * page + WORDS), 0, "{before}");
     }
     // The sector is full, the next record begins the other one, and the full one is erased after it.
-    for before in [1, 511, 512, 513] {
+    for before in [1, 510, 511, 512] {
         let erasure = (WORDS..LARGE / 4).step_by(797);
         let all = (0..=WORDS).chain(erasure).chain([2 * LARGE]);
         assert_eq!(cuts::<LARGE>(before, all), 0, "{before}");
@@ -280,6 +299,9 @@ fn any_flipped_bit_leaves_the_settings_or_is_told() {
 /// lost, and none takes more words than a record has, but for the erasures.
 fn years<const PAGE: usize>(most_erasures: u32) {
     let mut store = records(Nor::<PAGE>::new());
+    // The first save marks both banks.
+    block_on(store.save(&Settings::default(), Target::Chaotic, None)).unwrap();
+    store.flash.touched = 0;
     let mut noise = Noise::new(3);
     let (mut words, mut most) = (0, 0);
     let mut last = None;
@@ -325,7 +347,7 @@ fn years<const PAGE: usize>(most_erasures: u32) {
 #[test]
 fn a_hundred_thousand_saves_wear_no_page_out() {
     // A page bears 10 000 erasures.
-    years::<SMALL>(7_000);
+    years::<SMALL>(8_000);
     years::<LARGE>(120);
 }
 
@@ -383,7 +405,8 @@ fn the_last_faults_are_kept_and_come_back() {
         high: 4095,
     };
     for n in 0..200 {
-        block_on(store.keep_fault(&fault(n))).unwrap();
+        store.take_fault(&fault(n));
+        block_on(store.keep_faults());
     }
     let mut store = records(store.flash);
     for back in 0..FAULTS {

@@ -410,6 +410,12 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
             format!("the line of {name} carries telemetry every {fewest} drive cycles at most"),
             format!("kband monitor --every {fewest}, or more"),
         ),
+        Refused::SupplyLow => Refusal::new(
+            format!(
+                "{name} saved nothing: its supply of 3.3 V is too low, or was within the last 0.1 s"
+            ),
+            "check the supply, then save again",
+        ),
         Refused::OutOfStep => Refusal::new(
             format!("{name} and the desk fell out of step"),
             "reset the board and start again",

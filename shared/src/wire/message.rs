@@ -291,6 +291,8 @@ pub enum Refusal<'a> {
     Wait(u16),
     /// The line carries telemetry every so many drive cycles at most.
     Faster(u16),
+    /// The supply is low, or was within the last 100 ms: nothing was kept.
+    SupplyLow,
 }
 
 /// A setting with what may be known of it.

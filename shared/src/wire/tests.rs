@@ -95,6 +95,7 @@ fn responses() -> Vec<Response<'static>> {
         Response::Refused(Refusal::WrongPin),
         Response::Refused(Refusal::Wait(59)),
         Response::Refused(Refusal::Faster(2)),
+        Response::Refused(Refusal::SupplyLow),
         Response::Setting(Setting {
             number: 0,
             key: "frequency",

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use kband::wire::{Kept, Request, Response, Target, crc32};
+use kband::wire::{Kept, Refusal, Request, Response, Target, crc32};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::gpio::Mode;
 use kband_machines::chip::world::Seen;
@@ -485,21 +485,126 @@ fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
     }
 }
 
+/// The faults that a board keeps, the newest first: their numbers.
+fn kept_faults(rig: &mut Rig) -> Vec<u8> {
+    let mut faults = Vec::new();
+    while let Some(fault) = rig.ask(
+        &Request::Fault(faults.len() as u8),
+        |response| match response {
+            Response::Fault(fault) => fault,
+            other => panic!("{other:?}"),
+        },
+    ) {
+        faults.push(fault.fault);
+    }
+    faults
+}
+
+/// Before: fault 14 was programmed, and a sector erased for 1.5 s, while the supply was low.
+#[test]
+fn the_flash_is_left_alone_until_the_supply_was_good_for_a_tenth_of_a_second() {
+    let before = kept_faults(&mut machine().commissioned(&image()));
+    assert!(!before.contains(&14), "{before:?}");
+    let mut low = running();
+    let operations = low.chip.operations();
+    let sag = low.time();
+    low.act(&Act::Volts(2.6));
+    low.run(sag + 0.3);
+    assert!(low.seen_after(sag, &Seen::Fault(true)).is_some());
+    let save = |rig: &mut Rig| rig.ask(&Request::Save, |response| format!("{response:?}"));
+    let refused = format!("{:?}", Response::Refused(Refusal::SupplyLow));
+    assert_eq!(save(&mut low), refused);
+    // The supply returns, falls again for a moment, or the chip is reset meanwhile.
+    for (name, blip, reset) in [
+        ("returns", None, false),
+        ("falls again", Some(0.06), false),
+        ("reset", None, true),
+    ] {
+        let mut rig = low.clone();
+        if reset {
+            rig.chip.reset(Cause::Pin);
+            rig.run(rig.time() + 0.25);
+            assert_eq!(rig.chip.operations(), operations, "{name}");
+        }
+        rig.act(&Act::Volts(3.3));
+        let mut good = rig.time();
+        if let Some(blip) = blip {
+            rig.run(good + blip);
+            rig.act(&Act::Volts(2.6));
+            rig.run(rig.time() + 1e-4);
+            rig.act(&Act::Volts(3.3));
+            good = rig.time();
+        }
+        rig.run(good + 0.05);
+        assert_eq!(save(&mut rig), refused, "{name}");
+        rig.run(good + 0.098);
+        assert_eq!(rig.chip.operations(), operations, "{name}");
+        while rig.chip.operations() == operations {
+            rig.run(rig.time() + 1e-3);
+            assert!(rig.time() < good + 0.2, "{name}: nothing is programmed");
+        }
+        println!(
+            "{name}: programmed {:.3} s after the supply was good",
+            rig.time() - good
+        );
+        rig.run(good + 0.3);
+        let faults = kept_faults(&mut rig);
+        assert!(faults.contains(&14), "{name}: {faults:?}");
+        assert_ne!(save(&mut rig), refused, "{name}");
+        assert_eq!(kept(&mut rig), Kept::InUse, "{name}");
+    }
+}
+
+/// A supply that falls while a sector is erased, or goes in its last moments, in which all of it reads as erased. Before: the
+/// records went to a sector whose erasure had not ended.
+#[test]
+fn an_erasure_that_was_cut_short_is_repeated() {
+    for volts in [2.6, 0.0] {
+        let mut rig = worn(ROOM);
+        rig.chip.board.flash.erases_in = Some(ticks(0.2));
+        set_pair(&mut rig, [0.7, 0.9]);
+        let erasures = rig.chip.board.flash.erasures;
+        rig.tell(&Request::Save);
+        while rig.chip.board.flash.erasures == erasures {
+            rig.run(rig.time() + 1e-3);
+        }
+        rig.run(rig.time() + 0.19);
+        rig.act(&Act::Volts(volts));
+        assert!(rig.chip.board.flash.weak.contains(&true), "{volts} V");
+        rig.run(rig.time() + 0.05);
+        rig.act(&Act::Volts(3.3));
+        // Fault 14 ends after half a second with the enable input off.
+        rig.run(rig.time() + 1.0);
+        assert_eq!(pair(&mut rig), [700, 900], "{volts} V");
+        set_pair(&mut rig, [1.1, 1.3]);
+        rig.done(&Request::Save);
+        assert!(!rig.chip.board.flash.weak.contains(&true), "{volts} V");
+        let times = rig.chip.board.flash.erasures.iter().zip(&erasures);
+        assert_eq!(times.map(|(now, before)| now - before).sum::<u32>(), 2);
+        assert_eq!(
+            (kept(&mut rig), pair(&mut rig)),
+            (Kept::InUse, [1100, 1300])
+        );
+    }
+}
+
 /// Where the settings lie, the size of their record and of a bank of records.
 const SETTINGS: usize = 0x080c_0000 - flash::START as usize;
 const RECORD: usize = 256;
 const BANK: usize = 512;
+/// Records of a bank beside its mark, which takes the first place.
+const ROOM: usize = BANK - 1;
 
 /// A board with its settings saved, and the records of its first bank filled up to `records` with that one.
 fn worn(records: usize) -> Rig {
     let mut rig = machine().commissioned(&image());
     rig.act(&Act::Volts(0.0));
     let flash = rig.chip.flash_mut();
-    let first = (0..BANK).find(|n| flash[SETTINGS + n * RECORD] != 0xff);
-    assert_eq!(first, Some(0), "the record that was saved");
-    let record = flash[SETTINGS..SETTINGS + RECORD].to_vec();
+    let used = (0..BANK).filter(|n| flash[SETTINGS + n * RECORD] != 0xff);
+    assert!(used.eq(0..2), "the mark and the record that was saved");
+    let record = flash[SETTINGS + RECORD..SETTINGS + 2 * RECORD].to_vec();
     for number in 0..records {
-        let place = SETTINGS + number * RECORD;
+        let place = SETTINGS + (1 + number) * RECORD;
         let mut record = record.clone();
         record[..4].copy_from_slice(&(number as u32).to_le_bytes());
         let check = crc32(&record[..RECORD - 12]);
@@ -540,7 +645,7 @@ fn set_pair(rig: &mut Rig, values: [f32; 2]) {
 fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
     let mut old_or_new = [0; 2];
     // Within a bank, and where the next bank is begun and this one erased.
-    for records in [7, BANK] {
+    for records in [7, ROOM] {
         let mut rig = worn(records);
         assert_eq!(kept(&mut rig), Kept::InUse, "{records}");
         let old = pair(&mut rig);
@@ -549,14 +654,16 @@ fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
         let before = whole.chip.operations();
         whole.done(&Request::Save);
         let operations = whole.chip.operations() - before;
-        let wanted = RECORD as u64 / 4 + u64::from(records == BANK);
+        // The erasure, and two words each to clear the mark before it and to set it after it.
+        let wanted = RECORD as u64 / 4 + 5 * u64::from(records == ROOM);
         assert_eq!(operations, wanted);
-        let cuts = (1..=operations).filter(|n| n % 8 == 1 || n + 4 > operations);
+        let cuts = (1..=operations).filter(|n| n % 8 == 1 || n + 7 > operations);
         for cut in cuts {
             let mut rig = rig.clone();
             rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
+            rig.chip.board.flash.erases_in = Some(ticks(0.02));
             rig.tell(&Request::Save);
-            rig.run(rig.time() + 0.05);
+            rig.run(rig.time() + 0.1);
             assert!(!rig.chip.board.supplied, "{records}, {cut}: it was cut");
             rig.act(&Act::Volts(0.0));
             rig.run(rig.time() + 0.01);
@@ -585,7 +692,7 @@ fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
 /// Before: from two thirds of a page of 6553 records on, each save was a reset by the watchdog, for ever.
 #[test]
 fn a_full_area_of_settings_is_saved_to_in_time() {
-    let mut rig = worn(BANK - 1);
+    let mut rig = worn(ROOM - 1);
     // The slowest flash and the fastest watchdog that the data sheets allow.
     rig.chip.board.flash.slow = true;
     rig.chip.board.watchdog.clock = 47e3;
@@ -630,7 +737,7 @@ fn a_full_area_of_settings_is_saved_to_in_time() {
 /// before a round of samples ended, the next feed came too early, and the chip was reset.
 #[test]
 fn an_erasure_that_ends_at_any_time_is_no_reset() {
-    let rig = worn(BANK);
+    let rig = worn(ROOM);
     let resets = rig.resets().len();
     for n in 0..48 {
         let mut rig = rig.clone();
@@ -653,7 +760,8 @@ fn a_board_whose_memories_hold_garbage_hears_the_link_again_after_one_erasure() 
     rig.chip.flash_mut()[SETTINGS - 2 * BANK * RECORD..].fill(0);
     rig.run(0.1);
     rig.act(&Act::Volts(3.3));
-    rig.run(0.2);
+    // The erasure begins once the supply has been good for 100 ms.
+    rig.run(0.4);
     // A desk asks again and again.
     let mut asked = 0;
     let heard = rig.sent().len();

@@ -1,7 +1,5 @@
 //! STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and its like.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
@@ -11,12 +9,15 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
+use embassy_time::Instant;
 use kband::wire::SetUp;
 use kband_firmware::chip::{Chip, ChipClocks};
-use kband_firmware::cortex::remembers_running;
+use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::Signs;
 use kband_firmware::stm32::{Window, drive_off};
 use kband_firmware::store::{Records, StoreFailed};
+use kband_firmware::supply::Supply;
+use kband_firmware::waiting::Waiting;
 
 use flash::Sectors;
 
@@ -31,15 +32,24 @@ const CRYSTAL: u32 = 8_000_000;
 const HIGHEST_LEVEL: u8 = 7;
 const SUPPLY_LINE: usize = 16;
 
-/// Whether the supply fell since it was last asked.
-static SUPPLY_FELL: AtomicBool = AtomicBool::new(false);
+static SUPPLY: Supply = Supply::new();
 
-/// The supply fell below the monitor's level: the bridge opens before anything else, and stays open until the control
+/// Whether the supply is below the monitor's level.
+fn is_below() -> bool {
+    pac::PWR.csr1().read().pvdo()
+}
+
+/// Whether the supply was good for long enough to work on the flash.
+fn supply_settled() -> bool {
+    SUPPLY.is_settled(is_below(), Instant::now().as_millis() as u32)
+}
+
+/// The supply crossed the monitor's level: the bridge opens before anything else, and stays open until the control
 /// has seen it.
 #[interrupt]
 fn PVD() {
     drive_off();
-    SUPPLY_FELL.store(true, Ordering::Relaxed);
+    SUPPLY.falls();
     pac::EXTI
         .pr(0)
         .write(|lines| lines.set_line(SUPPLY_LINE, true));
@@ -49,7 +59,7 @@ fn PVD() {
 pub struct Board;
 
 impl Chip for Board {
-    type Memory = Records<Sectors>;
+    type Memory = Records<Sectors, &'static mut Waiting>;
 
     const CORE_CLOCK: u32 = 168_000_000;
 
@@ -99,6 +109,10 @@ impl Chip for Board {
         pac::EXTI
             .rtsr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+        // The return of the supply too: the time from then on counts.
+        pac::EXTI
+            .ftsr(0)
+            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
         pac::EXTI
             .imr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
@@ -108,12 +122,11 @@ impl Chip for Board {
     }
 
     fn supply_low() -> bool {
-        let now = pac::PWR.csr1().read().pvdo();
-        SUPPLY_FELL.swap(false, Ordering::Relaxed) || now
+        SUPPLY.take_low(is_below(), Instant::now().as_millis() as u32)
     }
 
     fn supply_allows() -> bool {
-        !SUPPLY_FELL.load(Ordering::Relaxed) && !pac::PWR.csr1().read().pvdo()
+        !SUPPLY.fell() && !is_below()
     }
 
     fn start_window() {
@@ -152,6 +165,8 @@ impl Chip for Board {
             Sectors(region),
             end - 2 * page..end,
             end - 4 * page..end - 2 * page,
+            waiting_faults().ok_or(StoreFailed::Memory)?,
+            supply_settled,
         )
     }
 

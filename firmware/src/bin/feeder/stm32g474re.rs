@@ -1,5 +1,6 @@
 //! STM32G474RE on its Nucleo, from the internal oscillator.
 
+use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
 use embassy_stm32::flash::Flash;
@@ -7,12 +8,15 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
+use embassy_time::Instant;
 use kband::wire::SetUp;
 use kband_firmware::chip::{Chip, ChipClocks};
-use kband_firmware::cortex::remembers_running;
+use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::Signs;
 use kband_firmware::stm32::Window;
 use kband_firmware::store::{Records, StoreFailed};
+use kband_firmware::supply::Supply;
+use kband_firmware::waiting::Waiting;
 
 use flash::Pages;
 
@@ -22,11 +26,35 @@ mod flash;
 /// The supply monitor's highest level, 2.9 V (DS12288, table 21).
 const HIGHEST_LEVEL: u8 = 6;
 
+/// The monitor's line of interrupts.
+const SUPPLY_LINE: usize = 16;
+
+static SUPPLY: Supply = Supply::new();
+
+/// Whether the supply is below the monitor's level.
+fn is_below() -> bool {
+    pac::PWR.sr2().read().pvdo()
+}
+
+/// Whether the supply was good for long enough to work on the flash.
+fn supply_settled() -> bool {
+    SUPPLY.is_settled(is_below(), Instant::now().as_millis() as u32)
+}
+
+/// The supply crossed the monitor's level. The break of TIM1 opens the bridge.
+#[interrupt]
+fn PVD_PVM() {
+    SUPPLY.falls();
+    pac::EXTI
+        .pr(0)
+        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+}
+
 /// The board's chip.
 pub struct Board;
 
 impl Chip for Board {
-    type Memory = Records<Pages>;
+    type Memory = Records<Pages, &'static mut Waiting>;
 
     const CORE_CLOCK: u32 = 170_000_000;
 
@@ -67,11 +95,23 @@ impl Chip for Board {
             breaks.set_cll(true);
             breaks.set_eccl(true);
         });
+        pac::EXTI
+            .rtsr(0)
+            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+        // The return of the supply too: the time from then on counts.
+        pac::EXTI
+            .ftsr(0)
+            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+        pac::EXTI
+            .imr(0)
+            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and registers.
+        unsafe { NVIC::unmask(pac::Interrupt::PVD_PVM) };
         pac::FLASH.acr().modify(|access| access.set_prften(true));
     }
 
     fn supply_low() -> bool {
-        pac::PWR.sr2().read().pvdo()
+        SUPPLY.take_low(is_below(), Instant::now().as_millis() as u32)
     }
 
     /// The break holds the bridge open by itself.
@@ -119,6 +159,8 @@ impl Chip for Board {
             Pages(region),
             end - 2 * page..end,
             end - 4 * page..end - 2 * page,
+            waiting_faults().ok_or(StoreFailed::Memory)?,
+            supply_settled,
         )
     }
 

@@ -32,6 +32,7 @@ use kband_firmware::start::{ResetCause, Signs};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{TraceRow, Trial};
+use kband_firmware::waiting::Waiting;
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
@@ -159,7 +160,7 @@ impl Monitor for Trace {
 }
 
 /// The memory of the settings: a file of the desk, or none, where each start is the first.
-struct Memory(Option<Records<FlashFile>>);
+struct Memory(Option<Records<FlashFile, Waiting>>);
 
 impl Memory {
     /// The memory in the file of this name, none without a name.
@@ -167,9 +168,10 @@ impl Memory {
         if name.is_empty() {
             return Ok(Self(None));
         }
-        let file = FlashFile::open(name).map_err(|_| StoreFailed)?;
+        let file = FlashFile::open(name).map_err(|_| StoreFailed::Memory)?;
         let [settings, faults] = file.ranges();
-        Records::new(file, settings, faults).map(|records| Self(Some(records)))
+        let records = Records::new(file, settings, faults, Waiting::EMPTY, || true)?;
+        Ok(Self(Some(records)))
     }
 }
 
@@ -189,14 +191,23 @@ impl Store for Memory {
     ) -> Result<(), StoreFailed> {
         match &mut self.0 {
             Some(records) => records.save(settings, target, pin).await,
-            None => Err(StoreFailed),
+            None => Err(StoreFailed::Memory),
         }
     }
 
-    async fn keep_fault(&mut self, fault: &KeptFault) -> Result<(), StoreFailed> {
-        match &mut self.0 {
-            Some(records) => records.keep_fault(fault).await,
-            None => Err(StoreFailed),
+    fn supply_is_good(&self) -> bool {
+        true
+    }
+
+    fn take_fault(&mut self, fault: &KeptFault) {
+        if let Some(records) = &mut self.0 {
+            records.take_fault(fault);
+        }
+    }
+
+    async fn keep_faults(&mut self) {
+        if let Some(records) = &mut self.0 {
+            records.keep_faults().await;
         }
     }
 

@@ -367,6 +367,9 @@ impl Board {
     pub fn set_volts(&mut self, volts: f64) {
         self.power.volts = volts;
         let below = self.power.look();
+        if self.power.too_low_for_flash() {
+            self.flash.weaken(self.now);
+        }
         if below != self.monitor {
             self.monitor = below;
             let edges = self.lines[if below { 2 } else { 3 }];
@@ -503,6 +506,7 @@ impl Board {
             return;
         }
         let (now, lower, upper) = (self.now, self.lower(), self.upper());
+        let operations = self.flash.operations;
         let offset = address & 0x3ff;
         match address {
             0x4000_2c00..0x4000_3000 => self.window.write(offset, value, now, lower),
@@ -545,13 +549,24 @@ impl Board {
                 self.world.violate(now, what);
             }
         }
-        self.operated();
+        self.operated(operations);
         self.watch();
         self.refresh();
     }
 
-    /// An operation of the flash was begun: the supply may go with it.
-    fn operated(&mut self) {
+    /// An operation of the flash was begun, beyond the `before` that there were: the supply may go with it.
+    fn operated(&mut self, before: u64) {
+        if self.flash.operations == before {
+            return;
+        }
+        if self.power.too_low_for_flash() {
+            let what = format!("works on the flash at {:.2} V", self.power.volts);
+            self.world.violate(self.now, what);
+        }
+        if std::mem::take(&mut self.flash.programmed_weak) {
+            let what = "programs a sector whose erasure did not end".to_owned();
+            self.world.violate(self.now, what);
+        }
         if self
             .cut_at
             .is_some_and(|count| self.flash.operations >= count)
@@ -623,10 +638,10 @@ impl Board {
         match address >> 28 {
             0 if flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
-                let now = self.now;
+                let (now, before) = (self.now, self.flash.operations);
                 let at = (address - flash::START) as usize;
                 self.flash.program(at, size, value, now);
-                self.operated();
+                self.operated(before);
                 Some(())
             }
             1 => put(

@@ -64,6 +64,11 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
     }
 }
 
+/// The number of the sector at an offset.
+fn sector_at(offset: usize) -> Option<usize> {
+    (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
+}
+
 /// Lines that the accelerator keeps, the oldest making room (silicon: the one used longest ago).
 #[derive(Clone, Debug)]
 struct Lines {
@@ -127,10 +132,16 @@ pub struct Flash {
     pub erases_in: Option<u64>,
     /// What was programmed or erased since this was last looked at.
     pub changed: Option<Range<u32>>,
+    /// Sectors whose last erasure did not get to its end: they may read as erased and not stay so.
+    pub weak: [bool; 12],
+    /// A weak sector was programmed.
+    pub programmed_weak: bool,
     /// A sector was erased while the data cache kept it: what is read of it may be old.
     stale: Option<Range<usize>>,
     /// Where the last operation works, and what was there before.
     under_way: Option<(usize, Vec<u8>)>,
+    /// Ticks that the last erasure takes.
+    takes: u64,
     keys: usize,
     option_keys: usize,
     access: u32,
@@ -156,8 +167,11 @@ impl Default for Flash {
             slow: false,
             erases_in: None,
             changed: None,
+            weak: [false; 12],
+            programmed_weak: false,
             stale: None,
             under_way: None,
+            takes: 0,
             keys: 0,
             option_keys: 0,
             access: 0,
@@ -350,6 +364,7 @@ impl Flash {
     fn erase(&mut self, now: u64) {
         let what = if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
+            self.weak = [false; 12];
             self.stale = Some(0..SIZE);
             self.change(0..SIZE);
             3
@@ -361,6 +376,7 @@ impl Flash {
             self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
             self.bytes[range.clone()].fill(0xff);
             self.erasures[number] += 1;
+            self.weak[number] = false;
             self.change(range.clone());
             self.stale = Some(range);
             match number {
@@ -375,15 +391,38 @@ impl Flash {
             self.stale = None;
         }
         self.operations += 1;
-        self.busy = now + self.erasure(what);
+        self.takes = self.erasure(what);
+        self.busy = now + self.takes;
     }
 
-    /// The supply goes at `now`: an operation that is not at its end leaves each bit as it was or as it should be.
+    /// The supply is too low at `now`: an erasure that is under way is not sound.
+    pub fn weaken(&mut self, now: u64) {
+        if now >= self.busy {
+            return;
+        }
+        let Some((at, before)) = &self.under_way else {
+            return;
+        };
+        if before.len() > 4
+            && let Some(number) = sector_at(*at)
+        {
+            self.weak[number] = true;
+        }
+    }
+
+    /// The supply goes at `now`: an operation that is not at its end leaves each bit as it was or as it should be. In the
+    /// last quarter of an erasure all bits read as erased already.
     pub fn supply_goes(&mut self, now: u64) {
+        self.weaken(now);
         let Some((at, before)) = self.under_way.take().filter(|_| now < self.busy) else {
             return;
         };
         self.change(at..at + before.len());
+        let left = self.busy - now;
+        self.busy = 0;
+        if before.len() > 4 && 4 * left < self.takes {
+            return;
+        }
         let mut state = now | 1;
         for (place, before) in self.bytes[at..].iter_mut().zip(before) {
             state = state
@@ -392,7 +431,6 @@ impl Flash {
             let mask = (state >> 33) as u8;
             *place = *place & mask | before & !mask;
         }
-        self.busy = 0;
     }
 
     /// Programs: bits go from 1 to 0 only.
@@ -410,6 +448,7 @@ impl Flash {
             _ => 0,
         };
         let value = (value | worn).to_le_bytes();
+        self.programmed_weak |= sector_at(offset).is_some_and(|number| self.weak[number]);
         let before = &self.bytes[offset..offset + size as usize];
         self.under_way = Some((offset, before.to_vec()));
         for (place, byte) in self.bytes[offset..]

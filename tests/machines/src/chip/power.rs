@@ -85,6 +85,13 @@ impl Power {
         self.below
     }
 
+    /// Whether the supply is too low to program or erase the flash by words (DS8626, flash memory programming), or the
+    /// monitor says so.
+    #[must_use]
+    pub fn too_low_for_flash(&self) -> bool {
+        self.volts < LOWEST || self.below
+    }
+
     /// What the supply is to the chip with this brown-out level of the option bytes (3.9.1), in reset or not.
     #[must_use]
     pub fn supply(&self, level: u32, in_reset: bool) -> Supply {
@@ -114,8 +121,12 @@ mod tests {
         assert_eq!(power.read(4) & BELOW, BELOW);
         power.volts = 2.7;
         assert!(power.look(), "within the hysteresis");
+        assert!(power.too_low_for_flash());
         power.volts = 2.8;
         assert!(!power.look());
+        assert!(!power.too_low_for_flash());
+        power.volts = 2.69;
+        assert!(!power.look() && power.too_low_for_flash());
     }
 
     #[test]

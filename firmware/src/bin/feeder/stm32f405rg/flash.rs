@@ -7,7 +7,9 @@ use embassy_stm32::flash::{Bank1Region3, Blocking, Error};
 use embassy_stm32::pac;
 use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use kband_firmware::stm32::{erase_page, forget_flash, with_patience};
+use kband_firmware::stm32::{erase_page, program_words};
+
+use super::supply_settled;
 
 /// The first sector of 128 KiB, and the size of each.
 const FIRST: u32 = 5;
@@ -20,8 +22,8 @@ const FETCHES_AHEAD: u16 = 0x1001;
 const STATUS: *const u32 = 0x4002_3c0c as *const u32;
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
 const ERASE_SECTOR: u32 = 1 << 1;
-/// By words of 32 bits, which halves the 4 s of bytes (DS8626, flash memory programming): the supply is above 2.7 V, or its monitor has the
-/// drive off.
+/// By words of 32 bits, which halves the 4 s of bytes (DS8626, flash memory programming). They need a supply of 2.7 V, which
+/// its monitor grants.
 const BY_WORDS: u32 = 2 << 8;
 
 /// Has the flash read ahead and remember: at 168 MHz each fetch would cost five wait states.
@@ -57,11 +59,8 @@ impl NorFlash for Sectors {
     const WRITE_SIZE: usize = 4;
     const ERASE_SIZE: usize = SIZE as usize;
 
-    /// Refused while the bridge is closed.
+    /// Refused while the bridge is closed or the supply is low.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        if pac::TIM1.bdtr().read().moe() {
-            return Err(Error::Prog);
-        }
         if !from.is_multiple_of(SIZE) || !to.is_multiple_of(SIZE) {
             return Err(Error::Unaligned);
         }
@@ -70,25 +69,24 @@ impl NorFlash for Sectors {
             return Err(Error::Size);
         }
         for sector in from / SIZE..to / SIZE {
-            with_patience(|| {
-                pac::FLASH.keyr().write_value(0x4567_0123);
-                pac::FLASH.keyr().write_value(0xcdef_89ab);
-                // SAFETY: the registers are this chip's, and the flash is unlocked.
-                unsafe {
-                    erase_page(
-                        STATUS,
-                        CONTROL,
-                        ERASE_SECTOR | BY_WORDS | (FIRST + sector) << 3,
-                    )
-                };
-                pac::FLASH.cr().modify(|control| control.set_lock(true));
-                forget_flash();
-            });
+            let page = ERASE_SECTOR | BY_WORDS | (FIRST + sector) << 3;
+            // SAFETY: the registers are this chip's.
+            if !unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) } {
+                return Err(Error::Prog);
+            }
         }
         Ok(())
     }
 
+    /// Stops at the word at which the supply is low.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
-        self.0.write(offset, bytes)
+        program_words::<4, _>(bytes, supply_settled, Error::Prog, |at, word| {
+            self.0.write(offset + at, word)
+        })
     }
+}
+
+fn unlock() {
+    pac::FLASH.keyr().write_value(0x4567_0123);
+    pac::FLASH.keyr().write_value(0xcdef_89ab);
 }

@@ -9,7 +9,9 @@ use embassy_stm32::pac;
 use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::cortex::unexpected;
-use kband_firmware::stm32::{erase_page, forget_break, forget_flash, with_patience};
+use kband_firmware::stm32::{erase_page, forget_break, program_words};
+
+use super::supply_settled;
 
 /// Size of a page with the flash in two banks.
 const SIZE: u32 = 2 * 1024;
@@ -76,11 +78,8 @@ impl NorFlash for Pages {
     const WRITE_SIZE: usize = 8;
     const ERASE_SIZE: usize = SIZE as usize;
 
-    /// Refused while the bridge is closed.
+    /// Refused while the bridge is closed or the supply is low.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        if pac::TIM1.bdtr().read().moe() {
-            return Err(Error::Prog);
-        }
         if !from.is_multiple_of(SIZE) || !to.is_multiple_of(SIZE) {
             return Err(Error::Unaligned);
         }
@@ -88,20 +87,25 @@ impl NorFlash for Pages {
             return Err(Error::Size);
         }
         for page in from / SIZE..to / SIZE {
-            with_patience(|| {
-                pac::FLASH.keyr().write_value(0x4567_0123);
-                pac::FLASH.keyr().write_value(0xcdef_89ab);
-                pac::FLASH.sr().write_value(pac::flash::regs::Sr(ERRORS));
-                // SAFETY: the registers are this chip's, and the flash is unlocked.
-                unsafe { erase_page(STATUS, CONTROL, ERASE_PAGE | SECOND_BANK | page << 3) };
-                pac::FLASH.cr().modify(|control| control.set_lock(true));
-                forget_flash();
-            });
+            let page = ERASE_PAGE | SECOND_BANK | page << 3;
+            // SAFETY: the registers are this chip's.
+            if !unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) } {
+                return Err(Error::Prog);
+            }
         }
         Ok(())
     }
 
+    /// Stops at the word at which the supply is low.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
-        self.0.write(offset, bytes)
+        program_words::<8, _>(bytes, supply_settled, Error::Prog, |at, word| {
+            self.0.write(offset + at, word)
+        })
     }
+}
+
+fn unlock() {
+    pac::FLASH.keyr().write_value(0x4567_0123);
+    pac::FLASH.keyr().write_value(0xcdef_89ab);
+    pac::FLASH.sr().write_value(pac::flash::regs::Sr(ERRORS));
 }

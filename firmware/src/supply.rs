@@ -1,0 +1,82 @@
+//! Whether the supply is good enough to work on the flash.
+
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+/// Time in ms that the supply has to be good before the flash is programmed or erased.
+pub const SETTLING_TIME: u32 = 100;
+
+/// What the supply monitor reported.
+#[derive(Debug, Default)]
+pub struct Supply {
+    /// The supply fell since the control last asked.
+    fell: AtomicBool,
+    /// Time in ms since the start at which the supply was last low. A start counts as low.
+    low_at: AtomicU32,
+}
+
+impl Supply {
+    /// A supply that was low at the start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            fell: AtomicBool::new(false),
+            low_at: AtomicU32::new(0),
+        }
+    }
+
+    /// The supply fell or returned: it was low until now. For the monitor's interrupt.
+    pub fn falls(&self) {
+        self.fell.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the supply fell since the control last asked.
+    #[must_use]
+    pub fn fell(&self) -> bool {
+        self.fell.load(Ordering::Relaxed)
+    }
+
+    /// Whether the supply is low (`low`), or fell since the last call, at `now` ms since the start. For the control of each
+    /// cycle.
+    pub fn take_low(&self, low: bool, now: u32) -> bool {
+        let low = self.fell.swap(false, Ordering::Relaxed) || low;
+        if low {
+            self.low_at.store(now, Ordering::Relaxed);
+        }
+        low
+    }
+
+    /// Whether the supply was good for [`SETTLING_TIME`] up to `now`, in ms since the start; `low`: it is low now.
+    pub fn is_settled(&self, low: bool, now: u32) -> bool {
+        if low || self.fell() {
+            self.low_at.store(now, Ordering::Relaxed);
+            return false;
+        }
+        now.wrapping_sub(self.low_at.load(Ordering::Relaxed)) >= SETTLING_TIME
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_supply_is_settled_a_tenth_of_a_second_after_it_was_low() {
+        let supply = Supply::new();
+        assert!(!supply.is_settled(false, 99), "after the start");
+        assert!(supply.is_settled(false, 100));
+        supply.falls();
+        assert!(!supply.is_settled(false, 1000));
+        assert!(
+            !supply.is_settled(false, 2000),
+            "the control has not seen it"
+        );
+        assert!(supply.take_low(false, 2010));
+        assert!(!supply.take_low(false, 2020));
+        assert!(!supply.is_settled(false, 2109));
+        assert!(supply.is_settled(false, 2110));
+        assert!(!supply.is_settled(true, 3000));
+        assert!(!supply.is_settled(false, 3099));
+        assert!(supply.is_settled(false, 3100));
+        assert!(supply.take_low(true, 4000) && !supply.is_settled(false, 4099));
+    }
+}

@@ -1,0 +1,116 @@
+//! Faults that wait for their place in the flash, in RAM that a reset leaves as it is.
+//!
+//! After power-on the RAM holds noise, so that a record counts only with its check.
+
+use kband::wire::crc32;
+
+/// Bytes of a record.
+pub const RECORD: usize = 24;
+/// Records that may wait.
+const RECORDS: usize = 4;
+/// Added to the check, so that RAM of zeros holds no record.
+const MARK: u32 = 0x6b62_5746;
+
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+struct Entry {
+    content: [u8; RECORD],
+    check: u32,
+}
+
+impl Entry {
+    const EMPTY: Self = Self {
+        content: [0; RECORD],
+        check: 0,
+    };
+
+    fn check(content: &[u8; RECORD]) -> u32 {
+        crc32(content).wrapping_add(MARK)
+    }
+
+    fn is_sound(&self) -> bool {
+        self.check == Self::check(&self.content)
+    }
+}
+
+/// The records, the oldest first.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Waiting([Entry; RECORDS]);
+
+impl Default for Waiting {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
+impl Waiting {
+    /// No records.
+    pub const EMPTY: Self = Self([Entry::EMPTY; RECORDS]);
+
+    /// Adds a record. Where there is no room it is dropped: the first faults are nearest to the cause.
+    pub fn push(&mut self, content: [u8; RECORD]) {
+        let sound = self.0.iter().rposition(Entry::is_sound);
+        if let Some(entry) = self.0.get_mut(sound.map_or(0, |last| last + 1)) {
+            let check = Entry::check(&content);
+            *entry = Entry { content, check };
+        }
+    }
+
+    /// The oldest record.
+    #[must_use]
+    pub fn first(&self) -> Option<[u8; RECORD]> {
+        let first = self.0.iter().find(|entry| entry.is_sound());
+        first.map(|entry| entry.content)
+    }
+
+    /// Forgets the oldest record.
+    pub fn drop_first(&mut self) {
+        if let Some(first) = self.0.iter_mut().find(|entry| entry.is_sound()) {
+            *first = Entry::EMPTY;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn records_come_back_in_their_order_and_the_first_four_stay() {
+        let mut waiting = Waiting::EMPTY;
+        assert_eq!(waiting.first(), None);
+        for n in 1..=6 {
+            waiting.push([n; RECORD]);
+        }
+        let mut seen = Vec::new();
+        while let Some(record) = waiting.first() {
+            seen.push(record[0]);
+            waiting.drop_first();
+        }
+        assert_eq!(seen, [1, 2, 3, 4]);
+        waiting.push([7; RECORD]);
+        assert_eq!(waiting.first(), Some([7; RECORD]));
+    }
+
+    #[test]
+    fn noise_and_every_flipped_bit_are_no_record() {
+        let mut sound = Waiting::EMPTY;
+        sound.push([9; RECORD]);
+        for bit in 0..8 * (RECORD + 4) {
+            let mut flipped = sound;
+            let entry = &mut flipped.0[0];
+            match entry.content.get_mut(bit / 8) {
+                Some(byte) => *byte ^= 1 << (bit % 8),
+                None => entry.check ^= 1 << (bit - 8 * RECORD),
+            }
+            assert_eq!(flipped.first(), None, "bit {bit}");
+        }
+        for byte in [0, 0xff, 0xa5] {
+            let check = u32::from_le_bytes([byte; 4]);
+            let content = [byte; RECORD];
+            assert_eq!(Waiting([Entry { content, check }; RECORDS]).first(), None);
+        }
+    }
+}
