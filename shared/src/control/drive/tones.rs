@@ -205,7 +205,7 @@ impl Tones {
             }
         }
         let room = asked.room.max(0.0);
-        self.short = all > asked.room;
+        self.short = all > room;
         let mut made = self.share;
         if self.short {
             made = self.share * room / all;
