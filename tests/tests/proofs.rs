@@ -115,7 +115,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 71] = [
+const PROOFS: [(&str, Shows, Break); 75] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),
@@ -126,6 +126,14 @@ const PROOFS: [(&str, Shows, Break); 71] = [
         Shows::Limit(Limits::AMPLITUDE),
         Told(no_limits),
     ),
+    (
+        "amplitude_oscillates",
+        Shows::Fault(Fault::AmplitudeOscillates),
+        Hidden(gain),
+    ),
+    ("nan", Obeying, Told(another_target)),
+    ("track_mass_unstable_gear", Obeying, Told(another_target)),
+    ("track_mass_unstable_k", Obeying, Told(another_target)),
     (
         "brown_out",
         Shows::Fault(Fault::WatchdogReset),

@@ -122,6 +122,7 @@ macro_rules! scenes {
 scenes! {
     acceleration_limit
     amplitude_limit
+    amplitude_oscillates
     brown_out
     brown_out_stays_off
     chaotic
@@ -152,6 +153,7 @@ scenes! {
     locked
     locked_order_2
     mains_ripple
+    nan
     many_parts
     new_target
     no_common_chaos
@@ -189,6 +191,8 @@ scenes! {
     target_in_holding
     target_in_limiting
     target_in_lost
+    track_mass_unstable_gear
+    track_mass_unstable_k
     watchdog_reset
     watchdog_reset_stays_off
 }

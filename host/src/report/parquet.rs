@@ -130,7 +130,9 @@ impl Rows for ParquetRows<'_> {
                 Waiting::Numbers(values, there) => {
                     let before = values.len();
                     match value {
-                        Value::Number(number) | Value::Short(number) => values.push(*number),
+                        Value::Number(number) | Value::Short(number) => {
+                            values.extend(Some(*number).filter(|number| number.is_finite()));
+                        }
                         Value::Count(count) => values.push(*count as f64),
                         Value::Flag(flag) => values.push(f64::from(u8::from(*flag))),
                         Value::Text(_) | Value::Missing => {}

@@ -80,6 +80,7 @@ impl Value {
 
     pub(crate) fn csv(&self) -> String {
         match self {
+            Self::Number(value) | Self::Short(value) if !value.is_finite() => String::new(),
             Self::Number(value) => number(*value, 17),
             Self::Short(value) => value.to_string(),
             Self::Text(text) if text.contains([',', '"', '\n']) => {

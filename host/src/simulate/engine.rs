@@ -57,6 +57,18 @@ pub(super) struct Glance {
 }
 
 impl Glance {
+    /// Refused where a number is not finite: it came of an error of this program, and nothing after it is worth anything.
+    fn checked(self) -> Result<Self, Refusal> {
+        let numbers = [self.amplitude, self.reference, self.in_gear];
+        if numbers.iter().all(|number| number.is_finite()) && !self.k.is_nan() {
+            return Ok(self);
+        }
+        Err(Refusal::new(
+            format!("a value at {:.5} s is no finite number", self.time),
+            "this is an error of kband: report the scene and what kband --version prints",
+        ))
+    }
+
     fn at(moment: &Moment) -> Self {
         let report = &moment.report;
         Self {
@@ -110,7 +122,7 @@ impl Engine<'_> {
                 closed.advance_spared(Plans::share);
                 let controller = closed.controller();
                 let amplitude = controller.amplitude();
-                Ok(Glance {
+                Glance {
                     time: closed.seconds(),
                     state: controller.state(),
                     events: controller.events(),
@@ -120,12 +132,13 @@ impl Engine<'_> {
                     in_gear: controller.in_gear(),
                     error: controller.in_gear_error(),
                     load: controller.load(),
-                })
+                }
+                .checked()
             }
             Self::Whole(closed, last) => {
                 let moment = closed.cycle(None)?;
                 **last = Some(moment);
-                Ok(Glance::at(&moment))
+                Glance::at(&moment).checked()
             }
         }
     }
@@ -137,7 +150,7 @@ impl Engine<'_> {
             Self::Whole(closed, last) => {
                 let moment = closed.cycle(Some(show))?;
                 **last = Some(moment);
-                Ok(Glance::at(&moment))
+                Glance::at(&moment).checked()
             }
         }
     }

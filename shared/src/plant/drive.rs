@@ -132,7 +132,7 @@ impl Swing {
     #[must_use]
     pub fn with(self, motions: [[f32; 2]; UPPER], angular: f32) -> Self {
         let tone = |motion: [f32; 2], harmonic: u32| {
-            if motion == [0.0; 2] {
+            if motion == [0.0; 2] || self.amplitude <= 0.0 {
                 return UpperTone::NONE;
             }
             let own = Self::through(motion, harmonic as f32 * angular);

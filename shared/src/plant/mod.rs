@@ -13,6 +13,8 @@
 mod bench;
 mod blanking;
 mod closed_loop;
+#[cfg(test)]
+mod drawn;
 mod drive;
 mod energy;
 mod envelope;

@@ -244,9 +244,16 @@ impl Controller {
             self.listener.begin();
         }
         self.machine.count();
+        let silent = Cycle::default();
+        let mut sound = cycle.is_finite();
+        let cycle = if sound { cycle } else { &silent };
         let sine = -cycle.quadrature / self.scale.square;
         let cosine = -cycle.in_phase / self.scale.square;
-        let [sine, cosine] = self.weigh(cycle, sine, cosine);
+        let [mut sine, mut cosine] = self.weigh(cycle, sine, cosine);
+        if !(sine.is_finite() && cosine.is_finite()) {
+            [sine, cosine] = [0.0; 2];
+            sound = false;
+        }
         let measured = square_root_single(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
         let motion = self.motion(cycle, Complex::new(sine, cosine));
@@ -318,6 +325,15 @@ impl Controller {
         } else if held_back && limits.is_empty() && self.machine.running() {
             events.push(Event::Freed);
         }
+        if !(sound && self.commands_finite()) {
+            // An error of the firmware: no output, and what the loops have learned is dropped.
+            self.machine.fail(Fault::ControlLate, &mut events);
+            self.amplitude.forget();
+            self.meter = LoadMeter::build(&self.settings);
+            self.tones.restart();
+            self.expected = [Complex::default(); 3];
+            self.rest();
+        }
         // Also where the output is held because the reading is not trusted.
         self.output = self.output.min(self.scale.most_output(self.expected[0]));
         let [newest, before, _] = self.expected;
@@ -340,6 +356,13 @@ impl Controller {
             },
             events,
         };
+    }
+
+    /// Whether every number of the command is finite.
+    fn commands_finite(&self) -> bool {
+        let upper = self.tones.output();
+        let mut numbers = upper.as_flattened().iter();
+        self.output.is_finite() && self.ahead.is_finite() && numbers.all(|part| part.is_finite())
     }
 
     /// Weighs the parts; the track's motion along sine and cosine of the output's phase, with what they push of it, in m.
@@ -459,6 +482,9 @@ impl Controller {
             opposed: self.scale.opposes(expects, lead),
             least: self.scale.least,
             ceiling: self.scale.ceiling,
+            reference: self.reference.now,
+            error: cycle.noise * square_root_single(2.0 / f32::from(cycle.samples.max(1)))
+                / self.scale.square,
         };
         let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
         if let Some(fault) = fault {

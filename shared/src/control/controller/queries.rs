@@ -64,9 +64,13 @@ impl Controller {
     }
 
     /// Whether what is wanted is so: the lock, the chaos or the gear is heard, or the amplitude that was asked for is held.
-    /// Gear is where the parts are heard to be in it for more than half of their time.
+    /// Gear is where the parts are heard to be in it for more than half of their time. Not while the amplitude oscillates.
     #[must_use]
     pub fn ready(&self) -> bool {
+        self.faults.is_steady() && self.wanted_is_so()
+    }
+
+    fn wanted_is_so(&self) -> bool {
         match (self.machine.state(), self.selection.target()) {
             (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
             (State::Holding, Target::Gear { .. } | Target::Flow(_)) => self.listener.geared,

@@ -83,6 +83,72 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
+/// Whatever number of a cycle is none, or of no size that a converter reads: no output from that cycle on, fault 13, and no number of the
+/// report is NaN. After the fault is acknowledged the drive starts as before.
+#[test]
+fn a_reading_that_is_no_number_stops_the_drive_and_leaves_no_trace() {
+    type Spoil = fn(&mut Cycle, f32);
+    let spoils: [Spoil; 6] = [
+        |cycle, bad| cycle.in_phase = bad,
+        |cycle, bad| cycle.quadrature = bad,
+        |cycle, bad| cycle.upper[1][0] = bad,
+        |cycle, bad| cycle.mean = bad,
+        |cycle, bad| cycle.noise = bad,
+        |cycle, bad| cycle.blanked = bad,
+    ];
+    for track_mass in [0.0, 10.0] {
+        for spoil in spoils {
+            for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
+                let settings = Settings {
+                    second_tone: 0.1,
+                    track_mass,
+                    ..Settings::default()
+                };
+                let target = Target::K(0.5);
+                let mut controller =
+                    Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+                let mut held = Report::default();
+                for _ in 0..60 {
+                    held = follow(&mut controller, true, 1);
+                }
+                assert!(held.command.amplitude > 0.1 && controller.ready());
+                let mut cycle = Cycle {
+                    samples: 400,
+                    quadrature: -obeyed(&controller) * controller.scale.square,
+                    low: 1500,
+                    high: 2500,
+                    ..Cycle::default()
+                };
+                spoil(&mut cycle, bad);
+                let inputs = Inputs {
+                    enable: true,
+                    ..Inputs::default()
+                };
+                let mut report = controller.cycle(&cycle, &inputs);
+                for _ in 0..10 {
+                    assert_eq!(report.fault, Some(Fault::ControlLate));
+                    assert_eq!(report.command.amplitude, 0.0);
+                    assert_eq!(
+                        report.command.overtones,
+                        [crate::control::Overtone::NONE; UPPER]
+                    );
+                    assert!(report.amplitude.is_finite() && report.lead.is_finite());
+                    assert!(!report.k.is_nan() && report.shape.second.ratio.is_finite());
+                    report = follow(&mut controller, true, 1);
+                }
+                for _ in 0..40 {
+                    report = follow(&mut controller, false, 1);
+                }
+                for _ in 0..60 {
+                    report = follow(&mut controller, true, 1);
+                }
+                assert_eq!(report.fault, None);
+                assert_eq!(report.amplitude, held.amplitude);
+            }
+        }
+    }
+}
+
 /// Settings of a drive that makes 0.19 mm at most at 50 Hz.
 fn weak() -> Settings {
     Settings {

@@ -160,7 +160,8 @@ impl TrackMotion {
     /// The tones above the first over it, as `e (cos th + i sin th)`; 0 at rest.
     pub fn phasors(&self) -> [Complex; UPPER] {
         let size = self.first.norm_sqr();
-        if size <= 0.0 {
+        // Of less than 0.1 nm the powers below come to 0.
+        if size < 1e-20 {
             return [Complex::default(); UPPER];
         }
         // The nth tone is measured against the nth power of the first.

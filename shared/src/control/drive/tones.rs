@@ -205,7 +205,7 @@ impl Tones {
             }
         }
         let room = asked.room.max(0.0);
-        self.short = all > asked.room;
+        self.short = all > room;
         let mut made = self.share;
         if self.short {
             made = self.share * room / all;
@@ -282,6 +282,34 @@ mod tests {
             let pairs = scaled(0.5).peaks().into_iter().zip(scaled(1.0).peaks());
             for (half, whole) in pairs {
                 assert!(half <= 0.5 * (1.0 + whole) + 1e-2, "{:?}", scaled(1.0));
+            }
+        }
+    }
+
+    #[test]
+    fn no_room_at_all_is_no_tone_and_no_nan() {
+        let settings = Settings {
+            second_tone: 0.15,
+            ..Settings::default()
+        };
+        let mut tones = Tones::build(&settings).unwrap();
+        for room in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
+            for motion in [Complex::default(), Complex::new(0.0, -2e-4)] {
+                tones.cycle(&Asked {
+                    motion: TrackMotion {
+                        first: motion,
+                        ..TrackMotion::default()
+                    },
+                    wanted: Shape::of_two(UpperTone {
+                        ratio: 0.12,
+                        phase: 2.6,
+                    }),
+                    reference: 2e-4,
+                    square: 98_696.0,
+                    room,
+                    least: 1e-6,
+                });
+                assert_eq!(tones.output(), [[0.0; 2]; UPPER], "{room}");
             }
         }
     }

@@ -221,6 +221,11 @@ impl LoadMeter {
         let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
         self.at = motion * (1.0 / bare) * Complex::new(cosine, -sine);
         let between = motion - repeated(self.at, seen.blanked) * (before - motion).conj();
+        // Nothing is left between the impacts: there is nothing to divide by.
+        if between.norm_sqr() < 1e-6 * bare * bare {
+            self.amplitude = bare;
+            return motion;
+        }
         let weight = outweighed(self.blanked);
         let mut more = (between + forced * weight) / ((empty * weight + 1.0) * between);
         // What lies on the track is mass of it: its push is in the acceleration.

@@ -14,6 +14,9 @@ use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 /// Share of a cycle that the demodulator blanks at most: what is left still tells cosine, sine and mean apart.
 pub const MOST_BLANKED: f64 = 1.0 / 3.0;
 
+/// Acceleration in m/s^2 that no converter reads: a hundred times its full scale at the least sensitivity.
+const LARGEST: f32 = 1e7;
+
 /// A reading of the converter, right-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AdcCode(pub u16);
@@ -86,6 +89,24 @@ pub struct Cycle {
     pub(crate) folded: Folded,
     /// Energy of the residual in some sectors of the turn.
     pub(crate) sectors: Sectors,
+}
+
+impl Cycle {
+    /// Whether its readings are numbers, of a size whose powers are numbers too.
+    pub(crate) fn is_finite(&self) -> bool {
+        let Self {
+            in_phase,
+            quadrature,
+            upper,
+            mean,
+            noise,
+            blanked,
+            ..
+        } = self;
+        let single = [in_phase, quadrature, mean, noise, blanked];
+        let mut all = upper.as_flattened().iter().chain(single);
+        all.all(|number| number.abs() < LARGEST)
+    }
 }
 
 /// What a signal path that fails brings, to show what depends on it.

@@ -57,6 +57,8 @@ pub enum Fault {
     SupplyLow = 14,
     /// The crystal does not swing, or not at its frequency.
     ClockFailed = 15,
+    /// The amplitude oscillates about a reference that stands still.
+    AmplitudeOscillates = 16,
     /// The board was reset three times in a row.
     RepeatedResets = 18,
 }
@@ -263,7 +265,7 @@ named!(Fault: SensorLost = "sensor lost", SensorSaturated = "sensor saturated", 
     NoResponse = "no response", OverAmplitude = "over-amplitude", OverTemperature = "over-temperature",
     SettingsInvalid = "settings invalid", WatchdogReset = "watchdog reset", StackLow = "stack low",
     OverCurrent = "over-current", SensorImplausible = "sensor implausible", ControlLate = "control late",
-    SupplyLow = "supply low", ClockFailed = "clock failed",
+    SupplyLow = "supply low", ClockFailed = "clock failed", AmplitudeOscillates = "amplitude oscillates",
     RepeatedResets = "repeated resets");
 named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetSet = "target set", NoSetpoint = "no setpoint",
     KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
@@ -283,7 +285,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(
             numbers,
-            [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 18]
+            [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18]
         );
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
         assert!(Event::ALL.iter().map(|event| event.number()).eq(1..28));

@@ -49,6 +49,67 @@ const EXCESS: f32 = 1.15;
 /// Cycles of it: the least of more than one, for a single one may have been struck.
 const EXCESSIVE: u8 = 2;
 
+/// Peak-to-peak swing of the amplitude, over its reference, at which the amplitude has turned. A fifth of the track's mass in
+/// parts moves it by 0.075 to one side in single cycles.
+const SWING: f32 = 0.1;
+/// The same swing in standard errors of the amplitude's reading: four standard errors to either side.
+const SWING_NOISE: f32 = 8.0;
+/// Turns that are a fault: three periods. A step of the drive's gain by 1.8 turns the amplitude five times at most.
+const OSCILLATING: u8 = 6;
+/// Turns from which on the amplitude is not steady, and from which on one beyond [`PEAK`] is a fault: one period.
+const UNSTEADY: u8 = 2;
+/// Amplitude over the hard limit that an oscillation may not reach.
+const PEAK: f32 = 1.04;
+/// Cycles without a turn after which the amplitude is steady again.
+const STEADY: u8 = 64;
+/// Change of the reference, as a share of it, after which turns are counted anew.
+const MOVED: f32 = 0.05;
+
+/// Turns of the amplitude about a reference that stands still: reversals by more than a threshold (a zigzag filter).
+#[derive(Clone, Copy, Debug, Default)]
+struct Turns {
+    reference: f32,
+    /// Highest or lowest amplitude since the last turn, in m.
+    extreme: f32,
+    rising: bool,
+    count: u8,
+    /// Cycles since the last turn.
+    since: u8,
+}
+
+impl Turns {
+    /// Takes the amplitude of a cycle and the standard error of its reading, in m; whether it oscillates.
+    fn cycle(&mut self, measured: f32, reference: f32, ceiling: f32, error: f32) -> bool {
+        // Also where either is no number.
+        let stands = (reference - self.reference).abs() <= MOVED * self.reference;
+        if !stands || reference <= 0.0 {
+            *self = Self {
+                reference,
+                extreme: measured,
+                ..Self::default()
+            };
+            return false;
+        }
+        let back = if self.rising {
+            self.extreme - measured
+        } else {
+            measured - self.extreme
+        };
+        self.since = self.since.saturating_add(1);
+        if back > SWING * reference + SWING_NOISE * error {
+            self.rising = !self.rising;
+            self.count = self.count.saturating_add(1);
+            (self.extreme, self.since) = (measured, 0);
+        } else if back < 0.0 {
+            self.extreme = measured;
+        }
+        if self.since > STEADY {
+            self.count = 0;
+        }
+        self.count >= OSCILLATING || self.count >= UNSTEADY && measured > PEAK * ceiling
+    }
+}
+
 /// Cycles in which a sign of a fault was seen: each that shows it adds two, each that does not takes one off, so that a
 /// contact that bounces is found as well.
 #[derive(Clone, Copy, Debug, Default)]
@@ -111,6 +172,10 @@ pub struct Expected {
     pub least: f32,
     /// Largest amplitude that the hard limits allow, in m.
     pub ceiling: f32,
+    /// Amplitude that the loop follows, in m.
+    pub reference: f32,
+    /// Standard error of the amplitude's reading, in m.
+    pub error: f32,
 }
 
 /// What the reading of the accelerometer is suspected of.
@@ -124,6 +189,7 @@ pub struct FaultDetector {
     implausible: Persistence,
     excessive: Persistence,
     usual: Usual,
+    turns: Turns,
 }
 
 impl FaultDetector {
@@ -154,6 +220,19 @@ impl FaultDetector {
             (false, false)
         };
         let excessive = running && measured > EXCESS * expected.ceiling;
+        let oscillates = if !running || !expected.known {
+            self.turns = Turns::default();
+            false
+        } else {
+            // A reading that may not be trusted is no turn.
+            !(still || saturated || unanswered)
+                && self.turns.cycle(
+                    measured,
+                    expected.reference,
+                    expected.ceiling,
+                    expected.error,
+                )
+        };
         let faults = [
             (self.still.lasts(still, STILL), Fault::SensorLost),
             (
@@ -180,12 +259,18 @@ impl FaultDetector {
                 self.implausible.lasts(weak || strong, IMPLAUSIBLE),
                 Fault::SensorImplausible,
             ),
+            (oscillates, Fault::AmplitudeOscillates),
         ];
         let fault = faults.iter().find(|(lasts, _)| *lasts);
         (
             fault.map(|&(_, fault)| fault),
             still || saturated || unanswered || weak,
         )
+    }
+
+    /// Whether the amplitude has not turned back and forth about its reference.
+    pub fn is_steady(&self) -> bool {
+        self.turns.count < UNSTEADY
     }
 }
 
@@ -203,6 +288,8 @@ mod tests {
         opposed: true,
         least: 1e-6,
         ceiling: 1e-3,
+        reference: 1e-4,
+        error: 0.0,
     };
 
     /// A cycle of a sensor that moves.
@@ -390,6 +477,53 @@ mod tests {
             detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });
         assert_eq!(found, Some(Fault::SensorLost));
+    }
+
+    /// The cycle in which an amplitude that swings to both sides of 0.1 mm by a share of it, with a period in cycles, is a fault.
+    fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
+        let mut turns = Turns::default();
+        (0..400).find(|n| {
+            let phase = core::f32::consts::TAU * *n as f32 / period;
+            let measured = 1e-4 * (1.0 + swing * libm::sinf(phase));
+            turns.cycle(measured, 1e-4, ceiling, error)
+        })
+    }
+
+    #[test]
+    fn an_amplitude_that_swings_is_a_fault_within_four_periods_and_at_the_limit_within_two() {
+        for period in [2.9_f32, 7.0, 20.0, 100.0] {
+            let found = oscillating(0.07, period, 1e-3, 0.0).unwrap();
+            assert!(found as f32 <= 4.0 * period, "{period}: {found}");
+            // At its limit.
+            let found = oscillating(0.07, period, 1e-4, 0.0).unwrap();
+            assert!(found as f32 <= 2.0 * period + 4.0, "{period}: {found}");
+            assert_eq!(oscillating(0.045, period, 1e-4, 0.0), None, "{period}");
+            // What the reading's own error explains.
+            assert_eq!(oscillating(0.07, period, 1e-4, 1e-6), None, "{period}");
+        }
+        // Too slow to be an oscillation of the loop.
+        assert_eq!(oscillating(0.07, 300.0, 1e-3, 0.0), None);
+    }
+
+    #[test]
+    fn turns_of_a_reference_that_moves_are_no_oscillation() {
+        let mut turns = Turns::default();
+        for n in 0..400 {
+            let moved = if n % 8 < 4 { 1e-4 } else { 1.3e-4 };
+            assert!(!turns.cycle(moved, moved, 1e-4, 0.0));
+        }
+        // A few turns, then a pause, and a few more.
+        for _ in 0..2 {
+            for n in 0..4 {
+                let swing = if n % 2 == 0 { 1.08e-4 } else { 0.92e-4 };
+                assert!(!turns.cycle(swing, 1e-4, 1e-3, 0.0));
+            }
+            assert!(turns.count >= UNSTEADY);
+            for _ in 0..STEADY + 2 {
+                turns.cycle(1.08e-4, 1e-4, 1e-3, 0.0);
+            }
+            assert_eq!(turns.count, 0);
+        }
     }
 
     /// The fault that stops a scene within some cycles, in the envelope.
