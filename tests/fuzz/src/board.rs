@@ -8,6 +8,7 @@ use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Records, Store};
+use kband_firmware::waiting::Waiting;
 
 use crate::Taker;
 use crate::frames::{framed, inside};
@@ -24,7 +25,7 @@ const IMAGE: Image = Image {
 };
 
 struct Board {
-    service: Service<Records<Flash>>,
+    service: Service<Records<Flash, Waiting>>,
     station: Station,
 }
 
