@@ -63,7 +63,7 @@ fn feeder(draw: &mut Draw) -> Scene {
     settings.second_tone = draw.between(0.05, 0.2);
     settings.second_gain = settings.gain * draw.scale(0.1, 1.5);
     settings.second_lag = draw.one(&[-1.0, 1.0]) * draw.between(30.0, 150.0);
-    if draw.0.bits() % 2 == 0 {
+    if draw.0.bits().is_multiple_of(2) {
         settings.third_tone = draw.between(0.02, 0.1);
         settings.third_gain = settings.gain * draw.scale(0.1, 1.0);
         settings.third_lag = draw.one(&[-1.0, 1.0]) * draw.between(30.0, 150.0);
@@ -95,7 +95,7 @@ fn feeder(draw: &mut Draw) -> Scene {
         (drive.third_gain, drive.third_lag) = (settings.third_gain, settings.third_lag);
     }
     drive.second_quality = settings.quality;
-    if draw.0.bits() % 2 == 0 {
+    if draw.0.bits().is_multiple_of(2) {
         drive.resonance *= 1.0 + draw.between(-0.15, 0.15) / drive.quality;
         drive.quality *= draw.scale(0.7, 1.4);
         drive.gain *= draw.scale(0.8, 1.25);
