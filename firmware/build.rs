@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data, and
-/// the RAM (stack included) an image may use; the linker refuses a larger one.
+/// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data.
 const LAYOUT: &str = "\
 SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 76K; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
-ASSERT(__sheap - ORIGIN(RAM) <= 112K, \"kband: stack and static data exceed 112 KiB of RAM\");
 ";
 
-/// The flash that the board's image may use, below the settings of any board. The emulated one carries the plant as well.
+/// The flash that the board's image may use, below the settings of any board, and the RAM, stack
+/// included; the linker refuses a larger image. The emulated one carries the plant as well.
 const BUDGET: &str = "\
+ASSERT(__sheap - ORIGIN(RAM) <= 112K, \"kband: stack and static data exceed 112 KiB of RAM\");
 ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 384K, \"kband: the image exceeds 384 KiB of flash\");
 ";
 
