@@ -131,7 +131,7 @@ const PROOFS: [(&str, Shows, Break); 75] = [
         Shows::Fault(Fault::AmplitudeOscillates),
         Hidden(gain),
     ),
-    ("nan", Obeying, Told(another_target)),
+    ("nan", Obeying, Hidden(target)),
     ("track_mass_unstable_gear", Obeying, Told(another_target)),
     ("track_mass_unstable_k", Obeying, Told(another_target)),
     (
