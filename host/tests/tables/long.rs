@@ -7,7 +7,7 @@ use kband::plant::{EnvelopeLoop, Scene};
 use kband::regime::gear::is_in_gear;
 use serde_json::Value;
 
-use super::{Table, kband, list, number, words};
+use super::{REAL_PARTS, Table, kband, list, number, words};
 
 #[allow(dead_code)]
 #[path = "../../../shared/examples/hearing.rs"]
@@ -30,7 +30,7 @@ pub struct Long {
 }
 
 macro_rules! long_tables {
-    ($($test:ident: $name:literal, $page:literal, $head:expr, $rows:expr, $little:expr;)+) => {
+    ($($test:ident: $name:literal, $page:expr, $head:expr, $rows:expr, $little:expr;)+) => {
         pub const TABLES: &[Long] = &[$(Long {
             table: Table { name: $name, page: $page, head: $head, rows: || $rows },
             little: || $little,
@@ -53,31 +53,31 @@ long_tables! {
         "| R | one tone, s = 0.03 | 0.06 | 0.10 | two tones, s = 0.03 | 0.06 | 0.10 |",
         under_scatter(&["0.1", "0.2", "0.3", "0.4", "0.5", "0.6"], ""),
         under_scatter(&["0.3"], "--k 0.40..0.44:3 --second-tone 0.15,2.356 --runs 1");
-    shapes_of_the_track: "shapes", "theory-real-parts.md", shapes::HEAD,
+    shapes_of_the_track: "shapes", REAL_PARTS, shapes::HEAD,
         shapes::table(&shapes::LOTS, [4000, shapes::MOVES]).expect("shapes"),
         shapes::table(&shapes::LOTS[5..], [20, 1]).expect("shapes");
-    weighing_of_twenty_feeders: "weighing", "theory-real-parts.md", weighing::HEAD,
+    weighing_of_twenty_feeders: "weighing", REAL_PARTS, weighing::HEAD,
         weighing::table(20, 1, true).expect("feeders"),
         weighing::table(1, 1, true).expect("feeders");
-    share_heard_of_the_chosen_lots: "share heard, lots chosen with", "theory-real-parts.md", HEARD,
+    share_heard_of_the_chosen_lots: "share heard, lots chosen with", REAL_PARTS, HEARD,
         hearing::table(&hearing::rows("set"), 6, 1),
         hearing::table(&hearing::rows("set")[5..10], 1, 1);
-    share_heard_of_the_other_lots: "share heard, other lots", "theory-real-parts.md", HEARD,
+    share_heard_of_the_other_lots: "share heard, other lots", REAL_PARTS, HEARD,
         hearing::table(&hearing::rows("check"), 6, 77),
         hearing::table(&hearing::rows("check")[5..10], 1, 77);
-    gear_of_order_two: "gear of order 2", "theory-real-parts.md",
+    gear_of_order_two: "gear of order 2", REAL_PARTS,
         "| R | s | one tone: map | plan | two tones: map, at k, e, th | plan, at k, e, th |",
         order_two(&[("0.2", "0.05"), ("0.3", "0.03"), ("0.4", "0.05"), ("0.6", "0.05")], "--largest-second-tone 0.3 --runs 12"),
         order_two(&[("0.3", "0.03")], "--k 0.19..0.2:2 --second-tone 0.18,2.88 --runs 1");
-    losses_of_gear: "losses of gear", "theory-real-parts.md",
+    losses_of_gear: "losses of gear", REAL_PARTS,
         "| R, s, k | share | cycles in gear | cycles out of it | of these beyond the 40th |",
         losses(&LOSSES, 100_000),
         losses(&LOSSES[4..], 2000);
-    gear_in_the_closed_loop: "gear in the closed loop", "theory-real-parts.md",
+    gear_in_the_closed_loop: "gear in the closed loop", REAL_PARTS,
         "| R | s | target | tones afforded | in gear | heard | told | expected | k | e, th | e3, th3 | peak (g) | mm/s | lock's mm/s |",
         closed_loop("gear --table 50"),
         closed_loop("gear --table 1 --lot 0.3,0.05");
-    captures_in_the_closed_loop: "captures in the closed loop", "theory-capture.md",
+    captures_in_the_closed_loop: "captures in the closed loop", REAL_PARTS,
         "| restitution | band alone | planned kicks | median time | slowest twentieth |",
         captures(&["0.18..0.22", "0.28..0.32", "0.38..0.42", "0.48..0.52"], "--duration 20 --runs 300"),
         captures(&["0.28..0.32"], "--duration 3 --runs 1");

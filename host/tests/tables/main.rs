@@ -20,6 +20,9 @@ use std::process::{Command, Stdio};
 use kband_host::provenance;
 use serde_json::Value;
 
+/// The page of tables behind chapter 10 of the theory, as seen from docs/.
+const REAL_PARTS: &str = "../tests/real_parts.md";
+
 /// A table of the manual.
 struct Table {
     name: &'static str,
@@ -205,16 +208,19 @@ const NUMBERS: usize = 8;
 /// Pages whose numbers are of runs.
 fn theory() -> impl Iterator<Item = (String, String)> {
     let docs = page("");
-    fs::read_dir(docs)
+    let names = fs::read_dir(docs)
         .expect("docs/ is there")
         .flatten()
-        .filter_map(|entry| {
-            let name = entry.file_name().into_string().ok()?;
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| {
             let of_physics = name.starts_with("theory-")
                 || ["paper.md", "commissioning.md"].contains(&name.as_str());
-            (of_physics && name.ends_with(".md"))
-                .then(|| (name, fs::read_to_string(entry.path()).expect("a page")))
-        })
+            of_physics && name.ends_with(".md")
+        });
+    names.chain([REAL_PARTS.to_owned()]).map(|name| {
+        let text = fs::read_to_string(page(&name)).expect("a page");
+        (name, text)
+    })
 }
 
 #[test]

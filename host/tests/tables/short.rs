@@ -3,7 +3,7 @@
 use kband_host::report::columns;
 use serde_json::Value;
 
-use super::{Table, digits, kband, list, number, percent, words};
+use super::{REAL_PARTS, Table, digits, kband, list, number, percent, words};
 
 pub const TABLES: &[Table] = &[
     Table {
@@ -54,13 +54,13 @@ pub const TABLES: &[Table] = &[
     },
     Table {
         name: "bands on two tones",
-        page: "theory-real-parts.md",
+        page: REAL_PARTS,
         head: "| R = 0.2 | band k2..k1 | locks from rest at k between | share of the band | peak acceleration there |",
         rows: bands_on_two_tones,
     },
     Table {
         name: "friction",
-        page: "theory-real-parts.md",
+        page: REAL_PARTS,
         head: "| 1/k | eta | mu | alpha (degrees) | R | second tone | regime | W | mm/s at 50 Hz |",
         rows: friction,
     },

@@ -187,10 +187,10 @@ mod tests {
         )
     }
 
-    /// The table of the manual is that of these rows; `KBAND_ACCEPT=1` writes it.
+    /// The table of tests/real_parts.md is that of these rows; `KBAND_ACCEPT=1` writes it.
     fn print(rows: &[String]) {
         const MARKER: &str = "<!-- test: what_is_heard_of_the_margin_is_the_plant_s_own -->\n";
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/theory-real-parts.md");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/real_parts.md");
         let page = std::fs::read_to_string(path).unwrap();
         let (before, after) = page.split_once(MARKER).unwrap();
         let mut lines = after.split_inclusive('\n');
