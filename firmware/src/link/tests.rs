@@ -776,7 +776,7 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
 fn defaults_drive_nothing_until_settings_are_saved() {
     let mut board = Board::new();
     let state = |board: &mut Board| {
-        for cycle in 0..60 {
+        for cycle in 0..32 {
             // Withdrawn for long enough to acknowledge what may be acknowledged, and given.
             board.enable = cycle >= 30;
             board.cycle();

@@ -43,6 +43,8 @@ impl SceneFile {
 
     /// The scene of a table, as [`table`] gives it.
     pub fn from_table(table: Table) -> Result<Self, Refusal> {
+        let drive = table.get("drive");
+        let safe_given = drive.is_some_and(|drive| drive.get("safe_amplitude").is_some());
         let mut root = Section::new("", table);
         let mut settings = Settings::default();
         let mut scene = Scene::default();
@@ -80,10 +82,8 @@ impl SceneFile {
                 }
             };
         }
-        let mut safe_given = false;
         for (name, keys, required) in SECTIONS {
             let mut section = root.section(name)?;
-            safe_given |= section.has("safe_amplitude");
             for (n, key) in keys.iter().enumerate() {
                 section.setting(&mut settings, key, n < required)?;
             }
