@@ -257,7 +257,7 @@ async fn answer<'a>(
                 Err(refused) => out_of_range(refused),
             }
         }
-        Request::Defaults => taken(station.set_settings(&Settings::default())),
+        Request::Defaults => taken(station.restore_defaults()),
         Request::Target(target) => match station.set_target(target.into()) {
             Ok(()) => Response::Done,
             Err(refused) => out_of_range(refused),

@@ -389,6 +389,20 @@ impl Station {
     /// Takes new settings for controller and signal path; refused, with nothing changed, while the
     /// drive runs and where they do not go together. It ends a simulation.
     pub fn set_settings(&self, settings: &Settings) -> Result<(), NotTaken> {
+        self.take_settings(settings, Interlock::clone)
+    }
+
+    /// Takes the defaults, as [`Station::set_settings`]. They belong to no machine: the drive stays
+    /// off, with the fault for invalid settings, until settings are saved.
+    pub fn restore_defaults(&self) -> Result<(), NotTaken> {
+        self.take_settings(&Settings::default(), Interlock::without_settings)
+    }
+
+    fn take_settings(
+        &self,
+        settings: &Settings,
+        keep: fn(&Interlock) -> Interlock,
+    ) -> Result<(), NotTaken> {
         if self.simulated.get().is_some() && self.at_rest() {
             self.end_simulation();
         }
@@ -400,7 +414,7 @@ impl Station {
         }
         settings.check().map_err(NotTaken::OutOfRange)?;
         Self::check_signal(settings)?;
-        self.renew_controller(settings, self.target(), &self.interlock())?;
+        self.renew_controller(settings, self.target(), &keep(&self.interlock()))?;
         self.settings.set(*settings);
         self.renew_signal(settings)
     }

@@ -771,6 +771,30 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     }
 }
 
+/// The defaults belong to no machine, also where a board that could drive takes them.
+#[test]
+fn defaults_drive_nothing_until_settings_are_saved() {
+    let mut board = Board::new();
+    let state = |board: &mut Board| {
+        for cycle in 0..32 {
+            // Withdrawn for long enough to acknowledge what may be acknowledged, and given.
+            board.enable = cycle >= 30;
+            board.cycle();
+        }
+        let report = board.station.report();
+        board.enable = false;
+        (0..100).for_each(|_| drop(board.cycle()));
+        (report.state, report.fault)
+    };
+    board.done(&Request::Save);
+    assert_eq!(state(&mut board), (State::Starting, None));
+    board.done(&Request::Defaults);
+    let invalid = Some(kband::control::Fault::SettingsInvalid);
+    assert_eq!(state(&mut board), (State::Fault, invalid));
+    board.done(&Request::Save);
+    assert_eq!(state(&mut board), (State::Starting, None));
+}
+
 /// Whatever the board started for and is told, the defaults in the place of settings that are lost move no track.
 #[test]
 fn defaults_in_the_place_of_lost_settings_move_nothing() {

@@ -1,6 +1,7 @@
 //! The settings of a board: read, checked and changed together or not at all.
 
 use kband::control::Settings;
+use kband::feeder::OutOfRange;
 use kband::wire::{Request, Response};
 
 use super::link::Link;
@@ -134,14 +135,8 @@ impl BoardSettings {
                 setting.value = *value;
             }
         }
-        after.known().check().map_err(|refused| {
-            Refusal::value(
-                refused.parameter,
-                refused.value as f32,
-                refused.accepted,
-                "change what it goes together with first, or both by kband settings import",
-            )
-        })?;
+        let settings = after.known();
+        (settings.check()).map_err(|refused| not_together(&refused, &settings))?;
         if let Err(refusal) = tell(link, changes) {
             // What was taken already is given back; a refusal of that would say the same again.
             let _ = tell(link, back);
@@ -150,6 +145,29 @@ impl BoardSettings {
         *self = after;
         Ok(())
     }
+}
+
+/// The refusal of settings that do not go together.
+fn not_together(refused: &OutOfRange, settings: &Settings) -> Refusal {
+    let refusal = Refusal::value(
+        refused.parameter,
+        refused.value as f32,
+        refused.accepted,
+        "change what it goes together with first, or both by kband settings import",
+    );
+    if refused.parameter != "safe_amplitude" {
+        return refusal;
+    }
+    // Rounded down: what is shown is accepted.
+    let largest = (settings.largest_safe_amplitude() * 1e4).floor() / 1e4;
+    let frequency = settings.frequency + settings.tracking;
+    refusal
+        .accepting(format!(
+            "0..{largest} mm, by amplitude_limit and acceleration_limit at {frequency} Hz"
+        ))
+        .then(format!(
+            "kband settings set safe_amplitude {largest}, or less, first"
+        ))
 }
 
 /// Sets each of them; those that need another one first get their turn again.
@@ -202,6 +220,21 @@ mod tests {
                 "{message}"
             );
         }
+    }
+
+    #[test]
+    fn a_frequency_names_the_safe_amplitude_to_set_first() {
+        let mut settings = Settings {
+            frequency: 300.0,
+            ..Settings::default()
+        };
+        let refused = settings.check().unwrap_err();
+        let message = not_together(&refused, &settings).to_string();
+        for said in ["0..0.0337 mm", "300 Hz", "set safe_amplitude 0.0337"] {
+            assert!(message.contains(said), "{message}");
+        }
+        settings.safe_amplitude = 0.0337;
+        settings.check().unwrap();
     }
 
     #[test]

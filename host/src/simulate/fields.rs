@@ -355,7 +355,6 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "resonance",
             "quality",
             "gain",
-            "output_minimum",
             "output_maximum",
             "amplitude_limit",
             "acceleration_limit",

@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{CONTROLLER, MASS, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS};
+use super::fields::{CONTROLLER, MASS, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS, belongs};
 use super::parts::{self, Distribution};
 use super::section::{Section, line_of};
 use super::timeline::{describe, read_disturbances, read_target};
@@ -16,6 +16,9 @@ use crate::refusal::Refusal;
 
 /// The default scene, commented.
 pub const DEFAULT: &str = include_str!("default.toml");
+
+/// Largest safe amplitude of a scene that gives none, over what its hard limits allow.
+const SAFE_SHARE: f32 = 0.5;
 
 /// A scene as a file describes it.
 #[derive(Clone, Debug)]
@@ -40,6 +43,8 @@ impl SceneFile {
 
     /// The scene of a table, as [`table`] gives it.
     pub fn from_table(table: Table) -> Result<Self, Refusal> {
+        let drive = table.get("drive");
+        let safe_given = drive.is_some_and(|drive| drive.get("safe_amplitude").is_some());
         let mut root = Section::new("", table);
         let mut settings = Settings::default();
         let mut scene = Scene::default();
@@ -128,6 +133,10 @@ impl SceneFile {
             }
             controller.finish()?;
         }
+        if !safe_given {
+            let most = SAFE_SHARE * settings.largest_safe_amplitude();
+            settings.safe_amplitude = settings.safe_amplitude.min(most);
+        }
         scene.drive = DriveModel {
             resonance: settings.resonance,
             quality: settings.quality,
@@ -194,7 +203,10 @@ impl SceneFile {
                 // The controller computes in f32: its digits are those that were written.
                 refused.value as f32,
                 refused.accepted,
-                format!("change {} in the scene", refused.parameter),
+                match belongs(refused.parameter) {
+                    Some(table) => format!("set {table}.{} in the scene", refused.parameter),
+                    None => format!("change {} in the scene", refused.parameter),
+                },
             )
         };
         let settings = &self.scene.settings;
@@ -341,6 +353,47 @@ mod tests {
         expected.masses = file.scene.parts.iter().map(|_| 0.0).collect();
         assert_eq!(file.scene, expected);
         assert_eq!(file.duration, 10.0);
+    }
+
+    #[test]
+    fn a_safe_amplitude_that_is_not_given_fits_the_limits() {
+        let safe = |old: &str, new: &str| {
+            let text = DEFAULT.replacen(old, new, 1);
+            assert_ne!(text, DEFAULT);
+            SceneFile::parse(&text).map(|file| file.scene.settings.safe_amplitude)
+        };
+        let tuned = DEFAULT
+            .replace("frequency = 50.0 ", "frequency = 300.0 ")
+            .replace("resonance = 50.0 ", "resonance = 300.0 ");
+        // 120 m/s^2 at 300 Hz are 0.0338 mm.
+        let fast = SceneFile::parse(&tuned).unwrap().scene.settings;
+        assert!((fast.safe_amplitude - 0.0169).abs() < 1e-4, "{fast:?}");
+        assert_eq!(safe("gain = 1.0 ", "gain = 0.9 "), Ok(0.05));
+        let limit = "amplitude_limit = 1.0 ";
+        assert_eq!(safe(limit, "amplitude_limit = 0.3 "), Ok(0.05));
+        // A value that is given is taken as it is.
+        let given = "safe_amplitude = 0.07\namplitude_limit = 1.0 ";
+        assert_eq!(safe(limit, given), Ok(0.07));
+        let given = tuned.replacen(limit, given, 1);
+        let message = refusal(&given);
+        assert!(
+            message.contains("set drive.safe_amplitude in the scene"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn a_flow_asks_for_the_mass_and_length_of_the_track() {
+        let mut text = DEFAULT.replace("\ngear = 1 ", "\nflow = 45.0 ");
+        for (key, next) in [
+            ("track_mass", "set drive.track_mass in the scene"),
+            ("track_length", "set track.track_length in the scene"),
+        ] {
+            let message = refusal(&text);
+            assert!(message.contains(next), "{message}");
+            text = text.replacen(&format!("{key} = 0.0 "), &format!("{key} = 500.0 "), 1);
+        }
+        assert!(SceneFile::parse(&text).is_ok());
     }
 
     #[test]

@@ -23,6 +23,17 @@ pub struct Point {
     pub runs: Runs,
 }
 
+/// A refusal with the point of the sweep that it is about, unless it names a swept key itself.
+fn at_point(refusal: Refusal, axes: &[Axes], values: &[f64]) -> Refusal {
+    if axes.iter().any(|axis| refusal.key() == Some(&axis.key)) {
+        return refusal;
+    }
+    let point: Vec<String> = (axes.iter().zip(values))
+        .map(|(axis, value)| format!("{} = {value}", axis.key))
+        .collect();
+    refusal.at(format!("--sweep at {}", point.join(", ")))
+}
+
 /// A sweep that was run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
@@ -69,9 +80,12 @@ impl Sweep {
             for (axis, value) in axes.iter().zip(&values) {
                 set(&mut table, &axis.key, *value)?;
             }
-            let mut file = SceneFile::from_table(table)?;
-            prepare(&mut file);
-            file.check()?;
+            let read = SceneFile::from_table(table).and_then(|mut file| {
+                prepare(&mut file);
+                file.check()?;
+                Ok(file)
+            });
+            let file = read.map_err(|refusal| at_point(refusal, axes, &values))?;
             scenes.push((values, file));
         }
         let runs = desk.try_map("sweeping", points * count, |n| {
@@ -324,6 +338,10 @@ mod tests {
             ("disturbance.1.gain=0.5..1:2", "disturbance"),
             ("drive.gain=-1..2:2", "drive.gain = -1"),
             ("seed=1..1000001:100000", "too many"),
+            (
+                "drive.safe_amplitude=0.5..1.5:2",
+                "--sweep at drive.safe_amplitude = 1.5: safe_amplitude = 1.5",
+            ),
         ] {
             let refused = sweep(&[key], 11, 1).unwrap_err().to_string();
             assert!(refused.contains(expected), "{key}: {refused}");

@@ -123,12 +123,14 @@ impl Kind {
 
 /// Refused where no settings at all take its number, before a port is opened for it.
 fn in_range(target: Target) -> Result<(), Refusal> {
-    // An amplitude is limited by the board's own setting.
+    // An amplitude is limited by the board's own setting; a flow needs mass and length of its track.
     let limit = Settings::KEYS
         .iter()
         .find(|key| key.name == "amplitude_limit");
     let settings = Settings {
         amplitude_limit: limit.map_or(f32::INFINITY, |key| key.high),
+        track_mass: 1.0,
+        track_length: 1.0,
         ..Settings::default()
     };
     kband::control::Controller::build(&settings, target, StartCause::Ordinary)?;
@@ -144,6 +146,10 @@ fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refu
             "amplitude_limit is {} mm on this board: choose less, or change it (kband settings)",
             settings.amplitude_limit
         )),
+        Target::Flow(_) if Settings::default().get(refused.parameter).is_some() => {
+            let next = format!("kband settings set {} first", refused.parameter);
+            Refusal::from(refused).then(next)
+        }
         _ => refused.into(),
     })?;
     within_reach(&controller).map_err(|refused| {
@@ -217,12 +223,14 @@ mod tests {
             (Kind::Order, Some(2.0), Target::Locked { order: 2 }),
             (Kind::Mm, Some(0.23), Target::Amplitude(0.23)),
             (Kind::MmPerS, Some(88.0), Target::Speed(88.0)),
+            (Kind::GPerS, Some(50.0), Target::Flow(50.0)),
             (Kind::K, Some(0.41), Target::K(0.41)),
             (Kind::Chaos, None, Target::Chaotic),
             (Kind::Identify, None, Target::Identify),
         ];
         for (kind, value, target) in good {
             assert_eq!(kind.target(value), Ok(target));
+            assert_eq!(in_range(target), Ok(()));
         }
         for (kind, value, words) in [
             (Kind::Gear, Some(9.0), "1..8"),
@@ -259,6 +267,12 @@ mod tests {
         let message = check(Target::K(-1.0), &settings).unwrap_err().to_string();
         assert!(message.contains("accepted"), "{message}");
         assert!(check(Target::Amplitude(0.2), &settings).is_ok());
+        let flow = check(Target::Flow(50.0), &settings);
+        let message = flow.unwrap_err().to_string();
+        assert!(
+            message.contains("track_mass = 0") && message.contains("kband settings set track_mass"),
+            "{message}"
+        );
         let weak = Settings {
             gain: 0.2,
             ..settings

@@ -21,6 +21,8 @@
 
 mod aim;
 mod angle;
+#[cfg(all(test, feature = "plant"))]
+mod bounds;
 mod controller;
 mod drive;
 mod hear;

@@ -104,8 +104,6 @@ settings! {
     quality = 25.0, 1.0..200.0 "";
     /// Track amplitude at resonance for full output.
     gain = 1.0, 0.001..100.0 "mm";
-    /// Smallest output while the drive runs, as a share of full output.
-    output_minimum = 0.0, 0.0..0.5 "";
     /// Largest output (Umax), as a share of full output.
     output_maximum = 0.95, 0.01..1.0 "";
     /// Hard limit of the track's normal amplitude (symbol b).
@@ -175,6 +173,14 @@ impl Settings {
         })
     }
 
+    /// Largest safe amplitude in mm that both hard limits allow at the highest drive frequency.
+    #[must_use]
+    pub fn largest_safe_amplitude(&self) -> f32 {
+        let highest = TAU * (self.frequency + self.tracking);
+        let by_acceleration = 1e3 * self.acceleration_limit / (highest * highest);
+        self.amplitude_limit.min(by_acceleration)
+    }
+
     /// Tones above the first that the drive affords: 0, 1 or 2.
     #[must_use]
     pub fn upper_tones(&self) -> usize {
@@ -224,22 +230,11 @@ impl Settings {
                 "restitution_low..1: the interval is reversed",
             );
         }
-        if self.output_maximum <= self.output_minimum {
-            return refuse(
-                "output_maximum",
-                self.output_maximum,
-                "above output_minimum",
-            );
-        }
-        if self.safe_amplitude > self.amplitude_limit {
-            return refuse("safe_amplitude", self.safe_amplitude, "0..amplitude_limit");
-        }
-        let highest = TAU * (self.frequency + self.tracking);
-        if self.safe_amplitude * 1e-3 * highest * highest > self.acceleration_limit {
+        if self.safe_amplitude > self.largest_safe_amplitude() {
             return refuse(
                 "safe_amplitude",
                 self.safe_amplitude,
-                "0..what acceleration_limit allows at the highest frequency",
+                "0..what amplitude_limit and acceleration_limit allow at frequency + tracking",
             );
         }
         let lowest = (self.frequency - self.tracking).max(5.0);
@@ -314,12 +309,7 @@ mod tests {
             settings.check().err().map(|refused| refused.parameter)
         };
         type Change = fn(&mut Settings);
-        let cases: [(Change, Change, &str); 6] = [
-            (
-                |s| (s.output_minimum, s.output_maximum) = (0.3, 0.3),
-                |s| (s.output_minimum, s.output_maximum) = (0.3, 0.31),
-                "output_maximum",
-            ),
+        let cases: [(Change, Change, &str); 5] = [
             (
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.21, 0.2),
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.2, 0.2),

@@ -130,6 +130,62 @@ fn less_is_done_where_it_is_not_known_what_is_wanted() {
     }
 }
 
+/// A strong drive whose sensor has 0.6 of its sensitivity, its settings at the largest values that the board takes. Before:
+/// with `output_minimum`, which is gone, 1.20 mm at a target of 0.2 mm, also after the link was lost.
+#[test]
+fn no_setting_overrides_a_limit() {
+    // Settings that describe the machine, or that lengthen the test.
+    const KEPT: [&str; 14] = [
+        "frequency",
+        "resonance",
+        "quality",
+        "gain",
+        "amplitude_limit",
+        "acceleration_limit",
+        "safe_amplitude",
+        "soft_start",
+        "soft_stop",
+        "sensitivity",
+        "sensor_zero",
+        "converter_reference",
+        "link_timeout",
+        "tracking",
+    ];
+    let mut hazard = Hazard::of("settings", 50.0, Target::Amplitude(0.2));
+    hazard.scene.settings.gain = 5.0;
+    hazard.scene.drive.gain = 5.0;
+    hazard.scene.settings.link_timeout = 0.8;
+    hazard.scene.sensor.sensitivity = 0.6;
+    let mut rig = hazard.commissioned(&image());
+    let mut taken = 0;
+    for number in 0..u8::MAX {
+        let setting = rig.ask(&Request::Setting(number), |response| match response {
+            Response::Setting(setting) => Some((setting.key.to_string(), setting.high)),
+            _ => None,
+        });
+        let Some((key, value)) = setting else {
+            break;
+        };
+        if !KEPT.contains(&&key[..]) {
+            let set = Request::Set { key: &key, value };
+            taken += u32::from(rig.ask(&set, |response| response == Response::Done));
+        }
+    }
+    assert!(taken > 10, "{taken} settings taken");
+    let enabled = rig.time();
+    for n in 0..7 {
+        let frame = rig.frame(&Request::Alive);
+        rig.at(enabled + 0.3 * f64::from(n), Act::Link(frame));
+    }
+    rig.at(enabled + 0.05, Act::Enable(true)).run(enabled + 2.0);
+    let held = 0.6 * rig.amplitude();
+    rig.run(enabled + 5.0);
+    let lost = 0.6 * rig.amplitude();
+    println!("{taken} settings: {held:.4} mm as measured, {lost:.4} mm without the link");
+    assert!((held / 0.2 - 1.0).abs() < 0.05, "{held}");
+    assert!((lost / 0.05 - 1.0).abs() < 0.05, "{lost}");
+}
+
 /// Before: fault 4 at 7 Hz after 10.4 s and at 8 Hz after 0.7 s.
 #[test]
 fn a_search_for_the_resonance_is_no_fault() {

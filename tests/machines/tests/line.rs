@@ -342,9 +342,9 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     }
     rig.run(rig.time() + 2.0);
     assert_eq!(rig.seen_after(on, &Seen::Bridge(true)), None);
-    // An edge of the input starts it.
+    // An edge of the input starts it, once half a second without it has acknowledged the fault after `Defaults`.
     rig.act(&Act::Enable(false));
-    rig.run(rig.time() + 0.2);
+    rig.run(rig.time() + 0.6);
     rig.act(&Act::Enable(true));
     rig.run(rig.time() + 0.2);
     assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());

@@ -85,9 +85,6 @@ pub fn read_rows<K: Kernel>(
             })?;
         }
         let [k, restitution, phase, velocity] = values;
-        let refused = |refused| {
-            not_held::<K>(refused, "correct or remove this row").at(format!("{name}, line {line}"))
-        };
         let launch = build(k, restitution)
             .and_then(|kernel| K::state(phase, velocity).map(|state| Row { kernel, state }));
         match launch {
@@ -96,10 +93,14 @@ pub fn read_rows<K: Kernel>(
                 rows.held.push(row);
             }
             Err(cause) => {
-                let cause = refused(cause);
-                if Map::build(k, restitution).is_err() || Map::state(phase, velocity).is_err() {
-                    return Err(cause);
+                const NEXT: &str = "correct or remove this row";
+                let place = format!("{name}, line {line}");
+                // No arithmetic has a wider range than f64.
+                let wide = Map::build(k, restitution).and(Map::state(phase, velocity));
+                if let Err(cause) = wide {
+                    return Err(Refusal::from(cause).then(NEXT).at(place));
                 }
+                let cause = not_held::<K>(cause, NEXT).at(place);
                 rows.places.push(None);
                 let (count, first) = rows.left.take().unwrap_or((0, cause));
                 rows.left = Some((count + 1, first));
@@ -159,7 +160,7 @@ mod tests {
             ),
             (
                 "k,restitution,phase,velocity\n0,0.2,1,1\n",
-                "accepted: 0.001..1000 (arithmetic f64)",
+                "accepted: 0.001..1000\n  next: correct or remove this row",
             ),
         ];
         for (text, expected) in cases {
@@ -183,6 +184,22 @@ mod tests {
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n";
         let none = read_rows(Path::new("a.csv"), text, Hybrid::build);
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
+        // A k that no arithmetic takes: the widest range, and no other arithmetic to choose.
+        for (k, expected) in [
+            (
+                0.0005,
+                "accepted: 0.001..1000\n  next: correct or remove this row",
+            ),
+            (
+                0.002,
+                "next: correct or remove this row, or choose another --arithmetic",
+            ),
+        ] {
+            let text = format!("k,restitution,phase,velocity\n{k},0.2,1,1\n");
+            let refused = read_rows(Path::new("a.csv"), &text, Hybrid::build);
+            let message = refused.err().map(|refusal| refusal.to_string());
+            assert!(message.is_some_and(|message| message.ends_with(expected)));
+        }
     }
 
     #[test]

@@ -159,17 +159,33 @@ impl Choice {
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
-                let told = settings.track_mass > 0.0 && settings.track_length > 0.0;
-                let alone = settings.second_tone == 0.0;
-                let accepted = if told && alone {
-                    "above 0 to 1000000 g/s"
-                } else if told {
-                    "none with a second tone, which takes a power of its own: what is on the track is weighed where the setting second_tone is 0"
-                } else {
-                    "none: what is on the track is weighed only where the settings track_mass and track_length are given"
-                };
-                let accepts = told && alone && flow > 0.0 && flow <= 1e6;
-                within("target flow", flow, accepts, accepted)?;
+                // Parts are weighed by the power that they take from one tone of a track of known mass.
+                let Settings {
+                    track_mass,
+                    track_length,
+                    second_tone,
+                    ..
+                } = *settings;
+                within(
+                    "track_mass",
+                    track_mass,
+                    track_mass > 0.0,
+                    "above 0 to 100000 kg with target flow: the mass that swings with the track",
+                )?;
+                within(
+                    "track_length",
+                    track_length,
+                    track_length > 0.0,
+                    "above 0 to 100000 mm with target flow: the length of the track on which parts are",
+                )?;
+                within(
+                    "second_tone",
+                    second_tone,
+                    second_tone == 0.0,
+                    "0 with target flow: parts are weighed on a track of one tone",
+                )?;
+                let accepts = flow > 0.0 && flow <= 1e6;
+                within("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
                 Ok(Self::level(Level::Sought))
             }
             Target::Speed(speed) => {
@@ -260,18 +276,22 @@ mod tests {
     fn a_flow_is_refused_where_nothing_can_be_weighed() {
         let refused = |settings: &Settings| Choice::of(Target::Flow(45.0), settings).unwrap_err();
         let bare = Settings::default();
-        assert!(refused(&bare).accepted.contains("track_mass"));
-        let scale = Settings {
+        assert_eq!(refused(&bare).parameter, "track_mass");
+        let massive = Settings {
             track_mass: 10.0,
-            track_length: 500.0,
             ..bare
+        };
+        assert_eq!(refused(&massive).parameter, "track_length");
+        let scale = Settings {
+            track_length: 500.0,
+            ..massive
         };
         assert!(Choice::of(Target::Flow(45.0), &scale).is_ok());
         let two = Settings {
             second_tone: 0.15,
             ..scale
         };
-        assert!(refused(&two).accepted.contains("second_tone is 0"));
+        assert_eq!(refused(&two).parameter, "second_tone");
     }
 
     #[test]

@@ -70,7 +70,6 @@ struct Tuning {
     learning: f32,
     /// Share of the full envelope from which on the gain is learned.
     telling: f32,
-    low: f32,
     high: f32,
     nominal: f32,
     /// Fewest cycles of a soft start.
@@ -165,7 +164,6 @@ impl AmplitudeLoop {
                 proportional: cycles / CLOSED_LOOP,
                 learning,
                 telling,
-                low: settings.output_minimum,
                 high: settings.output_maximum,
                 nominal,
                 shortest,
@@ -252,10 +250,7 @@ impl AmplitudeLoop {
     /// Takes the amplitude measured in the cycle that just ended and the reference at the end of the
     /// cycle after next, both in m; gives the output for that cycle as a share of full output, `most` at most.
     pub fn cycle(&mut self, measured: f32, reference: f32, most: f32) -> f32 {
-        let Tuning { low, high, .. } = self.tuning;
-        let high = high.min(most);
-        // Nothing but a track that is to move needs the least output.
-        let low = if reference > 0.0 { low.min(high) } else { 0.0 };
+        let high = self.tuning.high.min(most);
         let [newest, before, oldest, _] = self.reference;
         self.reference = [reference, newest, before, oldest];
         self.since += 0.25;
@@ -264,11 +259,11 @@ impl AmplitudeLoop {
         let (raw, output) = if self.envelope.first_order {
             // What the feedforward now does, the integral term need not do any more.
             self.integral_term += self.reference[2] * (1.0 / old - 1.0 / self.gain);
-            self.at_resonance(measured, low, high)
+            self.at_resonance(measured, high)
         } else {
             let inverted = self.inverse.next(self.inverted, self.reference);
             let raw = inverted / self.gain;
-            let output = saturate(raw, low, high);
+            let output = saturate(raw, 0.0, high);
             self.inverted = if raw == output {
                 inverted
             } else {
@@ -291,21 +286,14 @@ impl AmplitudeLoop {
         reference: f32,
         most: f32,
     ) -> Option<[f32; 2]> {
-        let Tuning {
-            keep, low, high, ..
-        } = self.tuning;
+        let Tuning { keep, high, .. } = self.tuning;
         let observer = self.observer.as_mut()?;
         let largest = high.min(most);
         let high = largest * self.gain;
-        let low = if reference > 0.0 {
-            (low * self.gain).min(high)
-        } else {
-            0.0
-        };
         let ahead = motion * Complex::new(0.0, 1.0);
         let wanted = observer.cycle(ahead, struck, reference, keep);
         self.saturated = size(wanted) > high && (wanted.re > 0.0);
-        let [driven, lead] = observer.drive(wanted, low, high);
+        let [driven, lead] = observer.drive(wanted, high);
         // The quotient is rounded and may exceed the limit by one digit.
         Some([(driven / self.gain).min(largest), lead])
     }
@@ -341,7 +329,7 @@ impl AmplitudeLoop {
     }
 
     /// The output of the PI loop with feedforward, before its limits and after.
-    fn at_resonance(&mut self, measured: f32, low: f32, high: f32) -> (f32, f32) {
+    fn at_resonance(&mut self, measured: f32, high: f32) -> (f32, f32) {
         let Tuning {
             keep,
             integral,
@@ -354,7 +342,7 @@ impl AmplitudeLoop {
         let feedforward = (self.reference[0] - keep * self.reference[1]) * inverse / (1.0 - keep);
         let proportional_term = proportional * error * inverse;
         let raw = feedforward + proportional_term + self.integral_term;
-        let output = saturate(raw, low, high);
+        let output = saturate(raw, 0.0, high);
         if raw != output {
             // What the output leaves of the reference is what is wanted.
             let left = output - proportional_term - self.integral_term;
@@ -363,7 +351,7 @@ impl AmplitudeLoop {
             self.reference[0] = saturate(made, goal.min(before), goal.max(before));
         }
         // Anti-windup: the integral term stops where it would push further into the limit.
-        if (raw <= high || error < 0.0) && (raw >= low || error > 0.0) {
+        if (raw <= high || error < 0.0) && (raw >= 0.0 || error > 0.0) {
             self.integral_term += integral * proportional_term;
         }
         (raw, output)

@@ -89,13 +89,13 @@ impl Observer {
         (goal - self.envelope * keep - self.jump) / (1.0 - keep)
     }
 
-    /// What of that is driven: from one size to another, never against the track; gives its size and how far it leads.
-    pub fn drive(&mut self, wanted: Complex, low: f32, high: f32) -> [f32; 2] {
+    /// The part of that which is driven: up to a size, never against the track; gives its size and how far it leads.
+    pub fn drive(&mut self, wanted: Complex, high: f32) -> [f32; 2] {
         let against = wanted * self.held.conj();
-        let mut driven = if against.re > low {
+        let mut driven = if against.re > 0.0 {
             against
         } else {
-            Complex::new(low, 0.0)
+            Complex::default()
         };
         let length = size(driven);
         if length > high {
@@ -170,7 +170,7 @@ mod tests {
                 silent: false,
             };
             let wanted = observer.cycle(motion, struck, 1.0, keep);
-            let [length, lead] = observer.drive(wanted, 0.0, f32::INFINITY);
+            let [length, lead] = observer.drive(wanted, f32::INFINITY);
             driven = Complex::new(libm::cosf(lead), libm::sinf(lead)) * length;
         }
         worst

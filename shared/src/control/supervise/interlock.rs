@@ -79,6 +79,17 @@ impl Interlock {
         }
     }
 
+    /// The same interlock with settings that belong to no machine: the drive stays off until
+    /// settings were saved.
+    #[must_use]
+    pub fn without_settings(&self) -> Self {
+        Self {
+            fault: Some(Fault::SettingsInvalid),
+            settings_saved: false,
+            ..self.latched()
+        }
+    }
+
     /// The fault that keeps the drive off.
     pub(crate) fn fault(&self) -> Option<Fault> {
         self.fault
