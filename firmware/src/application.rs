@@ -5,6 +5,7 @@ use kband::arithmetic::Phase;
 use kband::control::{PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
+use crate::enable::{Contact, Debounce, EnableCycle};
 use crate::exchange::{COMMAND, COMMANDS_LAST, Exchange, SIGNAL};
 use crate::station::Station;
 use crate::watch::{Roll, Watched};
@@ -20,6 +21,9 @@ pub struct Sampler<S, D> {
     drive: D,
     exchange: &'static Exchange,
     roll: &'static Roll,
+    enable: Debounce,
+    /// Whether the enable input was high at any time of this cycle.
+    given: bool,
     on: bool,
     /// Cycles since the last command.
     silence: u8,
@@ -45,6 +49,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
             drive,
             exchange,
             roll,
+            enable: Debounce::new(),
+            given: false,
             on: false,
             silence: 0,
             cut: false,
@@ -55,6 +61,10 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     /// One sample.
     #[inline]
     pub fn interrupt(&mut self) {
+        let contact = self.sense.enable();
+        if let Some(contact) = contact {
+            self.follow_enable(contact);
+        }
         let news = self.exchange.news();
         if news & SIGNAL != 0
             && let Some(signal) = self.exchange.signal()
@@ -70,6 +80,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.cut = false;
                 self.exchange.set_late(false);
             }
+            // Nothing but a press starts the drive, whatever the control says.
+            self.cut |= !off && contact.is_some() && !self.enable.is_on();
             self.on = !off && !self.cut;
             if !self.on {
                 self.drive.off();
@@ -87,7 +99,13 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         // The sample that ends a cycle has enough to do: the one after hands the cycle over.
         if self.ended {
             self.ended = false;
-            self.exchange.post(self.signal.cycle());
+            let enable = contact.is_some().then(|| EnableCycle {
+                given: self.given,
+                held_off: self.cut || !self.enable.is_on(),
+                chatters: self.enable.take_chatter(),
+            });
+            self.given = false;
+            self.exchange.post(self.signal.cycle(), enable);
         }
         if sampled.wrapped {
             self.ended = true;
@@ -101,14 +119,29 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// The drive off, whatever the control says, until it says so too.
+    /// Takes a sample of the enable input: a drive that runs goes off in the sample that withdraws it.
+    #[inline]
+    fn follow_enable(&mut self, contact: Contact) {
+        self.given |= contact != Contact::Open;
+        if !self.enable.sample(contact) && self.on {
+            self.hold_off();
+        }
+    }
+
+    /// The drive off, as the control is late.
     #[cold]
     fn cut_off(&mut self) {
+        self.hold_off();
+        self.exchange.set_late(true);
+    }
+
+    /// The drive off, whatever the control says, until it says so too.
+    #[cold]
+    fn hold_off(&mut self) {
         self.on = false;
         self.cut = true;
         self.signal.off();
         self.drive.off();
-        self.exchange.set_late(true);
     }
 
     /// Phase of the output at the last sample.
@@ -131,7 +164,7 @@ pub async fn control(
     mut monitor: impl Monitor,
 ) -> ! {
     loop {
-        let cycle = exchange.next().await;
+        let (cycle, enable) = exchange.next().await;
         roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
             // The link answers a refused target; here the old one stays.
@@ -140,6 +173,11 @@ pub async fn control(
         let began = panel.now();
         let mut inputs = panel.inputs();
         inputs.control_late |= exchange.late();
+        if let Some(enable) = enable {
+            inputs.enable = enable.given;
+            inputs.held_off = enable.held_off;
+            inputs.chatters = enable.chatters;
+        }
         let Some(report) = station.cycle(&cycle, inputs) else {
             continue;
         };

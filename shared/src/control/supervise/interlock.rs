@@ -118,6 +118,8 @@ impl Interlock {
             self.withdrawn = 0;
         } else {
             self.withdrawn = self.withdrawn.saturating_add(1);
+        }
+        if !inputs.enable || inputs.held_off {
             self.stopped_by_link = false;
         }
     }
@@ -132,7 +134,7 @@ impl Interlock {
         } else if inputs.withheld && !self.stopped_by_link {
             self.latched = true;
         }
-        inputs.enable && !inputs.withheld && !self.latched
+        inputs.enable && !inputs.held_off && !inputs.withheld && !self.latched
     }
 
     /// The running drive begins to stop.

@@ -271,7 +271,7 @@ impl StateMachine {
                 }
                 None
             }
-            _ if !inputs.enable || inputs.withheld => {
+            _ if !inputs.enable || inputs.held_off || inputs.withheld => {
                 self.interlock.stopping(inputs);
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);
