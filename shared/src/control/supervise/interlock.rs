@@ -231,6 +231,15 @@ mod tests {
         assert!(!interlock.may_start(&inputs(true, false)));
         assert!(!interlock.may_start(&inputs(false, false)));
         assert!(interlock.may_start(&inputs(true, false)));
+        // The sample interrupt held the drive off meanwhile: the input was withdrawn.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        interlock.stopping(&inputs(true, true));
+        interlock.watch(&Inputs {
+            held_off: true,
+            ..inputs(true, true)
+        });
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(!interlock.may_start(&inputs(true, false)));
         // The input was off for a moment after the link had stopped the drive.
         let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         interlock.stopping(&inputs(true, true));
