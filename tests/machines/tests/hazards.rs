@@ -527,7 +527,9 @@ fn chatters() -> impl Iterator<Item = (f64, f64)> {
 fn an_enable_input_that_chatters_stops_a_drive_for_good() {
     let running = running();
     let mut latest = 0.0_f64;
-    for (n, (frequency, duty)) in chatters().enumerate() {
+    // Gaps between two samples at several phases of them.
+    let narrow = std::iter::repeat_n((5000.0, 0.9), 5);
+    for (n, (frequency, duty)) in chatters().chain(narrow).enumerate() {
         let mut rig = running.clone();
         // At any phase of drive and samples.
         let from = 3.0 + 1.237e-3 * n as f64;
