@@ -32,11 +32,11 @@ const PRESS_SAMPLES: u16 = samples(20);
 /// Samples without a change after which the input is settled: 100 ms, the period of the slowest chatter (10 Hz).
 const SETTLED_SAMPLES: u16 = samples(100);
 /// Samples in which gaps are counted: 5 ms.
-const GAP_WINDOW: u16 = samples(5);
-/// Gaps in that window that switch the drive off. Of a chatter that is low for 10 % of its period or more, a gap of n
+const GAP_WINDOW: u32 = samples(5) as u32;
+/// Gaps in that window that leave the drive on; one more switches it off. Of a chatter that is low for 10 % of its period or more, a gap of n
 /// samples touches n samples at least, rounded up. From the first one on, at least 9 lie in the window at any period;
 /// eight disturbances shorter than a sample leave the drive on.
-const MAX_GAPS: u32 = 9;
+const MAX_GAPS: usize = 8;
 
 /// Samples of a time in ms.
 const fn samples(milliseconds: u32) -> u16 {
@@ -59,8 +59,10 @@ pub struct Debounce {
     steady: u16,
     /// Samples since the input was last settled, or switched the drive off.
     unsettled: u16,
-    /// The last samples, newest in bit 0: 1 for a gap.
-    gaps: u128,
+    /// Samples since the window before the drive came on, and of the last gaps, the oldest of them at `oldest`.
+    now: u32,
+    gaps: [u32; MAX_GAPS],
+    oldest: u8,
 }
 
 impl Default for Debounce {
@@ -81,7 +83,9 @@ impl Debounce {
             contact: Contact::Moved,
             steady: 0,
             unsettled: 0,
-            gaps: 0,
+            now: 0,
+            gaps: [0; MAX_GAPS],
+            oldest: 0,
         }
     }
 
@@ -89,10 +93,9 @@ impl Debounce {
     #[inline]
     pub fn sample(&mut self, contact: Contact) -> bool {
         if self.on {
-            let gap = contact != Contact::Closed;
-            self.gaps = self.gaps << 1 | u128::from(gap);
-            if gap {
-                self.count_gaps();
+            self.now = self.now.wrapping_add(1);
+            if contact != Contact::Closed {
+                self.take_gap();
             }
         } else {
             self.wait(contact);
@@ -112,10 +115,11 @@ impl Debounce {
         core::mem::take(&mut self.began)
     }
 
-    /// Switches the drive off where there are too many gaps.
-    fn count_gaps(&mut self) {
-        let window = self.gaps & ((1 << GAP_WINDOW) - 1);
-        if window.count_ones() >= MAX_GAPS {
+    /// Takes a gap; switches the drive off where there are too many.
+    fn take_gap(&mut self) {
+        let oldest = &mut self.gaps[usize::from(self.oldest) % MAX_GAPS];
+        self.oldest = self.oldest.wrapping_add(1);
+        if self.now.wrapping_sub(core::mem::replace(oldest, self.now)) < GAP_WINDOW {
             *self = Self {
                 began: self.began,
                 ..Self::new()
@@ -144,7 +148,7 @@ impl Debounce {
         }
         if self.armed && contact == Contact::Closed && self.steady >= PRESS_SAMPLES {
             self.on = true;
-            self.gaps = 0;
+            self.now = GAP_WINDOW;
         }
     }
 }
@@ -196,7 +200,7 @@ mod tests {
     fn a_press_switches_on_after_20_ms_without_a_gap() {
         let mut input = after(&[(Open, 101), (Closed, 20)]);
         assert!(!input.on);
-        assert!(input.sample(Closed));
+        assert!(input.sample(Closed) && input.sample(Moved), "a gap");
         // It bounces for 15 ms, and on the way for 25 ms.
         let mut bouncing = after(&[(Open, 101), (Moved, 15), (Closed, 20)]);
         assert!(bouncing.sample(Closed) && !bouncing.take_chatter());
@@ -248,7 +252,7 @@ mod tests {
                     .find(|&n| !input.sample(chatter(frequency, duty, phase, n)))
                     .map(|n| n + 1);
                 assert!(
-                    off.is_some_and(|n| n <= u32::from(GAP_WINDOW)),
+                    off.is_some_and(|n| n <= GAP_WINDOW),
                     "{frequency} Hz, {duty}, {step}: {off:?}"
                 );
             }

@@ -572,6 +572,34 @@ fn an_enable_input_that_chatters_stops_a_drive_for_good() {
     );
 }
 
+/// Before: the bridge opened at the end of a soft stop, which began within a cycle.
+#[test]
+fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms() {
+    let running = running();
+    let mut latest = 0.0_f64;
+    for n in 0..6 {
+        let mut rig = running.clone();
+        let from = 3.0 + 3.71e-3 * f64::from(n);
+        rig.at(from, Act::Enable(false));
+        // Its contact bounces.
+        for (time, act) in chatter(400.0, 0.5, from + 5e-3, from + 15e-3) {
+            rig.at(time, act);
+        }
+        rig.at(from + 16e-3, Act::Enable(false));
+        rig.run(from + 0.15);
+        let opens = rig.opens_after(from).expect("it opens");
+        assert!(opens < 2e-3, "{opens}");
+        latest = latest.max(opens);
+        let again = rig.seen_after(from + 2e-3, &Seen::Bridge(true));
+        assert_eq!((again, reported_chatter(&mut rig)), (None, 0));
+        drive_on_follows_the_bridge(&rig);
+    }
+    println!(
+        "enable withdrawn: bridge open after {:.2} ms at most",
+        latest * 1e3
+    );
+}
+
 /// A high phase of 20 ms after a long low one is a press: such chatter starts the drive once, and never again.
 #[test]
 fn an_enable_input_that_chatters_starts_nothing() {
