@@ -116,6 +116,7 @@ impl Debounce {
     }
 
     /// Takes a gap; switches the drive off where there are too many.
+    #[cold]
     fn take_gap(&mut self) {
         let oldest = &mut self.gaps[usize::from(self.oldest) % MAX_GAPS];
         self.oldest = self.oldest.wrapping_add(1);
@@ -128,6 +129,7 @@ impl Debounce {
     }
 
     /// Waits for a press: low for 100 ms, bounces for 20 ms at most, then high for 20 ms.
+    #[inline(never)]
     fn wait(&mut self, contact: Contact) {
         let moved = contact == Contact::Moved || contact != self.contact;
         self.contact = contact;
