@@ -5,6 +5,7 @@ use kband::arithmetic::Phase;
 use kband::control::{PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
+use crate::enable::{Contact, Debounce, EnableCycle};
 use crate::exchange::{COMMAND, COMMANDS_LAST, Exchange, SIGNAL};
 use crate::station::Station;
 use crate::watch::{Roll, Watched};
@@ -20,6 +21,9 @@ pub struct Sampler<S, D> {
     drive: D,
     exchange: &'static Exchange,
     roll: &'static Roll,
+    enable: Debounce,
+    /// Whether the enable input was high at any time of this cycle.
+    given: bool,
     on: bool,
     /// Cycles since the last command.
     silence: u8,
@@ -45,6 +49,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
             drive,
             exchange,
             roll,
+            enable: Debounce::new(),
+            given: false,
             on: false,
             silence: 0,
             cut: false,
@@ -55,6 +61,10 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     /// One sample.
     #[inline]
     pub fn interrupt(&mut self) {
+        let contact = self.sense.enable();
+        if let Some(contact) = contact {
+            self.follow_enable(contact);
+        }
         let news = self.exchange.news();
         if news & SIGNAL != 0
             && let Some(signal) = self.exchange.signal()
@@ -70,6 +80,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.cut = false;
                 self.exchange.set_late(false);
             }
+            // Nothing but a press starts the drive, whatever the control says.
+            self.cut |= !off && contact.is_some() && !self.enable.is_on();
             self.on = !off && !self.cut;
             if !self.on {
                 self.drive.off();
@@ -87,7 +99,13 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         // The sample that ends a cycle has enough to do: the one after hands the cycle over.
         if self.ended {
             self.ended = false;
-            self.exchange.post(self.signal.cycle());
+            let enable = contact.is_some().then(|| EnableCycle {
+                given: self.given,
+                held_off: self.cut || !self.enable.is_on(),
+                chatters: self.enable.take_chatter(),
+            });
+            self.given = false;
+            self.exchange.post(self.signal.cycle(), enable);
         }
         if sampled.wrapped {
             self.ended = true;
@@ -101,14 +119,29 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// The drive off, whatever the control says, until it says so too.
+    /// Takes a sample of the enable input: a drive that runs goes off in the sample that withdraws it.
+    #[inline]
+    fn follow_enable(&mut self, contact: Contact) {
+        self.given |= contact != Contact::Open;
+        if !self.enable.sample(contact) && self.on {
+            self.hold_off();
+        }
+    }
+
+    /// The drive off, as the control is late.
     #[cold]
     fn cut_off(&mut self) {
+        self.hold_off();
+        self.exchange.set_late(true);
+    }
+
+    /// The drive off, whatever the control says, until it says so too.
+    #[cold]
+    fn hold_off(&mut self) {
         self.on = false;
         self.cut = true;
         self.signal.off();
         self.drive.off();
-        self.exchange.set_late(true);
     }
 
     /// Phase of the output at the last sample.
@@ -131,7 +164,7 @@ pub async fn control(
     mut monitor: impl Monitor,
 ) -> ! {
     loop {
-        let cycle = exchange.next().await;
+        let (cycle, enable) = exchange.next().await;
         roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
             // The link answers a refused target; here the old one stays.
@@ -140,6 +173,11 @@ pub async fn control(
         let began = panel.now();
         let mut inputs = panel.inputs();
         inputs.control_late |= exchange.late();
+        if let Some(enable) = enable {
+            inputs.enable = enable.given;
+            inputs.held_off = enable.held_off;
+            inputs.chatters = enable.chatters;
+        }
         let Some(report) = station.cycle(&cycle, inputs) else {
             continue;
         };
@@ -164,7 +202,7 @@ mod tests {
     use crate::store::{Condition, Found};
     use core::future::Future;
     use core::pin::pin;
-    use core::task::{Context, Waker};
+    use core::task::{Context, Poll, Waker};
     use kband::control::{
         AdcCode, Command, Fault, Inputs, Report, StartCause, State, Target, phase_step,
     };
@@ -175,6 +213,8 @@ mod tests {
 
     struct Desk {
         bench: Bench,
+        /// The enable input, where the samples read it.
+        contact: Option<Contact>,
         output: f32,
         off: bool,
         reports: Vec<Report>,
@@ -186,6 +226,10 @@ mod tests {
     impl Sense for Shared {
         fn sample(&mut self) -> AdcCode {
             self.0.borrow_mut().bench.sample()
+        }
+
+        fn enable(&mut self) -> Option<Contact> {
+            self.0.borrow().contact
         }
     }
 
@@ -236,6 +280,7 @@ mod tests {
     fn desk(scene: &Scene) -> Shared {
         Shared(Rc::new(core::cell::RefCell::new(Desk {
             bench: Bench::build(scene).unwrap(),
+            contact: None,
             output: 0.0,
             off: false,
             reports: Vec::new(),
@@ -384,6 +429,102 @@ mod tests {
         }
         assert_eq!(cycle(Some(off)), (false, false));
         assert_eq!(cycle(Some(on)), (true, false));
+    }
+
+    /// A sampler whose control commands the same in each cycle, after the enable input was alike for so many ms each; whether
+    /// the drive is off, and what the control is given of the input.
+    fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
+        static ROLL: Roll = Roll::of(&[Watched::Samples]);
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let scene = Scene::default();
+        let desk = desk(&scene);
+        desk.0.borrow_mut().contact = Some(Contact::Open);
+        let signal = Signal::build(&scene.settings).unwrap();
+        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        let command = Command {
+            amplitude,
+            immediate: amplitude <= 0.0,
+            step: phase_step(50.0),
+            ..Command::default()
+        };
+        let mut context = Context::from_waker(Waker::noop());
+        let mut last = None;
+        for &(contact, time) in contacts {
+            desk.0.borrow_mut().contact = Some(contact);
+            for _ in 0..20 * time {
+                sampler.interrupt();
+                if exchange.waits()
+                    && let Poll::Ready((_, enable)) = pin!(exchange.next()).poll(&mut context)
+                {
+                    last = enable;
+                    exchange.command(command);
+                }
+            }
+        }
+        (desk.0.borrow().off, last.expect("the samples read it"))
+    }
+
+    #[test]
+    fn the_drive_runs_after_a_press_alone_whatever_the_control_says() {
+        use Contact::{Closed, Moved, Open};
+        let given = |given, held_off, chatters| EnableCycle {
+            given,
+            held_off,
+            chatters,
+        };
+        // The control commands it from the start: it has to switch off first.
+        let (off, enable) = commanded(0.2, &[(Open, 120), (Closed, 100)]);
+        assert!(off && enable == given(true, true, false));
+        let (off, enable) = commanded(0.0, &[(Open, 120), (Closed, 100)]);
+        assert!(off && enable == given(true, false, false));
+        assert_eq!(
+            commanded(0.0, &[(Closed, 1000)]).1,
+            given(true, true, false)
+        );
+        assert_eq!(commanded(0.0, &[(Open, 100)]).1, given(false, true, false));
+        let chatter = [(Open, 120), (Closed, 15), (Moved, 10)];
+        assert_eq!(commanded(0.0, &chatter).1, given(true, true, true));
+        let chatter = [(Open, 120), (Closed, 15), (Moved, 50)];
+        assert_eq!(commanded(0.0, &chatter).1, given(true, true, false), "once");
+    }
+
+    #[test]
+    fn a_withdrawn_enable_input_switches_off_in_the_interrupt() {
+        static ROLL: Roll = Roll::of(&[Watched::Samples]);
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let scene = Scene::default();
+        let desk = desk(&scene);
+        let signal = Signal::build(&scene.settings).unwrap();
+        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        let mut after = |contact: Contact, samples: u32| {
+            desk.0.borrow_mut().contact = Some(contact);
+            (0..samples).for_each(|_| sampler.interrupt());
+            desk.0.borrow().off
+        };
+        let on = Command {
+            amplitude: 0.2,
+            step: phase_step(50.0),
+            ..Command::default()
+        };
+        let off = Command {
+            immediate: true,
+            step: phase_step(50.0),
+            ..Command::default()
+        };
+        after(Contact::Open, 2100);
+        after(Contact::Closed, 500);
+        exchange.command(on);
+        assert!(!after(Contact::Closed, 10));
+        assert!(!after(Contact::Open, 8) && after(Contact::Open, 1));
+        // It comes back before the control has looked: the control has to switch off first.
+        after(Contact::Open, 2100);
+        after(Contact::Closed, 500);
+        exchange.command(on);
+        assert!(after(Contact::Closed, 10));
+        exchange.command(off);
+        after(Contact::Closed, 10);
+        exchange.command(on);
+        assert!(!after(Contact::Closed, 10));
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use kband::control::{AdcCode, Inputs, Report, Target};
 
+use crate::enable::Contact;
+
 /// The power stage of the drive.
 pub trait Drive {
     /// Sets the output as a share of full output, -1..1, and switches the power stage on.
@@ -13,10 +15,15 @@ pub trait Drive {
     fn off(&mut self);
 }
 
-/// The accelerometer.
+/// What is read at each sample: the accelerometer and the enable input.
 pub trait Sense {
     /// The newest reading of the converter.
     fn sample(&mut self) -> AdcCode;
+
+    /// The enable input since the last sample; `None` where only the [`Panel`] reads it, once a drive cycle.
+    fn enable(&mut self) -> Option<Contact> {
+        None
+    }
 }
 
 /// The inputs that are looked at once a drive cycle.

@@ -9,9 +9,11 @@ use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
 use kband::control::{Command, Cycle, Overtone, Signal, UPPER};
 
+use crate::enable::EnableCycle;
+
 /// Cycles up, commands down.
 pub struct Exchange {
-    cycle: Mailbox<CriticalSectionRawMutex, Cycle>,
+    cycle: Mailbox<CriticalSectionRawMutex, (Cycle, Option<EnableCycle>)>,
     command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     news: AtomicU8,
@@ -76,12 +78,12 @@ impl Exchange {
     }
 
     #[inline(always)]
-    pub(crate) fn post(&self, cycle: &Cycle) {
+    pub(crate) fn post(&self, cycle: &Cycle, enable: Option<EnableCycle>) {
         self.owed.store(true, Ordering::Release);
         if self.due.swap(true, Ordering::AcqRel) {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
-        self.cycle.signal(cycle.clone());
+        self.cycle.signal((cycle.clone(), enable));
     }
 
     /// The control of the last cycle is done; what is planned after it makes nothing late.
@@ -91,7 +93,7 @@ impl Exchange {
         }
     }
 
-    pub(crate) async fn next(&self) -> Cycle {
+    pub(crate) async fn next(&self) -> (Cycle, Option<EnableCycle>) {
         self.controlled();
         if !self.cycle.signaled() {
             self.owed.store(false, Ordering::Release);

@@ -5,7 +5,7 @@
 //!
 //! | what | when | deadline | does |
 //! |---|---|---|---|
-//! | sample interrupt | 20 kHz | 50 us | drive phase, sample, demodulation, drive output; nothing else |
+//! | sample interrupt | 20 kHz | 50 us | drive phase, sample, enable input, demodulation, drive output; nothing else |
 //! | cycle task | each drive cycle | one drive cycle (20 ms at 50 Hz) | control, supervision, report |
 //! | planning, link, supervision of the tasks | when the others rest | none | may be late, never hinders the others |
 #![no_std]
@@ -20,6 +20,7 @@ pub mod board;
 pub mod chip;
 #[cfg(target_os = "none")]
 pub mod cortex;
+pub mod enable;
 pub mod exchange;
 pub mod journal;
 pub mod last_words;

@@ -36,6 +36,7 @@ use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE};
 
 use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use crate::cortex::stack_low;
+use crate::enable::Contact;
 use crate::link::Line;
 use crate::log;
 
@@ -247,6 +248,46 @@ impl Sense for Converter {
     fn sample(&mut self) -> AdcCode {
         AdcCode(self.0.read_injected_samples()[0])
     }
+
+    #[inline]
+    fn enable(&mut self) -> Option<Contact> {
+        let edges = pac::EXTI.pr(0);
+        let moved = edges.read().line(ENABLE);
+        if moved {
+            edges.write(|lines| lines.set_line(ENABLE, true));
+        }
+        let high = pac::GPIOB.idr().read().idr(ENABLE) == pac::gpio::vals::Idr::HIGH;
+        Some(match (moved, high) {
+            (true, _) => Contact::Moved,
+            (false, true) => Contact::Closed,
+            (false, false) => Contact::Open,
+        })
+    }
+}
+
+/// Number of the pin of port B that is the enable input, and of its line of edges.
+const ENABLE: usize = 0;
+/// Port B, as the choice of a line's pin.
+const PORT_B: u8 = 1;
+
+/// Has the chip latch each edge of the enable input: the sample interrupt reads and clears the latch. The line's own
+/// interrupt stays masked in the NVIC.
+fn latch_edges() {
+    pac::RCC
+        .apb2enr()
+        .modify(|clocks| clocks.set_syscfgen(true));
+    pac::SYSCFG
+        .exticr(ENABLE / 4)
+        .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
+    pac::EXTI
+        .rtsr(0)
+        .modify(|lines| lines.set_line(ENABLE, true));
+    pac::EXTI
+        .ftsr(0)
+        .modify(|lines| lines.set_line(ENABLE, true));
+    pac::EXTI
+        .imr(0)
+        .modify(|lines| lines.set_line(ENABLE, true));
 }
 
 /// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool), and what the chip sees
@@ -267,10 +308,12 @@ impl Terminals {
         supply_low: fn() -> bool,
         clock_failed: bool,
     ) -> Self {
+        let enable = Input::new(enable, Pull::Down);
+        latch_edges();
         Self {
             supply_low,
             clock_failed,
-            enable: Input::new(enable, Pull::Down),
+            enable,
             cool: Input::new(cool, Pull::Up),
         }
     }
@@ -281,6 +324,8 @@ impl Panel for Terminals {
         Inputs {
             enable: self.enable.is_high(),
             withheld: false,
+            held_off: false,
+            chatters: false,
             over_temperature: self.cool.is_high(),
             link_heard: false,
             stack_low: stack_low(),

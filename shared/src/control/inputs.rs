@@ -21,6 +21,10 @@ pub enum StartCause {
 pub struct Inputs {
     /// The enable input.
     pub enable: bool,
+    /// Whether the sample interrupt holds the drive off, by the enable input: it stops without a ramp, or does not start.
+    pub held_off: bool,
+    /// Whether the enable input began to chatter since the last cycle.
+    pub chatters: bool,
     /// Whether the link withholds the drive: it stops, or does not start, although the input is on.
     pub withheld: bool,
     /// The over-temperature input.

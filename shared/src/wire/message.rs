@@ -165,6 +165,8 @@ impl From<Inputs> for control::Inputs {
             supply_low: inputs.supply_low,
             clock_failed: inputs.clock_failed,
             withheld: false,
+            held_off: false,
+            chatters: false,
         }
     }
 }

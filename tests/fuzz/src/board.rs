@@ -149,6 +149,8 @@ pub fn service(input: &[u8]) -> bool {
                     supply_low: bits & 0xc0 == 0xc0,
                     clock_failed: bits & 0x84 == 0x84,
                     withheld: false,
+                    held_off: bits & 0x41 == 0x41,
+                    chatters: bits & 0x90 == 0x90,
                 };
             }
             6 => {

@@ -165,15 +165,15 @@ impl Rig {
         let board = &mut self.chip.board;
         let high = |on: bool| if on { Wire::High } else { Wire::Low };
         match act {
-            Act::Enable(on) => board.ports[1].wires[0] = high(*on),
-            Act::Cool(true) => board.ports[1].wires[1] = Wire::Low,
-            Act::Cool(false) => board.ports[1].wires[1] = Wire::Open,
+            Act::Enable(on) => board.wire(1, 0, high(*on)),
+            Act::Cool(true) => board.wire(1, 1, Wire::Low),
+            Act::Cool(false) => board.wire(1, 1, Wire::Open),
             Act::OverCurrent(on) => {
-                board.ports[1].wires[12] = high(*on);
+                board.wire(1, 12, high(*on));
                 board.break_input(false);
             }
             Act::Wire(port, pin, wire) => {
-                board.ports[*port].wires[*pin] = *wire;
+                board.wire(*port, *pin, *wire);
                 board.break_input(false);
             }
             Act::Plant(change) => board.world.bench.apply(*change),

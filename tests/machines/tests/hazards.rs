@@ -541,6 +541,174 @@ fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
     }
 }
 
+/// Times in s at which an enable input opens and closes, from a gap on: it is high for a share of each period.
+fn chatter(frequency: f64, duty: f64, from: f64, until: f64) -> impl Iterator<Item = (f64, Act)> {
+    let gaps = (0..).map(move |n| from + f64::from(n) / frequency);
+    let gaps = gaps.take_while(move |gap| *gap < until);
+    gaps.flat_map(move |gap| {
+        let closes = gap + (1.0 - duty) / frequency;
+        [(gap, Act::Enable(false)), (closes, Act::Enable(true))]
+    })
+}
+
+/// How often the board reports that the enable input chatters.
+fn reported_chatter(rig: &mut Rig) -> usize {
+    let mut records = Vec::new();
+    while let Some(record) =
+        rig.ask(
+            &Request::Event(records.len() as u32),
+            |response| match response {
+                Response::Event(record) => record,
+                other => panic!("{other:?}"),
+            },
+        )
+    {
+        records.push(record.event);
+    }
+    let chatters = kband::control::Event::EnableChatters.number();
+    records.iter().filter(|event| **event == chatters).count()
+}
+
+/// Frequencies in Hz and shares of time of an enable input that chatters.
+fn chatters() -> impl Iterator<Item = (f64, f64)> {
+    const FREQUENCIES: [f64; 11] = [
+        10.0, 33.0, 50.0, 50.3, 100.0, 200.0, 222.0, 500.0, 1000.0, 2000.0, 5000.0,
+    ];
+    let with = |frequency| [0.1, 0.5, 0.9].map(|duty| (frequency, duty));
+    FREQUENCIES.into_iter().flat_map(with)
+}
+
+/// Before: at 1 kHz drive and READY stayed on, at 50.3 Hz the drive stopped and started by itself.
+#[test]
+fn an_enable_input_that_chatters_stops_a_drive_for_good() {
+    let running = running();
+    let mut latest = 0.0_f64;
+    // Gaps between two samples at several phases of them.
+    let narrow = std::iter::repeat_n((5000.0, 0.9), 5);
+    for (n, (frequency, duty)) in chatters().chain(narrow).enumerate() {
+        let mut rig = running.clone();
+        // At any phase of drive and samples.
+        let from = 3.0 + 1.237e-3 * n as f64;
+        let until = from + 0.04 + 1.2 / frequency;
+        for (time, act) in chatter(frequency, duty, from, until) {
+            rig.at(time, act);
+        }
+        rig.run(until + 0.02);
+        let opens = rig.opens_after(from);
+        assert!(
+            opens.is_some_and(|time| time < 5e-3),
+            "{frequency} Hz, {duty}: {opens:?}"
+        );
+        latest = latest.max(opens.unwrap_or_default());
+        let again = rig.seen_after(from + 5e-3, &Seen::Bridge(true));
+        assert_eq!(again, None, "{frequency} Hz, {duty}");
+        let dark = rig.seen_after(from, &Seen::Ready(false));
+        assert!(dark.is_some_and(|time| time < from + 0.03), "{dark:?}");
+        assert_eq!(rig.seen_after(from, &Seen::Fault(true)), None);
+        drive_on_follows_the_bridge(&rig);
+        assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
+        // The track is at rest first; a high input alone starts nothing, a press does.
+        if n % 11 == 4 {
+            rig.act(&Act::Enable(true));
+            rig.run(from + 1.5);
+            assert!(!rig.chip.is_driven(), "{frequency} Hz, {duty}");
+            let press = from + 1.62;
+            rig.at(from + 1.5, Act::Enable(false))
+                .at(press, Act::Enable(true))
+                .run(press + 0.07);
+            let starts = rig
+                .seen_after(press, &Seen::Bridge(true))
+                .expect("a press starts it");
+            assert!((0.02..0.065).contains(&(starts - press)), "{starts}");
+        }
+    }
+    println!(
+        "enable chatters: bridge open after {:.2} ms at most",
+        latest * 1e3
+    );
+}
+
+/// Before: the bridge opened at the end of a soft stop, which began within a cycle.
+#[test]
+fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms() {
+    let running = running();
+    let mut latest = 0.0_f64;
+    for n in 0..6 {
+        let mut rig = running.clone();
+        let from = 3.0 + 3.71e-3 * f64::from(n);
+        rig.at(from, Act::Enable(false));
+        // Its contact bounces.
+        for (time, act) in chatter(400.0, 0.5, from + 5e-3, from + 15e-3) {
+            rig.at(time, act);
+        }
+        rig.at(from + 16e-3, Act::Enable(false));
+        rig.run(from + 0.15);
+        let opens = rig.opens_after(from).expect("it opens");
+        assert!(opens < 2e-3, "{opens}");
+        latest = latest.max(opens);
+        let again = rig.seen_after(from + 2e-3, &Seen::Bridge(true));
+        assert_eq!((again, reported_chatter(&mut rig)), (None, 0));
+        drive_on_follows_the_bridge(&rig);
+    }
+    println!(
+        "enable withdrawn: bridge open after {:.2} ms at most",
+        latest * 1e3
+    );
+}
+
+/// A high phase of 20 ms after a long low one is a press: such chatter starts the drive once, and never again.
+#[test]
+fn an_enable_input_that_chatters_starts_nothing() {
+    let resting = machine().commissioned(&image());
+    for (frequency, duty) in chatters() {
+        let mut rig = resting.clone();
+        let from = ENABLED;
+        let first = from + duty / frequency;
+        let until = first + 0.04 + 1.2 / frequency;
+        rig.at(from, Act::Enable(true));
+        for (time, act) in chatter(frequency, duty, first, until) {
+            rig.at(time, act);
+        }
+        rig.run(until + 0.02);
+        let started = rig.seen_after(from, &Seen::Bridge(true));
+        if duty / frequency < 0.02 {
+            assert_eq!(started, None, "{frequency} Hz, {duty}");
+        } else {
+            let opens = rig.opens_after(first);
+            assert!(
+                opens.is_some_and(|time| time < 5e-3),
+                "{frequency} Hz, {duty}: {opens:?}"
+            );
+        }
+        let again = rig.seen_after(first + 5e-3, &Seen::Bridge(true));
+        assert_eq!(again, None, "{frequency} Hz, {duty}");
+        assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
+    }
+}
+
+/// Without the guard in the sample that closes the bridge it is closed for up to a cycle: the control saw a good supply.
+#[test]
+fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open() {
+    let resting = machine().commissioned(&image());
+    let starts = |rig: &mut Rig| {
+        rig.at(ENABLED, Act::Enable(true)).run(ENABLED + 0.1);
+        rig.seen_after(ENABLED, &Seen::Bridge(true))
+    };
+    let closes = starts(&mut resting.clone()).expect("it starts");
+    // The longest before the control has looked; the shortest within the sample that closes the bridge.
+    for (before, time) in [40e-6, 10e-6, 2e-6, 1.5e-6, 1e-6, 0.5e-6]
+        .map(|before| (before, 20e-3))
+        .into_iter()
+        .chain([(40e-6, 20e-6)])
+    {
+        let mut rig = resting.clone();
+        rig.at(closes - before, Act::Volts(2.6))
+            .at(closes - before + time, Act::Volts(3.3));
+        assert_eq!(starts(&mut rig), None, "{before} s before, for {time} s");
+        assert!(rig.seen_after(closes, &Seen::Fault(true)).is_some());
+    }
+}
+
 /// The faults that a board keeps, the newest first: their numbers.
 fn kept_faults(rig: &mut Rig) -> Vec<u8> {
     let mut faults = Vec::new();

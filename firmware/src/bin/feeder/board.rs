@@ -212,6 +212,8 @@ async fn main(spawner: Spawner) {
     if !sound {
         defmt::error!("the crystal does not swing at its frequency: the drive stays off");
     }
+    // Before the first sample, which reads the enable input.
+    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
     let (adc, sample_time) = Board::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, sample_time);
     let Ok(mut memory) = Board::memory(p.FLASH) else {
@@ -264,7 +266,6 @@ async fn main(spawner: Spawner) {
         line_rate: LINE_RATE,
         strapped,
     };
-    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
     watch_strap(p.PC1);
     let lamps = Lamps::new(p.PC2, p.PB11);
     let service = Service::new(image, memory, found.pin);

@@ -267,6 +267,8 @@ impl Controller {
         let goal = self.move_reference();
         if !self.machine.running() {
             self.rest();
+        } else if inputs.held_off {
+            self.coast();
         } else if self.resonance.sweeps() {
             self.sweep(measured, &mut events);
         } else {
@@ -454,6 +456,9 @@ impl Controller {
         lead: f32,
         events: &mut Events,
     ) -> bool {
+        if inputs.chatters {
+            events.push(Event::EnableChatters);
+        }
         if inputs.stack_low {
             self.machine.fail(Fault::StackLow, events);
         }
@@ -615,6 +620,14 @@ impl Controller {
         let decision = self.machine.rest();
         self.carry_out(decision);
         self.identifier.interrupt();
+    }
+
+    /// The bridge is open already: no output while the track comes to rest.
+    fn coast(&mut self) {
+        (self.output, self.ahead) = (0.0, 0.0);
+        self.reference.now = 0.0;
+        self.amplitude.reset();
+        self.tones.rest();
     }
 
     /// Amplitude in m that the search for the resonance has at its peak.

@@ -83,6 +83,48 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
+/// While the bridge is held open the output is 0 at once; the drive starts again once it is let go and the track is at rest.
+#[test]
+fn a_drive_that_is_held_off_stops_without_a_ramp() {
+    let (mut controller, held) = driven(Target::K(0.5));
+    assert!(held.command.amplitude > 0.1);
+    let mut cycle = |controller: &mut Controller, held_off: bool| {
+        let cycle = Cycle {
+            samples: 400,
+            quadrature: -obeyed(controller) * controller.scale.square,
+            low: 1500,
+            high: 2500,
+            ..Cycle::default()
+        };
+        let inputs = Inputs {
+            enable: true,
+            held_off,
+            chatters: held_off,
+            ..Inputs::default()
+        };
+        controller.cycle(&cycle, &inputs)
+    };
+    let first = cycle(&mut controller, true);
+    assert_eq!(
+        (first.state, first.command.amplitude),
+        (State::Stopping, 0.0)
+    );
+    assert!(
+        first
+            .events
+            .iter()
+            .any(|event| event == Event::EnableChatters)
+    );
+    let mut ended = false;
+    for _ in 0..200 {
+        let report = cycle(&mut controller, true);
+        assert_eq!((report.fault, report.command.amplitude), (None, 0.0));
+        ended |= report.state == State::Off;
+    }
+    assert!(ended);
+    assert_eq!(cycle(&mut controller, false).state, State::Starting);
+}
+
 /// Whatever number of a cycle is none, or of no size that a converter reads: no output from that cycle on, fault 13, and no number of the
 /// report is NaN. After the fault is acknowledged the drive starts as before.
 #[test]

@@ -208,6 +208,8 @@ pub enum Event {
     Weighed = 26,
     /// The parts on the track can no longer be weighed.
     NotWeighed = 27,
+    /// The enable input chatters: the drive stays off until it was low and is high again.
+    EnableChatters = 28,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -274,7 +276,8 @@ named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetS
     ResonanceFound = "resonance found", Identified = "restitution identified",
     NotIdentified = "restitution not identified", LockedOut = "locked out",
     SecondToneUnlike = "second tone not as told", ThirdToneUnlike = "third tone not as told",
-    GearPoor = "gear poor for the lot", Weighed = "weighed", NotWeighed = "no longer weighed");
+    GearPoor = "gear poor for the lot", Weighed = "weighed", NotWeighed = "no longer weighed",
+    EnableChatters = "enable chatters");
 
 #[cfg(test)]
 mod tests {
@@ -288,7 +291,7 @@ mod tests {
             [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18]
         );
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..28));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..29));
         for number in 0..=u8::MAX {
             let fault = Fault::numbered(number);
             assert_eq!(fault.is_some(), numbers.contains(&number));

@@ -129,6 +129,8 @@ impl Interlock {
             self.withdrawn = 0;
         } else {
             self.withdrawn = self.withdrawn.saturating_add(1);
+        }
+        if !inputs.enable || inputs.held_off {
             self.stopped_by_link = false;
         }
     }
@@ -143,7 +145,7 @@ impl Interlock {
         } else if inputs.withheld && !self.stopped_by_link {
             self.latched = true;
         }
-        inputs.enable && !inputs.withheld && !self.latched
+        inputs.enable && !inputs.held_off && !inputs.withheld && !self.latched
     }
 
     /// The running drive begins to stop.
@@ -240,6 +242,15 @@ mod tests {
         assert!(!interlock.may_start(&inputs(true, false)));
         assert!(!interlock.may_start(&inputs(false, false)));
         assert!(interlock.may_start(&inputs(true, false)));
+        // The sample interrupt held the drive off meanwhile: the input was withdrawn.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        interlock.stopping(&inputs(true, true));
+        interlock.watch(&Inputs {
+            held_off: true,
+            ..inputs(true, true)
+        });
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(!interlock.may_start(&inputs(true, false)));
         // The input was off for a moment after the link had stopped the drive.
         let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         interlock.stopping(&inputs(true, true));

@@ -271,7 +271,7 @@ impl StateMachine {
                 }
                 None
             }
-            _ if !inputs.enable || inputs.withheld => {
+            _ if !inputs.enable || inputs.held_off || inputs.withheld => {
                 self.interlock.stopping(inputs);
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);
@@ -514,5 +514,25 @@ mod tests {
         assert_eq!(after(&mut machine, 1, &given), State::Starting);
         let mut machine = begin(StartCause::Ordinary);
         assert_eq!(after(&mut machine, 1, &given), State::Starting);
+    }
+
+    #[test]
+    fn a_drive_that_is_held_off_stops_and_does_not_start() {
+        let given = Inputs {
+            enable: true,
+            ..Inputs::default()
+        };
+        let held = Inputs {
+            held_off: true,
+            ..given
+        };
+        let mut machine = begin(StartCause::Ordinary);
+        assert_eq!(after(&mut machine, 100, &held), State::Off);
+        assert_eq!(after(&mut machine, 1, &given), State::Starting);
+        assert_eq!(after(&mut machine, 1, &held), State::Stopping);
+        assert_eq!(after(&mut machine, 100, &held), State::Off);
+        // An input that chatters acknowledges no fault.
+        machine.fail(Fault::SensorLost, &mut Events::default());
+        assert_eq!(after(&mut machine, 1000, &held), State::Fault);
     }
 }

@@ -5,7 +5,7 @@ use super::clocks::{Cause, Clocks, FASTEST, TICKS};
 use super::converter::Converter;
 use super::core::Bus;
 use super::flash::{self, Flash};
-use super::gpio::{Mode, Port};
+use super::gpio::{Mode, Port, Wire};
 use super::power::{LOWEST, Power, Supply};
 use super::serial::Serial;
 use super::system::{Asks, NMI, System};
@@ -26,6 +26,8 @@ const FLASH_SIZE: u32 = 0x1fff_7a20;
 /// Interrupts (12.2, table 62).
 const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
+/// That of line 0, of the lines that a pin may have.
+const EDGE: u16 = 6;
 const CONVERTED: u16 = 18;
 const TIMER_BREAK: u16 = 24;
 const TIMER_UPDATE: u16 = 25;
@@ -230,6 +232,7 @@ impl Board {
         let system = &mut self.system;
         system.line(WINDOW, self.window.interrupts());
         system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
+        system.line(EDGE, self.lines[5] & self.lines[0] & 1 != 0);
         system.line(CONVERTED, self.converter.interrupts());
         let [update, broke] = self.bridge.interrupts();
         system.line(TIMER_UPDATE, update);
@@ -340,6 +343,19 @@ impl Board {
                 let clear = self.bridge.clear(sampled as u32);
                 self.world.clear = self.world.clear.min(clear);
             }
+        }
+    }
+
+    /// A pin is wired to something else. An edge at a line that listens to it is pending (12.2.4), where the line is
+    /// not masked: the manual's figure leaves open whether a masked line remembers.
+    pub fn wire(&mut self, port: usize, pin: usize, wire: Wire) {
+        let before = self.ports[port].level(pin);
+        self.ports[port].wires[pin] = wire;
+        let after = self.ports[port].level(pin);
+        let chosen = self.configuration[2 + pin / 4] >> (4 * (pin % 4)) & 0xf;
+        if before != after && chosen as usize == port {
+            let edges = self.lines[if after { 2 } else { 3 }];
+            self.lines[5] |= edges & self.lines[0] & 1 << pin;
         }
     }
 
@@ -739,5 +755,45 @@ impl Bus for Board {
             self.wait_for_flash();
             self.stall += self.flash.fetch(address);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SYSTEM_CONFIGURATION_CLOCK: (u32, u32) = (0x4002_3844, 1 << 14);
+    const CHOICE: u32 = 0x4001_3808;
+    const MASK: u32 = 0x4001_3c00;
+    const RISING: u32 = 0x4001_3c08;
+    const FALLING: u32 = 0x4001_3c0c;
+    const PENDING: u32 = 0x4001_3c14;
+
+    #[test]
+    fn an_edge_is_pending_where_an_unmasked_line_listens_to_it() {
+        let mut board = Board::default();
+        let mut pends = |mask: u32, edges: [u32; 2], port: u32, wire: Wire| {
+            board.store(
+                SYSTEM_CONFIGURATION_CLOCK.0,
+                4,
+                SYSTEM_CONFIGURATION_CLOCK.1,
+            );
+            board.store(CHOICE, 4, port);
+            board.store(MASK, 4, mask);
+            board.store(RISING, 4, edges[0]);
+            board.store(FALLING, 4, edges[1]);
+            board.wire(1, 0, wire);
+            let pending = board.load(PENDING, 4) == Some(1);
+            board.store(PENDING, 4, 1);
+            assert_eq!(board.load(PENDING, 4), Some(0), "a one clears it");
+            pending
+        };
+        assert!(pends(1, [1, 0], 1, Wire::High));
+        assert!(!pends(1, [1, 0], 1, Wire::Low), "falling");
+        assert!(!pends(1, [0, 1], 1, Wire::High), "rising");
+        assert!(pends(1, [0, 1], 1, Wire::Low));
+        assert!(!pends(0, [1, 1], 1, Wire::High), "masked");
+        assert!(!pends(1, [1, 1], 1, Wire::High), "as before");
+        assert!(!pends(1, [1, 1], 0, Wire::Low), "port A's");
     }
 }

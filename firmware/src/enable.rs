@@ -1,0 +1,282 @@
+//! The enable input, debounced sample by sample.
+//!
+//! A gap is a sample in which the input was not high all the time. The converter's rate sees gaps down to one sample
+//! (50 us); the chip's edge detector latches narrower ones.
+
+use kband::control::SAMPLE_RATE;
+
+/// The enable input from one sample to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Contact {
+    /// Low all the time.
+    Open,
+    /// High all the time.
+    Closed,
+    /// It changed.
+    Moved,
+}
+
+/// The enable input over a drive cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EnableCycle {
+    /// Whether it was high at any time.
+    pub given: bool,
+    /// Whether the sample interrupt holds the drive off.
+    pub held_off: bool,
+    /// Whether it began to chatter.
+    pub chatters: bool,
+}
+
+/// Samples without a gap after which the drive may run: 20 ms. A contact that is closed may bounce as long before.
+const PRESS_SAMPLES: u16 = samples(20);
+/// Samples without a change after which the input is settled: 100 ms, the period of the slowest chatter (10 Hz).
+const SETTLED_SAMPLES: u16 = samples(100);
+/// Samples in which gaps are counted: 5 ms.
+const GAP_WINDOW: u32 = samples(5) as u32;
+/// Gaps in that window that leave the drive on; one more switches it off. Of a chatter that is low for 10 % of its period or more, a gap of n
+/// samples touches n samples at least, rounded up. From the first one on, at least 9 lie in the window at any period;
+/// eight disturbances shorter than a sample leave the drive on.
+const MAX_GAPS: usize = 8;
+
+/// Samples of a time in ms.
+const fn samples(milliseconds: u32) -> u16 {
+    (SAMPLE_RATE / 1000 * milliseconds) as u16
+}
+
+/// The state of the enable input.
+#[derive(Clone, Debug)]
+pub struct Debounce {
+    /// Whether the drive may run.
+    on: bool,
+    /// Whether the input was settled low before it came, and did not move for longer than a contact bounces.
+    armed: bool,
+    /// Whether the input moved for longer than a contact bounces, and is not settled yet.
+    chatters: bool,
+    /// Whether that began since it was last asked.
+    began: bool,
+    contact: Contact,
+    /// Samples since the input last moved.
+    steady: u16,
+    /// Samples since the input was last settled, or switched the drive off.
+    unsettled: u16,
+    /// Samples since the window before the drive came on, and of the last gaps, the oldest of them at `oldest`.
+    now: u32,
+    gaps: [u32; MAX_GAPS],
+    oldest: u8,
+}
+
+impl Default for Debounce {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Debounce {
+    /// An input of which nothing is known: the drive is off until the input was settled low.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            on: false,
+            armed: false,
+            chatters: false,
+            began: false,
+            contact: Contact::Moved,
+            steady: 0,
+            unsettled: 0,
+            now: 0,
+            gaps: [0; MAX_GAPS],
+            oldest: 0,
+        }
+    }
+
+    /// Takes a sample; whether the drive may run.
+    #[inline]
+    pub fn sample(&mut self, contact: Contact) -> bool {
+        if self.on {
+            self.now = self.now.wrapping_add(1);
+            if contact != Contact::Closed {
+                self.take_gap();
+            }
+        } else {
+            self.wait(contact);
+        }
+        self.on
+    }
+
+    /// Whether the drive may run.
+    #[inline]
+    #[must_use]
+    pub fn is_on(&self) -> bool {
+        self.on
+    }
+
+    /// Whether the input began to chatter since the last call.
+    pub fn take_chatter(&mut self) -> bool {
+        core::mem::take(&mut self.began)
+    }
+
+    /// Takes a gap; switches the drive off where there are too many.
+    #[cold]
+    fn take_gap(&mut self) {
+        let oldest = &mut self.gaps[usize::from(self.oldest) % MAX_GAPS];
+        self.oldest = self.oldest.wrapping_add(1);
+        if self.now.wrapping_sub(core::mem::replace(oldest, self.now)) < GAP_WINDOW {
+            *self = Self {
+                began: self.began,
+                ..Self::new()
+            };
+        }
+    }
+
+    /// Waits for a press: low for 100 ms, bounces for 20 ms at most, then high for 20 ms.
+    #[inline(never)]
+    fn wait(&mut self, contact: Contact) {
+        let moved = contact == Contact::Moved || contact != self.contact;
+        self.contact = contact;
+        self.steady = if moved {
+            0
+        } else {
+            self.steady.saturating_add(1)
+        };
+        self.unsettled = self.unsettled.saturating_add(1);
+        if self.steady >= SETTLED_SAMPLES {
+            self.unsettled = 0;
+            self.armed = contact == Contact::Open;
+            self.chatters = false;
+        } else if moved && self.unsettled > PRESS_SAMPLES {
+            self.began |= !self.chatters;
+            self.chatters = true;
+            self.armed = false;
+        }
+        if self.armed && contact == Contact::Closed && self.steady >= PRESS_SAMPLES {
+            self.on = true;
+            self.now = GAP_WINDOW;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An input that is high for a share of each period, from a phase on, as its `n`th sample sees it.
+    fn chatter(frequency: f64, duty: f64, phase: f64, n: u32) -> Contact {
+        let half = |n: u32| {
+            let turns = phase + frequency * f64::from(n) / f64::from(SAMPLE_RATE);
+            2 * turns as u64 + u64::from(turns.fract() >= duty)
+        };
+        match (half(n), half(n + 1)) {
+            (before, after) if before != after => Contact::Moved,
+            (half, _) if half % 2 == 0 => Contact::Closed,
+            _ => Contact::Open,
+        }
+    }
+
+    /// Frequencies from 10 Hz to 5 kHz, 2.5 % apart, with duties of 10 to 90 %.
+    fn grid() -> impl Iterator<Item = (f64, f64)> {
+        (0..=252).flat_map(|n| {
+            let frequency = (10.0 * 1.025_f64.powi(n)).min(5000.0);
+            (1..10).map(move |tenth| (frequency, 0.1 * f64::from(tenth)))
+        })
+    }
+
+    /// An input after this many ms of each contact.
+    fn after(contacts: &[(Contact, u32)]) -> Debounce {
+        let mut input = Debounce::new();
+        feed(&mut input, contacts);
+        input
+    }
+
+    fn feed(input: &mut Debounce, contacts: &[(Contact, u32)]) -> bool {
+        for &(contact, time) in contacts {
+            for _ in 0..samples(time) {
+                input.sample(contact);
+            }
+        }
+        input.on
+    }
+
+    use Contact::{Closed, Moved, Open};
+
+    #[test]
+    fn a_press_switches_on_after_20_ms_without_a_gap() {
+        let mut input = after(&[(Open, 101), (Closed, 20)]);
+        assert!(!input.on);
+        assert!(input.sample(Closed) && input.sample(Moved), "a gap");
+        // It bounces for 15 ms, and on the way for 25 ms.
+        let mut bouncing = after(&[(Open, 101), (Moved, 15), (Closed, 20)]);
+        assert!(bouncing.sample(Closed) && !bouncing.take_chatter());
+        let mut longer = after(&[(Open, 101), (Moved, 25), (Closed, 1000)]);
+        assert!(!longer.on && longer.take_chatter());
+        assert!(feed(&mut longer, &[(Open, 101), (Closed, 21)]));
+    }
+
+    #[test]
+    fn an_input_that_was_not_low_for_100_ms_starts_nothing() {
+        assert!(!after(&[(Closed, 1000)]).on, "since power-on");
+        let running = after(&[(Open, 101), (Closed, 21)]);
+        for (low, on) in [(1, false), (99, false), (101, true)] {
+            let mut input = running.clone();
+            feed(&mut input, &[(Open, low)]);
+            assert!(!input.on, "{low} ms");
+            assert_eq!(feed(&mut input, &[(Closed, 1000)]), on, "{low} ms");
+        }
+    }
+
+    #[test]
+    fn a_withdrawal_switches_off_within_2_ms_and_is_no_chatter() {
+        let mut input = after(&[(Open, 101), (Closed, 30), (Open, 2)]);
+        assert!(!input.on);
+        feed(&mut input, &[(Moved, 10), (Open, 1000), (Closed, 30)]);
+        assert!(input.on && !input.take_chatter());
+    }
+
+    #[test]
+    fn eight_gaps_in_5_ms_leave_the_drive_on() {
+        let mut input = after(&[(Open, 101), (Closed, 30)]);
+        for _ in 0..20 {
+            assert!((0..8).all(|_| input.sample(Moved)));
+            assert!((0..92).all(|_| input.sample(Closed)));
+        }
+        assert!((0..8).all(|_| input.sample(Moved)) && !input.sample(Moved));
+    }
+
+    #[test]
+    fn chatter_of_10_hz_to_5_khz_switches_off_within_5_ms() {
+        let running = after(&[(Open, 101), (Closed, 30)]);
+        for (frequency, duty) in grid() {
+            for step in 0..20 {
+                // The first gap begins within the first sample.
+                let phase = duty - frequency / f64::from(SAMPLE_RATE) * f64::from(step) / 20.0;
+                let phase = if phase < 0.0 { phase + 1.0 } else { phase };
+                let mut input = running.clone();
+                let off = (0..200)
+                    .find(|&n| !input.sample(chatter(frequency, duty, phase, n)))
+                    .map(|n| n + 1);
+                assert!(
+                    off.is_some_and(|n| n <= GAP_WINDOW),
+                    "{frequency} Hz, {duty}, {step}: {off:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn chatter_never_switches_on_and_is_reported_once() {
+        for (frequency, duty) in grid() {
+            let mut input = after(&[(Open, 101), (Closed, 30)]);
+            let mut chatter = (0..10_000).map(|n| chatter(frequency, duty, duty, n));
+            while input.sample(chatter.next().unwrap()) {}
+            let mut reported = 0;
+            for contact in chatter {
+                assert!(!input.sample(contact), "{frequency} Hz, {duty}");
+                reported += u32::from(input.take_chatter());
+            }
+            assert_eq!(reported, 1, "{frequency} Hz, {duty}");
+            // An episode ends, and the next one is reported too.
+            assert!(feed(&mut input, &[(Open, 101), (Closed, 30)]));
+            feed(&mut input, &[(Open, 50), (Closed, 1)]);
+            assert!(input.take_chatter());
+        }
+    }
+}
