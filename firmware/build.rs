@@ -19,6 +19,12 @@ ASSERT(__sheap - ORIGIN(RAM) <= 112K, \"kband: stack and static data exceed 112 
 ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 384K, \"kband: the image exceeds 384 KiB of flash\");
 ";
 
+/// Bounds of what the board checks at its start, and the word behind it for the CRC-32 of the image: `kband flash` fills it.
+const CHECKED: &str = "\
+SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSERT AFTER .gnu.sgstubs;
+_image_start = ORIGIN(FLASH);
+";
+
 /// Marks the emulated board's image: it asks a debugger for everything, alone it would hang.
 const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
 
@@ -41,6 +47,7 @@ fn main() {
     for (name, script) in [
         ("layout.x", LAYOUT),
         ("budget.x", BUDGET),
+        ("checked.x", CHECKED),
         ("emulated.x", EMULATED),
         ("chip.x", &chip(&board)),
     ] {
@@ -52,6 +59,7 @@ fn main() {
     }
     println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
     println!("cargo:rustc-link-arg-bin=feeder=-Tchip.x");
+    println!("cargo:rustc-link-arg-bin=feeder=-Tchecked.x");
     println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");
 }
 
@@ -84,15 +92,37 @@ fn chip(board: &str) -> String {
     format!("SECTIONS {{ .chip 0 (INFO) : {{ {name}}} }}\n")
 }
 
-/// The commit an image is built from, or "unknown" outside a repository.
+/// What an image is built from: a change of it that is not committed marks the image.
+const SOURCES: [&str; 6] = [
+    ".cargo",
+    "Cargo.lock",
+    "Cargo.toml",
+    "firmware",
+    "memory.x",
+    "shared",
+];
+
+/// The commit an image is built from, "-dirty" behind it where its sources differ from the commit, or "unknown" outside
+/// a repository.
 fn commit() -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(arguments).output().ok()?;
         let text = String::from_utf8(output.stdout).ok()?;
-        (output.status.success() && !text.trim().is_empty()).then(|| text.trim().to_owned())
+        output.status.success().then(|| text.trim().to_owned())
     };
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
         println!("cargo:rerun-if-changed={log}");
     }
-    git(&["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_owned())
+    for source in SOURCES {
+        println!("cargo:rerun-if-changed=../{source}");
+    }
+    let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) else {
+        return "unknown".to_owned();
+    };
+    let mut status = vec!["-C", "..", "status", "--porcelain", "--"];
+    status.extend(SOURCES);
+    match git(&status) {
+        Some(changes) if changes.is_empty() => commit,
+        _ => commit + "-dirty",
+    }
 }

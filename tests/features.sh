@@ -23,7 +23,7 @@ done
 for cpu in thumbv7em-none-eabihf thumbv6m-none-eabi; do
     for features in "${combinations[@]}"; do
         echo "$cpu: ${features:-none}"
-        "$@" clippy --quiet --locked --profile firmware --target "$cpu" --target-dir "$target/emulated" \
+        "$@" clippy --config firmware/image.toml --quiet --locked --profile firmware --target "$cpu" --target-dir "$target/emulated" \
             --package kband --lib --no-default-features --features "$features" -- -D warnings
     done
 done

@@ -9,6 +9,7 @@
 #                         several: 1000 of them an hour and an hour and a half.
 #   tests/run.sh --mutants [WHICH...]  instead: the mutants alone, of these files or numbers (tests/mutants/run.py)
 #   tests/run.sh --fuzz [SECONDS [TARGET...]]  instead: the search by coverage alone, 60 s for each target (tests/fuzz/run.sh)
+#   tests/run.sh --reproducible  instead: the board's image from two folders with two homes of cargo, the same bits: some minutes
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
@@ -132,6 +133,15 @@ if [ "${1:-}" = --fuzz ]; then
     finish
 fi
 
+# The toolchain that compiles for the targets: rustup's, or Debian's under the name of tests/setup.sh.
+cross=cargo
+compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev/null || cross='cargo +kband-thumb'
+
+if [ "${1:-}" = --reproducible ]; then
+    step "same bits from two folders" 2400 tests/reproducible.sh ${cross#cargo}
+    finish
+fi
+
 if [ "${1:-}" = --features ]; then
     step "clippy for all features of the desk" 2400 cargo clippy --locked --package kband-host --all-features --all-targets \
         -- -D warnings
@@ -142,14 +152,10 @@ if [ "${1:-}" = --features ]; then
     finish
 fi
 
-# The toolchain that compiles for the targets: rustup's, or Debian's under the name of tests/setup.sh.
-cross=cargo
-compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev/null || cross='cargo +kband-thumb'
-
 step "format" 60 cargo fmt --all --check
 step "clippy for the desk" 1200 cargo clippy --locked --workspace --all-targets -- -D warnings
 # Profile and folder of the images: their build scripts and macros are then compiled once for both.
-step "clippy for the target" 1200 $cross clippy --locked --profile firmware --target $thumb \
+step "clippy for the target" 1200 $cross clippy --config firmware/image.toml --locked --profile firmware --target $thumb \
     --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
 step "every combination of features" 600 tests/features.sh $cross
 # What the tests ask for, as they ask for it: one package at a time, or the packages would get each
@@ -157,7 +163,7 @@ step "every combination of features" 600 tests/features.sh $cross
 image() {
     local name=$1
     shift
-    step "$name" 1200 $cross build --locked --profile firmware --target-dir "$target/emulated" "$@"
+    step "$name" 1200 $cross build --config firmware/image.toml --locked --profile firmware --target-dir "$target/emulated" "$@"
 }
 image "images for the emulated CPU" --package kband-emulated --bins --target $thumb
 image "images for the emulated small CPU" --package kband-emulated --bin kernel_bits --bin kernel_cost --target $small

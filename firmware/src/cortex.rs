@@ -157,6 +157,32 @@ pub fn unexpected(number: i16) -> ! {
     kband_halt()
 }
 
+/// Bytes below the RAM that the guard of the stack covers: the addresses of system memory and option bytes, where a write
+/// may be ignored without a fault. The program reads nothing there.
+const GUARDED: u32 = 64 * 1024;
+/// Region attributes (ARM DDI 0403E, B3.5.9): on, of 2^(size + 1) bytes, no access, no execution.
+const REGION_ON: u32 = 1;
+const REGION_SIZE: u32 = (GUARDED.trailing_zeros() - 1) << 1;
+const NEVER_EXECUTED: u32 = 1 << 28;
+/// The memory protection is on, with the default map beside its regions (B3.5.5).
+const PROTECTION_ON: u32 = 1 | 1 << 2;
+
+/// Makes every access to the addresses below the stack a fault, so that a stack which outgrows the RAM faults at once.
+pub fn guard_stack(protection: &cortex_m::peripheral::MPU) {
+    let (bottom, _) = stack_bounds();
+    // SAFETY: nothing of the program lies below the stack, which begins where the RAM does.
+    unsafe {
+        protection.rnr.write(0);
+        protection.rbar.write(bottom - GUARDED);
+        protection
+            .rasr
+            .write(NEVER_EXECUTED | REGION_SIZE | REGION_ON);
+        protection.ctrl.write(PROTECTION_ON);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}
+
 fn stack_bounds() -> (u32, u32) {
     unsafe extern "C" {
         static _stack_end: u32;

@@ -24,6 +24,7 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
         StartCause::Ordinary | StartCause::PowerOn => return None,
         StartCause::Reset => Fault::WatchdogReset,
         StartCause::Repeated => Fault::RepeatedResets,
+        StartCause::ImageDamaged => Fault::ImageDamaged,
         StartCause::Refused => Fault::SettingsInvalid,
     };
     Some(KeptFault {
@@ -35,9 +36,9 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
 
 /// How the controller begins with what was found.
 fn start_with(found: &Found, start: StartCause) -> StartCause {
-    match found.condition {
-        Condition::Whole => start,
-        Condition::Never | Condition::Lost => StartCause::Refused,
+    match (found.condition, start) {
+        (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
+        (Condition::Never | Condition::Lost, _) => StartCause::Refused,
     }
 }
 

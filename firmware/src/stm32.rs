@@ -517,6 +517,34 @@ impl Line for Serial {
     }
 }
 
+/// The CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both): data, control; a one resets it.
+const CRC_DATA: *mut u32 = 0x4002_3000 as *mut u32;
+const CRC_CONTROL: *mut u32 = 0x4002_3008 as *mut u32;
+const CRC_RESET: u32 = 1;
+
+/// Whether the flash holds the program that was written: the CRC-32 of the image is the word behind it, which
+/// `kband flash` computes and writes.
+#[must_use]
+pub fn image_is_whole() -> bool {
+    unsafe extern "C" {
+        static _image_start: u32;
+        static _image_end: u32;
+    }
+    pac::RCC.ahb1enr().modify(|clocks| clocks.set_crcen(true));
+    let end = &raw const _image_end;
+    let mut word = &raw const _image_start;
+    // SAFETY: registers that nothing else uses, and the words of the flash between the linker's bounds of the image. The
+    // unit takes the highest bit first, CRC-32 the lowest.
+    unsafe {
+        write_volatile(CRC_CONTROL, CRC_RESET);
+        while word < end {
+            write_volatile(CRC_DATA, read_volatile(word).reverse_bits());
+            word = word.add(1);
+        }
+        !read_volatile(CRC_DATA).reverse_bits() == read_volatile(end)
+    }
+}
+
 /// The flash's controller works; it is to begin (the same bits of all STM32F4 and STM32G4).
 const FLASH_BUSY: u32 = 1 << 16;
 const FLASH_START: u32 = 1 << 16;

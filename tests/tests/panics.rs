@@ -1,7 +1,8 @@
 //! No panic can be reached from a sample or from the link: the call sites of panics that are left in the
 //! image of the board are found and named.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 use std::path::Path;
 
 use addr2line::Loader;
@@ -197,6 +198,100 @@ fn no_panic_can_be_reached_from_a_sample_or_the_link() {
         println!("panics left: {count} in {}: {why}", &file[short..]);
     }
     assert!(wrong.is_empty(), "a panic can come from {wrong:?}");
+}
+
+/// The functions of an image by their addresses, each with its name without the compiler's hash and the functions that it
+/// calls or jumps to. What is called by its address is not seen.
+fn calls(image: &Path) -> BTreeMap<u32, (String, Vec<u32>)> {
+    let bytes = std::fs::read(image).unwrap();
+    let file = object::File::parse(&*bytes).unwrap();
+    let functions: BTreeMap<u32, (u32, String)> = file
+        .symbols()
+        .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.size() > 0)
+        .map(|symbol| {
+            let name = symbol.name().unwrap();
+            let short = name.rsplit_once("17h").map_or(name, |(short, _)| short);
+            let begin = symbol.address() as u32 & !1;
+            (begin, (symbol.size() as u32, short.to_string()))
+        })
+        .collect();
+    let text = file.section_by_name(".text").unwrap();
+    let (code, start) = (text.data().unwrap(), text.address() as u32);
+    let half = |at: u32| {
+        let at = (at - start) as usize;
+        code.get(at..at + 2)
+            .map(|half| u16::from_le_bytes([half[0], half[1]]))
+    };
+    let mut found = BTreeMap::new();
+    for (&begin, (size, name)) in functions.range(start..) {
+        let targets = (begin..begin + size)
+            .step_by(2)
+            .filter_map(|at| branch(at, half(at)?, half(at + 2)?))
+            .filter(|target| *target != begin && functions.contains_key(target));
+        found.insert(begin, (name.clone(), targets.collect()));
+    }
+    found
+}
+
+/// The committed list of the functions that call a panic, and how often: a new one is seen in review.
+#[test]
+fn the_functions_that_may_panic_are_the_listed_ones() {
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let calls = calls(&image);
+    let mut listed = BTreeMap::new();
+    for (name, targets) in calls.values().filter(|(name, _)| !panics(name)) {
+        let sites = targets.iter().filter(|target| panics(&calls[target].0));
+        *listed.entry(name).or_insert(0) += sites.count();
+    }
+    let mut list = String::new();
+    for (name, sites) in listed.into_iter().filter(|(_, sites)| *sites > 0) {
+        writeln!(list, "{sites} {name}").unwrap();
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reference/panics.txt");
+    if std::env::var_os("KBAND_ACCEPT").is_some() {
+        std::fs::write(&path, &list).unwrap();
+    }
+    let accepted = std::fs::read_to_string(&path).unwrap();
+    assert_eq!(list, accepted, "see it through, then KBAND_ACCEPT=1");
+}
+
+#[test]
+fn no_panic_can_be_reached_from_the_sample_interrupt() {
+    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
+    let calls = calls(&image);
+    let sample = calls.iter().find(|(_, (name, _))| name == "ADC");
+    let mut left = vec![*sample.expect("the sample interrupt").0];
+    let mut reached = BTreeSet::new();
+    while let Some(at) = left.pop() {
+        if reached.insert(at) {
+            left.extend(&calls[&at].1);
+        }
+    }
+    let names: Vec<&str> = reached.iter().map(|at| calls[at].0.as_str()).collect();
+    println!("reached from a sample: {names:?}");
+    assert!(
+        names
+            .iter()
+            .any(|name| name.contains("6signal6Signal4take"))
+    );
+    assert!(!names.iter().any(|name| panics(name)), "{names:?}");
+}
+
+/// No path of this computer is in the image: it has the same bits from any folder (tests/reproducible.sh).
+#[test]
+fn no_folder_of_this_computer_is_in_the_image() {
+    for features in ["stm32f405rg", "stm32g474re"] {
+        let image = images::build_with("kband-firmware", "feeder", Machine::CortexM4F, features);
+        let bytes = std::fs::read(image).unwrap();
+        let home = std::env::home_dir().unwrap();
+        let cargo = std::env::var_os("CARGO_HOME").map_or(home.join(".cargo"), Into::into);
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        for folder in [cargo.as_path(), root] {
+            let path = folder.to_str().unwrap().as_bytes();
+            let found = bytes.windows(path.len()).position(|part| part == path);
+            assert_eq!(found, None, "{} for {features}", folder.display());
+        }
+    }
 }
 
 /// The board computes in f32 and integers. The map in f64 would take 35 KiB of its flash.

@@ -301,6 +301,11 @@ const PROOFS: [(&str, Shows, Break); 75] = [
     ("target_in_limiting", Obeying, Hidden(target)),
     ("target_in_lost", Obeying, Hidden(target)),
     (
+        "image_damaged",
+        Shows::Fault(Fault::ImageDamaged),
+        Told(forget_reset),
+    ),
+    (
         "repeated_resets",
         Shows::Fault(Fault::RepeatedResets),
         Told(forget_reset),

@@ -165,6 +165,7 @@ scenes! {
     over_current
     over_temperature
     over_temperature_in_start
+    image_damaged
     repeated_resets
     resonance_tracking
     sensor_implausible

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
+use kband::wire::crc32;
 use object::elf::{EM_ARM, ET_EXEC, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader};
 use object::{FileKind, LittleEndian};
@@ -122,6 +123,7 @@ impl Image {
                 ));
             }
         }
+        fill_check(&mut pieces, chip)?;
         let image = Self {
             chip,
             pieces,
@@ -238,6 +240,31 @@ impl Image {
     }
 }
 
+/// Fills the last word of an image, left erased by the build, with the CRC-32 of everything before it. The board checks it
+/// at each start.
+fn fill_check(pieces: &mut [Piece], chip: &Chip) -> Result<(), Refusal> {
+    let mut flash = Vec::new();
+    for piece in &*pieces {
+        // Between two pieces the flash is erased.
+        flash.resize((piece.address - chip.flash.start) as usize, 0xff);
+        flash.extend_from_slice(&piece.bytes);
+    }
+    let place = pieces
+        .last_mut()
+        .and_then(|piece| piece.bytes.last_chunk_mut());
+    match place {
+        Some(place) if *place == ERASED => {
+            flash.truncate(flash.len() - ERASED.len());
+            *place = crc32(&flash).to_le_bytes();
+            Ok(())
+        }
+        _ => Err(Refusal::new("this image has no place for its check", BUILD)),
+    }
+}
+
+/// An erased word.
+const ERASED: [u8; 4] = [0xff; 4];
+
 /// The chip of this name.
 fn named(name: &[u8]) -> Result<&'static Chip, Refusal> {
     let name = String::from_utf8_lossy(name);
@@ -290,6 +317,7 @@ mod tests {
         stack: (u32, u32),
         log: u32,
         emulated: bool,
+        check: bool,
         chip: &'static str,
     }
 
@@ -301,6 +329,7 @@ mod tests {
             stack: (0x2000_0000, 0x8000),
             log: 15,
             emulated: false,
+            check: true,
             chip: "stm32f405rg",
         };
         parts.vectors[0] = 0x2000_8000;
@@ -312,7 +341,10 @@ mod tests {
             .iter()
             .flat_map(|word| word.to_le_bytes())
             .collect();
-        let code = [0_u8; 64];
+        let mut code = [0_u8; 64];
+        if parts.check {
+            code[60..].fill(0xff);
+        }
         let (segments_at, count) = (52_u32, 3_u32);
         let table_at = segments_at + 32 * count;
         let code_at = table_at + table.len() as u32;
@@ -416,6 +448,18 @@ mod tests {
     }
 
     #[test]
+    fn the_last_word_is_the_check_of_what_is_before_it() {
+        let image = Image::parse(&elf()).unwrap();
+        let flash: Vec<u8> = image
+            .pieces()
+            .iter()
+            .flat_map(|piece| piece.bytes.clone())
+            .collect();
+        let (before, check) = flash.split_last_chunk().unwrap();
+        assert_eq!(u32::from_le_bytes(*check), crc32(before));
+    }
+
+    #[test]
     fn an_image_is_for_the_chip_that_it_names() {
         let longer = |parts: &mut Parts| {
             parts.vectors.resize(118, 0);
@@ -439,7 +483,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused_with_what_it_is() {
         type Change = fn(&mut Parts);
-        let cases: [(Change, &[&str]); 14] = [
+        let cases: [(Change, &[&str]); 15] = [
             (|parts| parts.machine = 3, &["machine", "3", "40"]),
             (|parts| parts.code_at = 0x0807_fff0, &["0x0807", "settings"]),
             (
@@ -465,6 +509,7 @@ mod tests {
                 &["entry 20", "0x08001001"],
             ),
             (|parts| parts.log = 0, &["no log"]),
+            (|parts| parts.check = false, &["no place for its check"]),
             (|parts| parts.emulated = true, &["emulated board"]),
             (|parts| parts.chip = "", &["names no chip"]),
             (

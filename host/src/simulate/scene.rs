@@ -73,11 +73,12 @@ impl SceneFile {
                 Some("reset") => StartCause::Reset,
                 Some("refused") => StartCause::Refused,
                 Some("repeated") => StartCause::Repeated,
+                Some("image-damaged") => StartCause::ImageDamaged,
                 _ => {
                     return Err(root.refuse(
                         "start",
                         &start,
-                        "ordinary, power-on, reset, refused, repeated",
+                        "ordinary, power-on, reset, refused, repeated, image-damaged",
                     ));
                 }
             };

@@ -12,6 +12,8 @@ pub enum StartCause {
     Reset,
     /// The board was reset three times in a row: off until that is acknowledged.
     Repeated,
+    /// The program in the flash is not the one that was written: off for good.
+    ImageDamaged,
     /// The stored settings were refused: off, with the defaults in their place.
     Refused,
 }

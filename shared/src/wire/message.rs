@@ -387,6 +387,8 @@ pub enum StartCause {
     PowerOn,
     /// The board was reset three times in a row.
     Repeated,
+    /// The program in the flash is not the one that was written.
+    ImageDamaged,
 }
 
 impl From<control::StartCause> for StartCause {
@@ -397,6 +399,7 @@ impl From<control::StartCause> for StartCause {
             control::StartCause::Refused => Self::Refused,
             control::StartCause::PowerOn => Self::PowerOn,
             control::StartCause::Repeated => Self::Repeated,
+            control::StartCause::ImageDamaged => Self::ImageDamaged,
         }
     }
 }
@@ -409,6 +412,7 @@ impl From<StartCause> for control::StartCause {
             StartCause::Refused => Self::Refused,
             StartCause::PowerOn => Self::PowerOn,
             StartCause::Repeated => Self::Repeated,
+            StartCause::ImageDamaged => Self::ImageDamaged,
         }
     }
 }

@@ -205,7 +205,18 @@ fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -
     let target = machine.target();
     let mut arguments: Vec<String> = toolchain(target).into_iter().collect();
     let folder = target_folder();
-    arguments.extend(["build", "--quiet", "--locked", "--profile", "firmware"].map(str::to_owned));
+    arguments.extend(
+        [
+            "build",
+            "--config",
+            "firmware/image.toml",
+            "--quiet",
+            "--locked",
+            "--profile",
+            "firmware",
+        ]
+        .map(str::to_owned),
+    );
     for (option, value) in [("--package", package), ("--bin", bin), ("--target", target)] {
         arguments.extend([option.to_owned(), value.to_owned()]);
     }

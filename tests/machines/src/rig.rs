@@ -361,18 +361,26 @@ fn respoken(frame: &[u8], schema: u16) -> Vec<u8> {
     stuffed
 }
 
-/// A chip without supply that holds an image.
+/// A chip without supply that holds an image, its check filled in as `kband flash` does.
 ///
 /// # Panics
 /// Where the file is no image for this chip.
 #[must_use]
 pub fn holding(image: &Path) -> Chip {
     let mut chip = Chip::default();
-    for (address, data) in images::segments(image) {
+    let segments = images::segments(image);
+    for (address, data) in &segments {
         let at = (address - flash::START) as usize;
-        chip.flash_mut()[at..at + data.len()].copy_from_slice(&data);
+        chip.flash_mut()[at..at + data.len()].copy_from_slice(data);
     }
     chip.board.bridge.reset();
+    if let Some((address, data)) = segments.last()
+        && data.ends_with(&[0xff; 4])
+    {
+        let check = (address - flash::START) as usize + data.len() - 4;
+        let sum = crc32(&chip.flash()[..check]);
+        chip.flash_mut()[check..check + 4].copy_from_slice(&sum.to_le_bytes());
+    }
     chip.board.supplied = false;
     chip
 }

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use kband::control::Fault;
 use kband::wire::{Kept, Refusal, Request, Response, Target, crc32};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::gpio::Mode;
@@ -1084,4 +1085,101 @@ fn the_stack_of_the_image_is_what_the_manual_says() {
         (said - 12.0..=said).contains(&used),
         "{used:.1} KiB are used, the manual says {said}"
     );
+}
+
+#[test]
+fn a_damaged_image_never_closes_the_bridge() {
+    let image = image();
+    let rig = machine().commissioned(&image);
+    let check = images::symbol(&image, "_image_end");
+    let damaged = |address: u32, bit: usize, checked_anew: bool| {
+        let mut rig = rig.clone();
+        rig.act(&Act::Volts(0.0));
+        rig.run(rig.time() + 0.3);
+        let at = (address - flash::START) as usize + bit / 8;
+        rig.chip.flash_mut()[at] ^= 1 << (bit % 8);
+        if checked_anew {
+            let end = (check - flash::START) as usize;
+            let sum = crc32(&rig.chip.flash()[..end]).to_le_bytes();
+            rig.chip.flash_mut()[end..end + 4].copy_from_slice(&sum);
+        }
+        let on = rig.time();
+        rig.chip.forget_handlers();
+        rig.act(&Act::Volts(3.3));
+        rig.run(on + 0.5);
+        (on, rig)
+    };
+    // The program bears this bit: with a check of its own it drives.
+    let (on, mut rig) = damaged(check - 8, 0, true);
+    for enable in [false, true] {
+        rig.act(&Act::Enable(enable));
+        rig.run(rig.time() + 0.5);
+    }
+    assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
+    // Two constants and the check itself.
+    for (address, bit) in [(check - 8, 0), (check - 0x2000, 7), (check, 31)] {
+        let (on, mut rig) = damaged(address, bit, false);
+        let lamp = rig.seen_after(on, &Seen::Fault(true)).unwrap() - on;
+        println!("bit {bit} of {address:#010x}: FAULT after {lamp:.3} s");
+        assert!(lamp < 0.2, "{lamp}");
+        assert!(kept_faults(&mut rig).contains(&Fault::ImageDamaged.number()));
+        // Neither an edge of the input nor an acknowledgement starts it.
+        for enable in [true, false, true] {
+            rig.act(&Act::Enable(enable));
+            rig.run(rig.time() + 1.0);
+        }
+        assert_eq!(rig.seen_after(on, &Seen::Bridge(true)), None);
+        assert_eq!(rig.chip.handler(SAMPLE).count, 0, "no sample is taken");
+        assert_eq!(rig.seen_after(on, &Seen::Fault(false)), None);
+        assert_eq!(rig.resets().len(), 2, "{:?}", rig.resets());
+    }
+}
+
+/// The independent watchdog is fed before and after the check, and bites after 0.53 s at the earliest.
+#[test]
+fn the_check_of_the_image_is_short() {
+    let mut rig = Rig::boot(&image());
+    let sum = |rig: &Rig| rig.chip.board.check.read(0);
+    let (mut began, mut ended) = (None, 0.0);
+    for _ in 0..1000 {
+        let before = sum(&rig);
+        rig.run(rig.time() + 1e-4);
+        if sum(&rig) != before {
+            began = began.or(Some(rig.time()));
+            ended = rig.time();
+        }
+    }
+    let lasted = ended - began.expect("the image is checked");
+    println!("check of the image: {:.1} ms", 1e3 * lasted);
+    assert!(lasted < 0.05, "{lasted}");
+}
+
+/// Here memory answers below the RAM, as system memory may: the guard alone makes the access a fault.
+#[test]
+fn a_stack_below_the_ram_is_a_fault_at_every_depth() {
+    let ready = running();
+    let bottom = images::symbol(&image(), "_stack_end");
+    for depth in [0, 32, 1024, 0x4000, 0xf000] {
+        let mut rig = ready.clone();
+        rig.chip.board.below = vec![0; 64 * 1024];
+        let from = rig.time();
+        rig.act(&Act::Stack(bottom + 4 - depth));
+        rig.run(from + 0.5);
+        let opens = rig.opens_after(from);
+        let written = |rig: &Rig| rig.chip.board.below.iter().any(|byte| *byte != 0);
+        assert!(!written(&rig), "{depth}: no access is let through");
+        // Without the guard the memory there is written to.
+        let mut unguarded = ready.clone();
+        unguarded.chip.board.below = vec![0; 64 * 1024];
+        unguarded.act(&Act::Store(0xe000_ed94, 0));
+        unguarded.act(&Act::Stack(bottom + 4 - depth));
+        unguarded.run(from + 60e-6);
+        assert!(written(&unguarded), "{depth}");
+        println!("stack {depth} bytes below the RAM: bridge open after {opens:?} s");
+        assert!(
+            opens.is_some_and(|time| time <= 60e-6),
+            "{depth}: {opens:?}"
+        );
+        assert!(rig.resets().len() > 1, "{depth}");
+    }
 }

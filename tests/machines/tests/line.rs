@@ -97,8 +97,7 @@ fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     seen.collect()
 }
 
-/// Largest relative difference of two amplitudes, each to each. The model of the chip sees an edge
-/// of the bridge up to an instruction late, so that no two runs have the same bits.
+/// Largest relative difference of two amplitudes, each to each.
 fn apart(one: &[f64], other: &[f64]) -> f64 {
     assert_eq!(one.len(), other.len());
     let ratios = one.iter().zip(other).map(|(a, b)| (a / b - 1.0).abs());
@@ -155,7 +154,7 @@ fn report(rig: &mut Rig) -> (State, Option<Fault>, Limits) {
 /// watchdog reset the running machine.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
-    for frequency in [5.0, 50.0, 500.0] {
+    for frequency in [5.0, 50.0, 130.0, 500.0] {
         let ready = running(frequency, target(frequency), 2.5);
         let silent = amplitudes(&mut ready.clone(), 45);
         let mut rig = ready;
@@ -167,9 +166,7 @@ fn a_thousand_pipelined_requests_are_answered() {
         println!("{frequency} Hz: {} bytes of requests", bytes.len());
         rig.act(&Act::Link(bytes));
         let flooded = amplitudes(&mut rig, 45);
-        let apart = apart(&flooded, &silent);
-        println!("{frequency} Hz: b differs by {apart:.1e}");
-        assert!(apart < 0.02, "{frequency} Hz: b differs by {apart}");
+        assert_eq!(flooded, silent, "{frequency} Hz: b has the same bits");
         assert_eq!(rig.resets().len(), 1, "{frequency} Hz");
         let answers = responses(&rig, before).len() as u32;
         let counters = counters(&mut rig);
@@ -215,9 +212,9 @@ fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
         let rest = ((3.0 - (first - began)) / 0.1).floor() as u32;
         let offset = 30 - rest;
         rig.run(began + 0.1 * f64::from(offset));
-        let apart = apart(&amplitudes(&mut rig, rest), &silent[offset as usize..]);
-        println!("{frequency} Hz: b differs by {apart:.1e}");
-        assert!(apart < 0.02, "{frequency} Hz: b differs by {apart}");
+        let busy = amplitudes(&mut rig, rest);
+        let silent = &silent[offset as usize..];
+        assert_eq!(busy, silent, "{frequency} Hz: b has the same bits");
         let lasted = rig.time() - first;
         let came = responses(&rig, from);
         let rows = came.iter().filter(|(sequence, _)| *sequence == 0).count();
@@ -265,6 +262,7 @@ fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
     println!("{} rows came, {counted:?}", rows.len());
     assert!(counted.rows_dropped > 0);
     // What is planned in idle time comes later under load, so that b has other bits.
+    println!("in gear b differs by {:.1e}", apart(&flooded, &silent));
     assert!(apart(&flooded, &silent) < 0.02);
     assert_eq!(rig.resets().len(), 1);
 }

@@ -16,7 +16,9 @@ use kband::wire::SetUp;
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Monitor, Panel, Watchdog};
 use kband_firmware::chip::Chip;
-use kband_firmware::cortex::{IDENTITY, Owned, stack_free, stack_use, take_last_words};
+use kband_firmware::cortex::{
+    IDENTITY, Owned, guard_stack, stack_free, stack_use, take_last_words,
+};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
@@ -26,7 +28,7 @@ use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
     Buffers, Converter, Guard, HalfBridge, LINE_RATE, Lamps, Serial, Terminals, Window, drive_off,
-    strapped, watch_strap,
+    image_is_whole, strapped, watch_strap,
 };
 use kband_firmware::store::{Condition, Found, Store};
 use kband_firmware::watch::{Roll, Watched};
@@ -122,7 +124,7 @@ async fn supervise(mut guard: Guard) {
     }
 }
 
-/// Stays at rest after repeated resets, without samples: the controller runs by the clock, so that
+/// Stays at rest after repeated resets or with a damaged image, without samples: the controller runs by the clock, so that
 /// link, lamps and the acknowledgement work. Once the fault is acknowledged the board starts anew.
 #[embassy_executor::task]
 async fn stay_at_rest(
@@ -182,7 +184,7 @@ fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let cause = ResetCause::of(Board::signs());
-    let start = RESETS.start(cause);
+    let mut start = RESETS.start(cause);
     // Before anything that is waited for.
     let mut guard = Guard::start();
     let Some(mut core) = cortex_m::Peripherals::take() else {
@@ -190,6 +192,7 @@ async fn main(spawner: Spawner) {
     };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
+    guard_stack(&core.MPU);
     let clocks = Board::clocks();
     let sound = clocks.sound;
     let peripherals = embassy_stm32::init(clocks.config);
@@ -209,6 +212,11 @@ async fn main(spawner: Spawner) {
         Board::CORE_CLOCK,
     );
     Board::watch(sound);
+    if !image_is_whole() {
+        defmt::error!("the flash does not hold the image that was written: the drive stays off");
+        start = StartCause::ImageDamaged;
+    }
+    guard.feed();
     if !sound {
         defmt::error!("the crystal does not swing at its frequency: the drive stays off");
     }
@@ -249,8 +257,8 @@ async fn main(spawner: Spawner) {
         core.NVIC.set_priority(pac::Interrupt::USART2, LATER);
         core.NVIC.set_priority(Board::CONVERTED, 0);
     }
-    let repeated = start == StartCause::Repeated;
-    if !repeated {
+    let rests = matches!(start, StartCause::Repeated | StartCause::ImageDamaged);
+    if !rests {
         // SAFETY: no critical section relies on the mask of this interrupt.
         unsafe { NVIC::unmask(Board::CONVERTED) };
         // From here on a sample that does not come is a reset.
@@ -270,7 +278,7 @@ async fn main(spawner: Spawner) {
     let lamps = Lamps::new(p.PC2, p.PB11);
     let service = Service::new(image, memory, found.pin);
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
-    if repeated {
+    if rests {
         spawner.spawn(stay_at_rest(station, terminals, lamps, guard).expect("spawned once"));
     } else {
         spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));

@@ -61,6 +61,8 @@ pub enum Fault {
     AmplitudeOscillates = 16,
     /// The board was reset three times in a row.
     RepeatedResets = 18,
+    /// The program in the flash is not the one that was written.
+    ImageDamaged = 19,
 }
 
 /// What holds the controller back, as a set.
@@ -268,7 +270,7 @@ named!(Fault: SensorLost = "sensor lost", SensorSaturated = "sensor saturated", 
     SettingsInvalid = "settings invalid", WatchdogReset = "watchdog reset", StackLow = "stack low",
     OverCurrent = "over-current", SensorImplausible = "sensor implausible", ControlLate = "control late",
     SupplyLow = "supply low", ClockFailed = "clock failed", AmplitudeOscillates = "amplitude oscillates",
-    RepeatedResets = "repeated resets");
+    RepeatedResets = "repeated resets", ImageDamaged = "image damaged");
 named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetSet = "target set", NoSetpoint = "no setpoint",
     KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
     Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
@@ -288,7 +290,7 @@ mod tests {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
         assert_eq!(
             numbers,
-            [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18]
+            [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19]
         );
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
         assert!(Event::ALL.iter().map(|event| event.number()).eq(1..29));

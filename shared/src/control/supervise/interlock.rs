@@ -43,6 +43,7 @@ impl Interlock {
                 StartCause::Ordinary | StartCause::PowerOn => None,
                 StartCause::Reset => Some(Fault::WatchdogReset),
                 StartCause::Repeated => Some(Fault::RepeatedResets),
+                StartCause::ImageDamaged => Some(Fault::ImageDamaged),
                 StartCause::Refused => Some(Fault::SettingsInvalid),
             },
             latched: start != StartCause::Ordinary,
@@ -157,6 +158,8 @@ impl Interlock {
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,
+            // It ends with the next start.
+            Some(Fault::ImageDamaged) => true,
             Some(Fault::OverTemperature) => inputs.over_temperature,
             Some(Fault::StackLow) => inputs.stack_low,
             Some(Fault::OverCurrent) => inputs.over_current,

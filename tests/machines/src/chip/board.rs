@@ -1,6 +1,7 @@
 //! The chip but for its core: memory, peripherals and what is wired to them (RM0090, chapter 2).
 
 use super::bridge::{Bridge, Came};
+use super::check::Check;
 use super::clocks::{Cause, Clocks, FASTEST, TICKS};
 use super::converter::Converter;
 use super::core::Bus;
@@ -84,6 +85,10 @@ pub struct Board {
     pub converter: Converter,
     /// DAC.
     pub voltage: Voltage,
+    /// CRC.
+    pub check: Check,
+    /// Memory that answers below the RAM; none on this chip.
+    pub below: Vec<u8>,
     /// USART1 to USART3.
     pub serials: [Serial; 3],
     /// IWDG.
@@ -128,6 +133,8 @@ impl Default for Board {
             bridge: Bridge::default(),
             converter: Converter::default(),
             voltage: Voltage::default(),
+            check: Check::default(),
+            below: Vec::new(),
             serials: Default::default(),
             watchdog: Independent::default(),
             window: Window::default(),
@@ -153,6 +160,7 @@ impl Board {
         self.bridge.reset();
         self.converter.reset();
         self.voltage.reset();
+        self.check = Check::default();
         self.serials.iter_mut().for_each(Serial::reset);
         self.watchdog
             .reset(self.flash.hardware_watchdog(), self.now);
@@ -246,19 +254,20 @@ impl Board {
         self.attention = true;
     }
 
+    /// The track gets what the bridge gives from `at` on; whether that is driven.
+    fn drive(&mut self, at: u64) -> bool {
+        let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == Mode::Function(1));
+        let driven = self.supplied && self.bridge.driven() && gates.contains(&true);
+        let output = if driven { self.bridge.output(at) } else { 0.0 };
+        self.world.drive(output, at);
+        driven
+    }
+
     /// What is seen from outside, and what must not be.
     fn look(&mut self) {
         let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
         let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];
-        let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == Mode::Function(1));
-        let gates = gates.contains(&true);
-        let driven = self.supplied && self.bridge.driven() && gates;
-        let output = if driven {
-            self.bridge.output(self.now)
-        } else {
-            0.0
-        };
-        self.world.drive(output, self.now);
+        let driven = self.drive(self.now);
         let [drive_on, ready, fault] = outputs.map(|on| on && self.supplied);
         self.world.look(self.now, [driven, drive_on, ready, fault]);
     }
@@ -284,30 +293,35 @@ impl Board {
         self.next = next;
     }
 
-    /// Everything that is due happens, in the order of time up to `now`.
+    /// Everything that is due happens, in the order of time up to `now`. An instruction ends later than what is due within
+    /// it: track, bridge and converter go by the time at which each is due, whatever the core executes.
     pub fn happen(&mut self) {
         let now = self.now;
-        while self.world.due <= now {
-            self.world.advance();
-            self.check_supply(STEP);
+        loop {
+            let track = self.world.due;
+            let (bridge, converter) = if self.supplied {
+                (self.bridge.due(), self.converter.due())
+            } else {
+                (u64::MAX, u64::MAX)
+            };
+            let due = track.min(bridge).min(converter);
+            if due > now {
+                break;
+            }
+            if due == track {
+                self.world.advance();
+                self.check_supply(STEP);
+            } else if due == bridge {
+                let came = self.bridge.turn();
+                self.came(came, due);
+                self.drive(due);
+            } else {
+                self.convert(due);
+            }
         }
         if !self.supplied {
             self.schedule();
             return;
-        }
-        while self.bridge.due() <= now {
-            let came = self.bridge.turn();
-            self.came(came);
-        }
-        while self.converter.due() <= now {
-            let (reading, others) = (self.world.reading, self.world.analogue);
-            let reference = (1.21 / self.power.volts * 4096.0) as u16;
-            self.converter.end(now, |channel| match channel {
-                1 => reading,
-                16 => (0.76 / 3.3 * 4096.0) as u16,
-                17 => reference.min(4095),
-                channel => others.get(channel as usize).copied().unwrap_or(0),
-            });
         }
         while !self.halted && self.cycle > 0 && self.system.tick_due() <= now {
             self.system.tick(self.cycle);
@@ -319,6 +333,18 @@ impl Board {
         }
         self.watch();
         self.refresh();
+    }
+
+    /// The conversions that are due at `at` end.
+    fn convert(&mut self, at: u64) {
+        let (reading, others) = (self.world.reading, self.world.analogue);
+        let reference = (1.21 / self.power.volts * 4096.0) as u16;
+        self.converter.end(at, |channel| match channel {
+            1 => reading,
+            16 => (0.76 / 3.3 * 4096.0) as u16,
+            17 => reference.min(4095),
+            channel => others.get(channel as usize).copied().unwrap_or(0),
+        });
     }
 
     fn watch(&mut self) {
@@ -334,10 +360,10 @@ impl Board {
         }
     }
 
-    fn came(&mut self, came: Came) {
+    fn came(&mut self, came: Came, at: u64) {
         if came.trigger && self.converts {
-            let (now, upper) = (self.now, self.upper());
-            self.converter.trigger(now, upper);
+            let upper = self.upper();
+            self.converter.trigger(at, upper);
             if self.bridge.driven() {
                 let sampled = self.converter.samples(upper) / self.cycle.max(1);
                 let clear = self.bridge.clear(sampled as u32);
@@ -496,6 +522,7 @@ impl Board {
             0x4002_0000..0x4002_2400 => {
                 self.ports[(address - 0x4002_0000) as usize / 0x400].read(offset)
             }
+            0x4002_3000..0x4002_3400 => self.check.read(offset),
             0x4002_3800..0x4002_3c00 => self.clocks.read(offset, now),
             0x4002_3c00..0x4002_4000 => self.flash.register(offset, now),
             _ => {
@@ -535,7 +562,7 @@ impl Board {
             0x4000_7400..0x4000_7800 => self.voltage.write(offset, value),
             0x4001_0000..0x4001_0400 => {
                 let came = self.bridge.write(offset, value, now);
-                self.came(came);
+                self.came(came, now);
                 self.break_input(false);
             }
             0x4001_1000..0x4001_1400 => self.serials[0].write(offset, value, now),
@@ -557,6 +584,12 @@ impl Board {
             0x4002_0000..0x4002_2400 => {
                 self.ports[(address - 0x4002_0000) as usize / 0x400].write(offset, value);
                 self.break_input(false);
+            }
+            0x4002_3000..0x4002_3400 => {
+                // The bus waits for the unit.
+                self.stall += 4;
+                self.check.write(offset, value);
+                return;
             }
             0x4002_3800..0x4002_3c00 => self.clocks.write(offset, value, now),
             0x4002_3c00..0x4002_4000 => self.flash.set_register(offset, value, now),
@@ -623,6 +656,10 @@ impl Board {
     #[inline(never)]
     fn load_elsewhere(&mut self, address: u32, size: u32) -> Option<u32> {
         match address >> 28 {
+            1 if self.system.is_guarded(address) => None,
+            1 if address >= self.lowest() => {
+                number(&self.below, (address - self.lowest()) as usize, size)
+            }
             0 if address < 0x0010_0000 || flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
                 let at = (address & 0x000f_ffff) as usize;
@@ -651,7 +688,12 @@ impl Board {
 
     #[inline(never)]
     fn store_elsewhere(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
+        let lowest = self.lowest();
         match address >> 28 {
+            1 if self.system.is_guarded(address) => None,
+            1 if address >= lowest => {
+                put(&mut self.below, (address - lowest) as usize, size, value)
+            }
             0 if flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
                 let (now, before) = (self.now, self.flash.operations);
@@ -689,6 +731,11 @@ impl Board {
             }
             _ => None,
         }
+    }
+
+    /// Where the memory below the RAM begins.
+    fn lowest(&self) -> u32 {
+        MEMORY - self.below.len() as u32
     }
 
     /// An instruction: what it waits for its line is counted with the line.

@@ -82,8 +82,13 @@ impl Bridge {
     pub fn set_cycle(&mut self, cycle: u64, now: u64) {
         if cycle != self.cycle {
             self.catch_up(now);
-            self.cycle = cycle;
+            (self.cycle, self.since) = (cycle, now);
         }
+    }
+
+    /// Ticks a count.
+    fn count_ticks(&self) -> u64 {
+        self.cycle * u64::from(self.prescaler + 1)
     }
 
     /// The counter's place now.
@@ -91,7 +96,7 @@ impl Bridge {
         if !self.runs() {
             return self.count;
         }
-        let steps = ((now - self.since) / (self.cycle * u64::from(self.prescaler + 1))) as u32;
+        let steps = ((now - self.since) / self.count_ticks()) as u32;
         if self.down {
             self.count.saturating_sub(steps)
         } else {
@@ -99,9 +104,14 @@ impl Bridge {
         }
     }
 
+    /// Counts up to `now`. The part of a count that has passed stays: whoever writes a register shifts no edge.
     fn catch_up(&mut self, now: u64) {
         self.count = self.place(now);
-        self.since = now;
+        if self.runs() {
+            self.since = now - (now - self.since) % self.count_ticks();
+        } else {
+            self.since = now;
+        }
     }
 
     /// When the counter next turns.
@@ -115,7 +125,7 @@ impl Bridge {
         } else {
             self.reload.saturating_sub(self.count) + u32::from(!self.centred())
         };
-        self.since + u64::from(steps) * u64::from(self.prescaler + 1) * self.cycle
+        self.since + u64::from(steps) * self.count_ticks()
     }
 
     /// The counter turns.
@@ -177,7 +187,7 @@ impl Bridge {
                 let mut came = Came::default();
                 if value & 1 != 0 {
                     self.update();
-                    (self.count, self.down) = (0, false);
+                    (self.count, self.down, self.since) = (0, false, now);
                     self.words[0x10 / 4] |= UPDATE;
                     came.trigger = matches!(self.word(4) >> 4 & 7, 0 | 2);
                 }
@@ -187,7 +197,7 @@ impl Bridge {
                 return came;
             }
             0x24 => {
-                self.count = value & 0xffff;
+                (self.count, self.since) = (value & 0xffff, now);
                 return Came::default();
             }
             0x44 => {
@@ -343,6 +353,16 @@ mod tests {
         assert!(bridge.turn().trigger, "at the bottom");
         assert_eq!(bridge.read(0x24, 8400 * 6), 0);
         assert_eq!(bridge.period(), (8400, 2100, 0));
+    }
+
+    /// Before, each write within a count delayed the next edge by up to a count.
+    #[test]
+    fn a_write_shifts_no_edge() {
+        let mut bridge = board();
+        for now in [5, 22, 1001, 4200 * 6 - 1] {
+            bridge.write(0x34, 2000, now);
+            assert_eq!(bridge.due(), 4200 * 6, "written at {now}");
+        }
     }
 
     #[test]

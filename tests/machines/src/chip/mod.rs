@@ -6,6 +6,7 @@
 
 mod board;
 mod bridge;
+mod check;
 pub mod clocks;
 mod converter;
 pub mod core;

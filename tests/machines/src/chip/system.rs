@@ -45,6 +45,10 @@ pub struct System {
     /// BFAR.
     pub fault_address: u32,
     access: u32,
+    /// Memory protection: control, number of a region, and each region's base address and attributes.
+    protection: u32,
+    region: usize,
+    regions: [(u32, u32); 8],
     float_context: u32,
     tick_control: u32,
     tick_reload: u32,
@@ -76,6 +80,9 @@ impl Default for System {
             hard_status: 0,
             fault_address: 0,
             access: 0,
+            protection: 0,
+            region: 0,
+            regions: [(0, 0); 8],
             float_context: 0xc000_0000,
             tick_control: 0,
             tick_reload: 0,
@@ -188,6 +195,18 @@ impl System {
         self.vectors + 4 * u32::from(number)
     }
 
+    /// Whether a region of the memory protection that allows no access covers an address below the RAM (B3.5.3); no other has
+    /// a model.
+    #[must_use]
+    pub fn is_guarded(&self, address: u32) -> bool {
+        self.protection & 1 == 1
+            && self.regions.iter().any(|&(base, attributes)| {
+                let size = 2_u64 << (attributes >> 1 & 0x1f);
+                let within = (u64::from(base)..u64::from(base) + size).contains(&address.into());
+                attributes & 1 == 1 && attributes >> 24 & 7 == 0 && within
+            })
+    }
+
     /// When SysTick wraps.
     #[must_use]
     pub fn tick_due(&self) -> u64 {
@@ -267,6 +286,11 @@ impl System {
             0xe000_ed2c => self.hard_status,
             0xe000_ed38 | 0xe000_ed34 => self.fault_address,
             0xe000_ed88 => self.access,
+            0xe000_ed90 => (self.regions.len() as u32) << 8,
+            0xe000_ed94 => self.protection,
+            0xe000_ed98 => self.region as u32,
+            0xe000_ed9c => self.regions[self.region].0 | self.region as u32,
+            0xe000_eda0 => self.regions[self.region].1,
             0xe000_edfc => self.trace,
             0xe000_ef34 => self.float_context,
             _ => 0,
@@ -385,6 +409,10 @@ impl System {
                 self.access = value;
                 return Asks::Float(value >> 20 & 0xf == 0xf);
             }
+            0xe000_ed94 => self.protection = value & 7,
+            0xe000_ed98 => self.region = (value & 7) as usize,
+            0xe000_ed9c => self.regions[self.region].0 = value & !0x1f,
+            0xe000_eda0 => self.regions[self.region].1 = value,
             0xe000_edfc => self.trace = value,
             0xe000_ef00 => self.pend(INTERRUPTS + (value & 0x7f) as u16),
             0xe000_ef34 => self.float_context = value,

@@ -1,0 +1,24 @@
+#!/usr/bin/env bash
+# Builds the board's image from two folders with two homes of cargo, and compares them: a few minutes.
+#
+#   tests/reproducible.sh [TOOLCHAIN]   TOOLCHAIN such as +kband-thumb; the last commit is built
+set -eu
+cd "$(dirname "$0")/.."
+home=${CARGO_HOME:-$HOME/.cargo}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+unset CARGO_TARGET_DIR RUSTFLAGS CARGO_ENCODED_RUSTFLAGS
+
+# build FOLDER HOME: the sum of the image of a clone in FOLDER, built with a home of cargo in HOME.
+build() {
+    git clone --quiet . "$1"
+    mkdir -p "$2"
+    ln -s "$home/registry" "$2/registry"
+    (cd "$1" && CARGO_HOME=$2 cargo $toolchain feeder --quiet --locked --offline) >&2
+    sha256sum <"$1/target/thumbv7em-none-eabihf/firmware/feeder"
+}
+toolchain=${1:-}
+one=$(build "$work/a" "$work/home")
+other=$(build "$work/another/folder" "$work/a/home of another")
+echo "image: $one"
+[ "$one" = "$other" ] || { echo "the image follows the folder: $other" >&2; exit 1; }
