@@ -115,7 +115,7 @@ fn no_limits(scene: &mut Scene) {
 }
 
 /// Each scene, what it is there to show, and how that is broken.
-const PROOFS: [(&str, Shows, Break); 75] = [
+const PROOFS: [(&str, Shows, Break); 76] = [
     (
         "acceleration_limit",
         Shows::Limit(Limits::ACCELERATION),

@@ -88,7 +88,7 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
 fn a_drive_that_is_held_off_stops_without_a_ramp() {
     let (mut controller, held) = driven(Target::K(0.5));
     assert!(held.command.amplitude > 0.1);
-    let mut cycle = |controller: &mut Controller, held_off: bool| {
+    let cycle = |controller: &mut Controller, held_off: bool| {
         let cycle = Cycle {
             samples: 400,
             quadrature: -obeyed(controller) * controller.scale.square,
