@@ -153,6 +153,10 @@ settings! {
     track_mass = 0.0, 0.0..100000.0 "kg";
     /// Length of the track on which parts are, for grams per second; 0: not told.
     track_length = 0.0, 0.0..100000.0 "mm";
+    /// Mean voltage of the accelerometer at rest, as measured at commissioning; 0: not measured, and not tested.
+    sensor_rest = 0.0, 0.0..5.0 "V";
+    /// Factor by which amplitude measured and amplitude expected by gain may differ; below 2.5 each start makes a test swing.
+    gain_tolerance = 2.5, 1.1..2.5 "";
 }
 
 impl Settings {
@@ -260,6 +264,9 @@ impl Settings {
         if self.sensor_zero >= self.converter_reference {
             return refuse("sensor_zero", self.sensor_zero, "below converter_reference");
         }
+        if self.sensor_rest >= self.converter_reference {
+            return refuse("sensor_rest", self.sensor_rest, "below converter_reference");
+        }
         Ok(())
     }
 }
@@ -314,7 +321,7 @@ mod tests {
             settings.check().err().map(|refused| refused.parameter)
         };
         type Change = fn(&mut Settings);
-        let cases: [(Change, Change, &str); 6] = [
+        let cases: [(Change, Change, &str); 7] = [
             (
                 |s| (s.output_minimum, s.output_maximum) = (0.3, 0.3),
                 |s| (s.output_minimum, s.output_maximum) = (0.3, 0.31),
@@ -345,6 +352,11 @@ mod tests {
                 |s| (s.sensor_zero, s.converter_reference) = (3.3, 3.3),
                 |s| (s.sensor_zero, s.converter_reference) = (3.29, 3.3),
                 "sensor_zero",
+            ),
+            (
+                |s| (s.sensor_rest, s.converter_reference) = (3.3, 3.3),
+                |s| (s.sensor_rest, s.converter_reference) = (3.29, 3.3),
+                "sensor_rest",
             ),
         ];
         for (bad, good, parameter) in cases {
