@@ -368,6 +368,7 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "third_lag",
             "track_mass",
             "gain_tolerance",
+            "load_tolerance",
         ],
         3,
     ),

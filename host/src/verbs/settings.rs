@@ -108,7 +108,7 @@ enum Action {
         /// Take and keep the interval; the drive is brought to rest for it.
         #[arg(long)]
         apply: bool,
-        /// Measure the accelerometer at rest and at the present target instead, and offer sensor_rest, gain and gain_tolerance.
+        /// Measure the accelerometer at rest and at the present target instead, and offer sensor_rest, gain and their tolerances.
         #[arg(long, conflicts_with_all = ["second_tone", "third_tone"])]
         sensor: bool,
         /// Measure what the track answers at twice the drive's frequency instead, and offer second_gain and second_lag.

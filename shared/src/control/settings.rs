@@ -155,8 +155,10 @@ settings! {
     track_length = 0.0, 0.0..100000.0 "mm";
     /// Mean voltage of the accelerometer at rest, as measured at commissioning; 0: not measured, and not tested.
     sensor_rest = 0.0, 0.0..5.0 "V";
-    /// Factor by which amplitude measured and amplitude expected by gain may differ; below 2.5 each start makes a test swing.
+    /// Factor by which amplitude measured and amplitude expected by gain may differ in the test swing of each start; 2.5: none is made.
     gain_tolerance = 2.5, 1.1..2.5 "";
+    /// Factor by which they may differ while the drive runs, also under the heaviest load.
+    load_tolerance = 2.5, 1.1..2.5 "";
 }
 
 impl Settings {

@@ -294,6 +294,7 @@ pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Haza
         if commissioned {
             scene.settings.sensor_rest = 1.65 + 0.1 * seen;
             scene.settings.gain_tolerance = 1.3;
+            scene.settings.load_tolerance = 1.3;
         }
     })
 }

@@ -7,14 +7,14 @@ use serde_json::json;
 
 use kband::control::{Settings, State};
 use kband::feeder::STANDARD_GRAVITY;
-use kband::wire::{Request, Response, Telemetry};
+use kband::wire::{Request, Response, Target, Telemetry};
 
 use super::drive::{rest, why_off};
 use super::offer::{Offer, print};
 use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table, columns};
+use crate::report::{Column, Format, Table};
 
 /// Readings at rest that are averaged, and the time between two of them.
 const RESTS: u32 = 20;
@@ -22,8 +22,11 @@ const PAUSE: Duration = Duration::from_millis(50);
 /// Cycles of an average while the drive runs, and how many averages there are.
 const BLOCK: usize = 16;
 const BLOCKS: usize = 8;
-/// Largest distance of a steady amplitude from its setpoint, as a share of it.
-const STEADY: f32 = 0.02;
+/// Largest distance of a steady amplitude from its setpoint, as a share of it: a load scatters single cycles.
+const STEADY: f32 = 0.1;
+/// k at which the track throws no part, and largest amplitude over the hard limits where the gain is measured.
+const QUIET_K: f32 = 1.3;
+const QUIET_SHARE: f32 = 0.2;
 /// Factor for what changes after commissioning: sensitivity by 5 %, and by a quarter the drive as it warms up and is loaded.
 const MARGIN: f64 = 1.3;
 /// Share by which the gain may be measured otherwise than configured before the user is asked to check the sensor.
@@ -31,11 +34,27 @@ const CHECKED: f64 = 0.1;
 /// Time between two looks at what came.
 const LOOK: Duration = Duration::from_millis(300);
 
-/// Measured gain over the configured one: its mean, and the largest factor between it and a block's.
+/// Measured gain over the configured one: its mean, and the least and largest of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Ratio {
     mean: f64,
-    spread: f64,
+    least: f64,
+    largest: f64,
+}
+
+impl Ratio {
+    /// Largest factor between a block and a gain over the configured one.
+    fn factor(&self, gain: f64) -> f64 {
+        (self.largest / gain).max(gain / self.least)
+    }
+}
+
+/// k at which no part is thrown, and the amplitude is at most a fifth of the hard limits.
+fn quiet_k(settings: &Settings) -> f32 {
+    let square = (std::f32::consts::TAU * settings.frequency).powi(2);
+    let highest = (1e-3 * settings.amplitude_limit * square).min(settings.acceleration_limit);
+    let gravity = settings.gravity * settings.incline.to_radians().cos();
+    QUIET_K.max(gravity / (QUIET_SHARE * highest))
 }
 
 /// Track amplitude in m for full output at the drive's frequency, by the settings.
@@ -59,14 +78,11 @@ fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
         sum(block, |cycle| cycle.amplitude)
             / (strength(settings) * sum(block, |cycle| cycle.output))
     };
-    let mean = of(last);
-    let apart = last.chunks(BLOCK).map(|block| {
-        let factor = of(block) / mean;
-        factor.max(1.0 / factor)
-    });
+    let blocks = || last.chunks(BLOCK).map(of);
     Some(Ratio {
-        mean,
-        spread: apart.fold(1.0, f64::max),
+        mean: of(last),
+        least: blocks().fold(f64::INFINITY, f64::min),
+        largest: blocks().fold(0.0, f64::max),
     })
 }
 
@@ -98,52 +114,52 @@ pub(super) fn run(
     // Measured or not, the board goes on as before.
     link.tell(&Request::Enable(true))?;
     let mean = mean?;
-    let cycles = follow(&mut link, Duration::from_secs_f64(within), desk);
-    link.tell(&Request::Telemetry(0))?;
-    let cycles = cycles?;
-    let Some(found) = ratio(&known, &cycles) else {
-        return Err(Refusal::new(
-            format!(
-                "the drive did not hold its setpoint for {} cycles",
-                BLOCK * BLOCKS
-            ),
-            "see with kband monitor what holds it back; give it longer with --within S",
-        ));
-    };
+    let within = Duration::from_secs_f64(within);
+    let held = link.held()?;
+    link.tell(&Request::Target(Target::K(quiet_k(&known))))?;
+    let quiet = measure(&mut link, &known, within, desk);
+    link.tell(&Request::Target(held))?;
+    let quiet = quiet?;
+    let loaded = measure(&mut link, &known, within, desk)?;
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let seen = mean / STANDARD_GRAVITY;
     let volts = f64::from(known.sensor_zero) + seen * f64::from(known.sensitivity);
     let voltage = digits(volts, 1e4);
-    let gain = digits(f64::from(known.gain) * found.mean, 1e4);
-    let tolerance = digits((MARGIN * found.spread).min(2.5), 100.0);
+    let gain = digits(f64::from(known.gain) * quiet.mean, 1e4);
+    let tolerance = |ratio: Ratio| digits((MARGIN * ratio.factor(quiet.mean)).min(2.5), 100.0);
+    let [swing, run] = [quiet, loaded].map(tolerance);
     let mut notes = vec![
-        format!("offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {tolerance}"),
+        format!(
+            "offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {swing}, load_tolerance = {run}"
+        ),
         format!(
             "at rest the axis sees {seen:.2} g, by sensor_zero and sensitivity: it is to be {:.2} where it is normal to the track, 0 where the sensor passes no direct voltage",
             f64::from(known.incline).to_radians().cos()
         ),
     ];
-    if (found.mean - 1.0).abs() > CHECKED {
+    if (quiet.mean - 1.0).abs() > CHECKED {
         notes.push(format!(
             "the track moves {:.2} times as far as gain says: check sensitivity by tilting the track before you take this",
-            found.mean
+            quiet.mean
         ));
     }
     let offer = Offer {
-        keys: vec!["sensor_rest", "gain", "gain_tolerance"],
-        values: vec![voltage, gain, tolerance],
+        keys: vec!["sensor_rest", "gain", "gain_tolerance", "load_tolerance"],
+        values: vec![voltage, gain, swing, run],
     };
     notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[
         Column::of_key("sensor_rest", "V").digits(5),
         Column::of_key("gain", "mm").digits(4),
         Column::of_key("gain_tolerance", "").digits(3),
+        Column::of_key("load_tolerance", "").digits(3),
     ]);
-    table.push([voltage, gain, tolerance].map(|value| f64::from(value).into()));
+    table.push([voltage, gain, swing, run].map(|value| f64::from(value).into()));
     let document = json!({
         "sensor_rest": voltage,
         "gain": gain,
-        "gain_tolerance": tolerance,
+        "gain_tolerance": swing,
+        "load_tolerance": run,
         "applied": apply,
     });
     print(table, &notes, &document, format)
@@ -167,6 +183,26 @@ fn mean_at_rest(link: &mut Link, desk: &Desk) -> Result<f64, Refusal> {
         link.listen(PAUSE)?;
     }
     Ok(sum / f64::from(RESTS))
+}
+
+/// The ratio at the target that the board holds.
+fn measure(
+    link: &mut Link,
+    known: &Settings,
+    within: Duration,
+    desk: &Desk,
+) -> Result<Ratio, Refusal> {
+    let cycles = follow(link, within, desk);
+    link.tell(&Request::Telemetry(0))?;
+    ratio(known, &cycles?).ok_or_else(|| {
+        Refusal::new(
+            format!(
+                "the drive did not hold its amplitude for {} cycles",
+                BLOCK * BLOCKS
+            ),
+            "see with kband monitor what holds it back; give it longer with --within S",
+        )
+    })
 }
 
 /// The last steady cycles in a row, as many as are needed.
@@ -223,7 +259,7 @@ mod tests {
                 (found.mean / f64::from(gain) - 1.0).abs() < 0.02,
                 "{found:?}"
             );
-            assert!(found.spread < 1.02, "{found:?}");
+            assert!(found.factor(found.mean) < 1.02, "{found:?}");
             assert_eq!(ratio(&scene.settings, &cycles[..BLOCK * BLOCKS - 1]), None);
         }
     }

@@ -490,7 +490,7 @@ impl Controller {
             reference: self.reference.now,
             error: cycle.noise * square_root_single(2.0 / f32::from(cycle.samples.max(1)))
                 / self.scale.square,
-            tolerance: self.settings.gain_tolerance,
+            tolerance: self.settings.load_tolerance,
             shifted: self.rest_test.deviates() == Some(true),
         };
         let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
@@ -499,7 +499,8 @@ impl Controller {
         }
         match self.swing.cycle(measured, expected.amplitude) {
             SwingResult::Pending => {}
-            SwingResult::Passed(ratio) => self.faults.learn(ratio),
+            // The swing moves no part: what is usual under load is learned from here on.
+            SwingResult::Passed => self.faults.forget_usual(),
             SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
         }
         blind

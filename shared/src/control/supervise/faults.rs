@@ -196,6 +196,11 @@ pub struct FaultDetector {
 }
 
 impl FaultDetector {
+    /// Forgets what is usual of amplitude measured over amplitude expected in this run.
+    pub fn forget_usual(&mut self) {
+        self.usual = Usual::default();
+    }
+
     /// Takes a cycle with the amplitude (m) and the lead (rad) measured in it; the fault that it proves, and
     /// whether its reading may not be trusted.
     pub fn cycle(
@@ -275,14 +280,6 @@ impl FaultDetector {
             fault.map(|&(_, fault)| fault),
             still || saturated || unanswered || weak,
         )
-    }
-
-    /// Takes amplitude measured over amplitude expected of the test swing for the usual one.
-    pub fn learn(&mut self, ratio: f32) {
-        self.usual = Usual {
-            ratio,
-            cycles: KNOWN,
-        };
     }
 
     /// Whether the amplitude has not turned back and forth about its reference.
@@ -486,10 +483,11 @@ mod tests {
             let suspected = Usual::default().judge(ratio, 1.0, 1.3) != (false, false);
             assert_eq!(suspected, found, "{ratio}");
         }
-        // Against what the test swing showed.
-        let mut detector = FaultDetector::default();
-        detector.learn(1.2);
-        let mut usual = detector.usual;
+        // Against what is usual.
+        let mut usual = Usual {
+            ratio: 1.2,
+            cycles: KNOWN,
+        };
         assert_eq!(usual.judge(0.91, 1.0, 1.3), (true, false));
         assert_eq!(usual.judge(0.94, 1.0, 1.3), (false, false));
     }

@@ -92,7 +92,7 @@ pub enum SwingResult {
     /// There is none, or it goes on.
     Pending,
     /// Amplitude measured over amplitude expected is within the tolerance.
-    Passed(f32),
+    Passed,
     /// It is not.
     Failed,
 }
@@ -180,7 +180,7 @@ impl TestSwing {
             return SwingResult::Failed;
         }
         self.passed = true;
-        SwingResult::Passed(ratio)
+        SwingResult::Passed
     }
 }
 
@@ -200,6 +200,7 @@ mod tests {
         scene.parts.clear();
         scene.settings.sensor_rest = 1.65 + 0.1 * seen;
         scene.settings.gain_tolerance = 1.3;
+        scene.settings.load_tolerance = 1.3;
         scene
     }
 
@@ -257,7 +258,7 @@ mod tests {
             (0.5, 0.45, true),
         ] {
             let mut scene = commissioned(seen);
-            scene.settings.gain_tolerance = 2.5;
+            (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
             scene.sensor.sensitivity = sensitivity;
             let (fault, largest, _) = run(&scene, 0.5);
             let expected = refused.then_some(Fault::SensorImplausible);
@@ -279,7 +280,7 @@ mod tests {
     fn a_mean_that_fades_during_the_run_is_a_fault_whatever_the_gain() {
         for gain in [1.0, 2.0] {
             let mut scene = commissioned(1.0);
-            scene.settings.gain_tolerance = 2.5;
+            (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
             scene.drive.gain = gain;
             let fades = (0..30).map(|n| Disturbance {
                 at: 2.0 + 0.5 * f64::from(n),
@@ -320,6 +321,28 @@ mod tests {
                 assert!(time < 0.8, "{sensitivity} {gain}: {time}");
             }
         }
+    }
+
+    #[test]
+    fn each_start_makes_a_test_swing() {
+        let mut scene = commissioned(0.0);
+        let changes = [
+            (2.0, Change::Enable(false)),
+            (3.5, Change::Sensitivity(0.55)),
+            (4.0, Change::Enable(true)),
+        ];
+        let changes = changes.map(|(at, change)| Disturbance { at, change });
+        scene.disturbances = changes.into_iter().collect();
+        let mut closed = EnvelopeLoop::build(&scene).unwrap();
+        let mut largest = [0.0_f64; 2];
+        for _ in 0..250 {
+            let moment = closed.cycle();
+            let second = usize::from(moment.time > 4.0);
+            largest[second] = largest[second].max(closed.amplitude());
+        }
+        let fault = closed.controller().report().fault;
+        assert_eq!(fault, Some(Fault::SensorImplausible));
+        assert!(largest[0] > 0.49e-3 && largest[1] < 0.07e-3, "{largest:?}");
     }
 
     #[test]
