@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use kband::plant::Change;
 use kband::wire::{Kept, Refusal, Request, Response, Target, crc32};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::gpio::Mode;

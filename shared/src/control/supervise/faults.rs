@@ -228,6 +228,7 @@ impl FaultDetector {
         } else {
             (false, false)
         };
+        let shifted = running && expected.shifted;
         let excessive = running && measured > EXCESS * expected.ceiling;
         // A reading that may not be trusted is no turn of the amplitude.
         let trusted = !(still || saturated || unanswered);
@@ -270,7 +271,7 @@ impl FaultDetector {
                 Fault::SensorImplausible,
             ),
             (
-                self.shifted.lasts(running && expected.shifted, IMPLAUSIBLE),
+                self.shifted.lasts(shifted, IMPLAUSIBLE),
                 Fault::SensorImplausible,
             ),
             (oscillates, Fault::AmplitudeOscillates),
@@ -278,7 +279,7 @@ impl FaultDetector {
         let fault = faults.iter().find(|(lasts, _)| *lasts);
         (
             fault.map(|&(_, fault)| fault),
-            still || saturated || unanswered || weak,
+            still || saturated || unanswered || weak || shifted,
         )
     }
 
@@ -507,6 +508,12 @@ mod tests {
         assert_eq!(after(true, 49), None);
         assert_eq!(after(true, 50), Some(Fault::SensorImplausible));
         assert_eq!(after(false, 200), None);
+        let shifted = Expected {
+            shifted: true,
+            ..EXPECTED
+        };
+        let seen = FaultDetector::default().cycle(&cycle, 1e-4, -1.5, &shifted);
+        assert_eq!(seen, (None, true), "the output is held");
     }
 
     #[test]
