@@ -113,13 +113,13 @@ fn a_commissioned_sensor_that_loses_45_percent_is_found() {
         (
             of_sensitivity("45 % lost at rest, 1 g seen", true, 1.0).acts(at_rest.clone()),
             0.0,
-            0.1,
+            0.25,
         ),
         (
             of_sensitivity("supply at 55 % at rest, nothing of 1 g seen", true, 0.0)
                 .acts([(AT_REST, Act::SensorSupply(0.55))]),
             0.0,
-            0.1,
+            0.25,
         ),
         (
             of_sensitivity("45 % lost at rest, nothing of 1 g seen", true, 0.0).acts(at_rest),

@@ -512,6 +512,9 @@ impl Controller {
             reached: self.reference.now <= 0.0 && measured < AT_REST * self.scale.ceiling,
             patience: 4.0 * self.settings.soft_stop * self.settings.frequency,
         };
+        if !inputs.enable && !self.machine.running() {
+            self.rest_test.restart();
+        }
         let clearance = match self.rest_test.deviates() {
             Some(true) => Clearance::Refused(Fault::SensorImplausible),
             Some(false) if self.selection.chosen() => Clearance::Granted,

@@ -62,6 +62,11 @@ impl RestTest {
         }
     }
 
+    /// Forgets what was averaged.
+    pub fn restart(&mut self) {
+        (self.sum, self.cycles, self.deviates) = (0.0, 0.0, None);
+    }
+
     /// Takes the mean of a cycle.
     pub fn cycle(&mut self, cycle: &Cycle) {
         let Some([rest, bound]) = self.commissioned else {
@@ -274,6 +279,23 @@ mod tests {
         scene.disturbances = core::iter::once(inverted).collect();
         let (fault, largest, _) = run(&scene, 0.5);
         assert_eq!((fault, largest), (Some(Fault::SensorImplausible), 0.0));
+    }
+
+    #[test]
+    fn a_loss_just_before_the_enable_input_starts_nothing() {
+        for at in [1.0, 1.93, 1.99] {
+            let mut scene = commissioned(1.0);
+            let changes = [
+                (0.0, Change::Enable(false)),
+                (at, Change::Sensitivity(0.55)),
+                (2.0, Change::Enable(true)),
+            ];
+            let changes = changes.map(|(at, change)| Disturbance { at, change });
+            scene.disturbances = changes.into_iter().collect();
+            let (fault, largest, time) = run(&scene, 3.0);
+            assert_eq!((fault, largest), (Some(Fault::SensorImplausible), 0.0));
+            assert!((2.08..2.15).contains(&time), "{at}: {time}");
+        }
     }
 
     #[test]
