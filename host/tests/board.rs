@@ -470,6 +470,37 @@ fn what_the_drive_answers_at_its_multiples_is_measured_taken_and_kept() {
     kband(folder.path(), words).refused(&["third_tone", "set second_tone first"]);
 }
 
+/// The emulated board's sensor sees nothing of gravity, and its drive is as the default settings say.
+#[test]
+fn the_tests_of_the_sensor_are_commissioned_and_passed() {
+    let folder = folder();
+    let words = "settings set gain 0.8 --save --flash-image board.flash";
+    kband(folder.path(), words).done();
+    let words =
+        "settings commission --sensor --apply --within 100 --format json --flash-image board.flash";
+    let found = json(kband(folder.path(), words));
+    assert_eq!(found["applied"], true, "{found}");
+    let words = "settings list --format json --flash-image board.flash";
+    let all = json(kband(folder.path(), words));
+    let kept = |key: &str| {
+        let mut settings = all.as_array().unwrap().iter();
+        let own = settings.find(|setting| setting["key"] == key).unwrap();
+        own["value"].as_f64().unwrap()
+    };
+    assert!((kept("sensor_rest") - 1.65).abs() < 1e-3, "{found}");
+    assert!((kept("gain") - 1.0).abs() < 0.03, "{found}");
+    let tolerance = kept("gain_tolerance");
+    assert!((1.3..1.4).contains(&tolerance), "{found}");
+    let tolerance = kept("load_tolerance");
+    assert!((1.3..2.0).contains(&tolerance), "{found}");
+    // The next start passes its tests: without --apply nothing is changed, and it is measured again.
+    let words = "settings commission --sensor --within 100 --flash-image board.flash";
+    let said = kband(folder.path(), words).done();
+    assert!(said.contains("settings set gain_tolerance"), "{said}");
+    let words = "settings commission --sensor --second-tone";
+    kband(folder.path(), words).refused(&["--sensor", "--second-tone"]);
+}
+
 /// An emulated board that runs on from command to command, at the end of a pseudo-terminal.
 struct Standing {
     board: std::process::Child,

@@ -366,15 +366,18 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "third_gain",
             "third_lag",
             "track_mass",
+            "gain_tolerance",
+            "load_tolerance",
         ],
         3,
     ),
 ];
 
 /// Settings in `[sensor]`.
-pub(super) const SENSOR_SETTINGS: [&str; 4] = [
+pub(super) const SENSOR_SETTINGS: [&str; 5] = [
     "sensitivity",
     "sensor_zero",
+    "sensor_rest",
     "converter_reference",
     "converter_bits",
 ];

@@ -3,6 +3,7 @@
 mod commission;
 mod drive;
 mod offer;
+mod sensor;
 mod upper_tone;
 
 use std::fmt::Write as _;
@@ -101,12 +102,15 @@ enum Action {
     /// With parts of one kind on the track and the enable input given, the board shakes them so that they chatter and hears their
     /// restitution; it needs about a minute. Nothing is changed without --apply.
     #[command(
-        after_help = "Examples:\n  kband settings commission --on /dev/ttyACM0\n  kband settings commission --second-tone --on /dev/ttyACM0"
+        after_help = "Examples:\n  kband settings commission --on /dev/ttyACM0\n  kband settings commission --sensor --on /dev/ttyACM0\n  kband settings commission --second-tone --on /dev/ttyACM0"
     )]
     Commission {
         /// Take and keep the interval; the drive is brought to rest for it.
         #[arg(long)]
         apply: bool,
+        /// Measure the accelerometer at rest and at the present target instead, and offer sensor_rest, gain and their tolerances.
+        #[arg(long, conflicts_with_all = ["second_tone", "third_tone"])]
+        sensor: bool,
         /// Measure what the track answers at twice the drive's frequency instead, and offer second_gain and second_lag.
         #[arg(long)]
         second_tone: bool,
@@ -146,6 +150,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     }
     if let Action::Commission {
         apply,
+        sensor,
         second_tone,
         third_tone,
         within,
@@ -159,6 +164,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         };
         match upper {
             Some(upper) => upper_tone::run(upper, address, apply, within, format, desk)?,
+            None if sensor => sensor::run(address, apply, within, format, desk)?,
             None => commission::run(address, apply, within, format, desk)?,
         }
         return Ok(Exit::Done);

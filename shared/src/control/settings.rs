@@ -151,6 +151,12 @@ settings! {
     track_mass = 0.0, 0.0..100000.0 "kg";
     /// Length of the track on which parts are, for grams per second; 0: not told.
     track_length = 0.0, 0.0..100000.0 "mm";
+    /// Mean voltage of the accelerometer at rest, as measured at commissioning; 0: not measured, and not tested.
+    sensor_rest = 0.0, 0.0..5.0 "V";
+    /// Factor by which amplitude measured and amplitude expected by gain may differ in the test swing of each start; 2.5: none is made.
+    gain_tolerance = 2.5, 1.1..2.5 "";
+    /// Factor by which they may differ while the drive runs, also under the heaviest load.
+    load_tolerance = 2.5, 1.1..2.5 "";
 }
 
 impl Settings {
@@ -255,6 +261,9 @@ impl Settings {
         if self.sensor_zero >= self.converter_reference {
             return refuse("sensor_zero", self.sensor_zero, "below converter_reference");
         }
+        if self.sensor_rest >= self.converter_reference {
+            return refuse("sensor_rest", self.sensor_rest, "below converter_reference");
+        }
         Ok(())
     }
 }
@@ -309,7 +318,7 @@ mod tests {
             settings.check().err().map(|refused| refused.parameter)
         };
         type Change = fn(&mut Settings);
-        let cases: [(Change, Change, &str); 5] = [
+        let cases: [(Change, Change, &str); 6] = [
             (
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.21, 0.2),
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.2, 0.2),
@@ -335,6 +344,11 @@ mod tests {
                 |s| (s.sensor_zero, s.converter_reference) = (3.3, 3.3),
                 |s| (s.sensor_zero, s.converter_reference) = (3.29, 3.3),
                 "sensor_zero",
+            ),
+            (
+                |s| (s.sensor_rest, s.converter_reference) = (3.3, 3.3),
+                |s| (s.sensor_rest, s.converter_reference) = (3.29, 3.3),
+                "sensor_rest",
             ),
         ];
         for (bad, good, parameter) in cases {

@@ -90,6 +90,7 @@ impl EnvelopePlant {
         let codes = f64::from(settings.sensitivity) / STANDARD_GRAVITY / volts;
         let sense = Sense {
             floor: 1.0 / codes,
+            rest: scene.rest().into(),
             zero: f64::from(settings.sensor_zero) / volts,
             full,
             ..Sense::default()
@@ -136,17 +137,19 @@ impl EnvelopePlant {
         let noise = f64::from(self.sensor.noise);
         let Sense {
             floor: step,
+            rest,
             zero,
             full,
             ..
         } = self.sense;
+        let middle = zero + rest * factor / step;
         let white = libm::sqrt(noise * noise + step * step / 12.0);
         self.sense = Sense {
             factor,
             noise,
             white,
             residual: self.onset.residual(white) * factor,
-            headroom: zero.min(full - zero) * step / factor.max(1e-9),
+            headroom: middle.min(full - middle) * step / factor.max(1e-9),
             ..self.sense
         };
     }
@@ -430,6 +433,9 @@ impl EnvelopePlant {
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
         cycle.noise = (self.median / QUARTILE) as f32;
         cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
+        let factor = self.sense.factor;
+        let turned = if self.inverted { -factor } else { factor };
+        cycle.mean = (self.sense.rest * turned) as f32;
         if self.lost {
             cycle.sectors.energy = [0.0; SECTORS_HANDED];
             let code = (self.sense.zero + 0.5) as u16;
@@ -437,15 +443,14 @@ impl EnvelopePlant {
             return;
         }
         let Sense {
-            factor,
             noise,
             white,
             floor,
+            rest,
             zero,
             full,
             ..
         } = self.sense;
-        let turned = if self.inverted { -factor } else { factor };
         let samples = f64::from(cycle.samples);
         // Mean of 2 n(t) e^(i phase) over the N samples that are not blanked.
         let heeded = 1.0 - self.onset.blanked(u32::from(cycle.samples));
@@ -461,7 +466,7 @@ impl EnvelopePlant {
         }
         if cycle.saturated == 0 {
             let code = |acceleration: f64| {
-                let code = zero + acceleration / floor + 0.5;
+                let code = zero + (acceleration + rest * turned) / floor + 0.5;
                 code.clamp(0.0, full) as u16
             };
             let reach = (loudest + 3.0 * noise) * factor;

@@ -36,6 +36,8 @@ pub struct Plant {
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
+    /// Acceleration in m/s^2 that the sensor's axis sees at rest.
+    rest: f32,
     /// The parts, where none of them has a mass.
     parts: Vec<Part, PARTS>,
     /// The parts, where any of them has one.
@@ -106,6 +108,7 @@ impl Plant {
                 scene.sensor.ringing_decay * 1e-3,
             ),
             sensor: scene.sensor,
+            rest: scene.rest(),
             parts: parts_at_rest(scene)?,
             massive: massive_at_rest(scene)?,
             pressed: 0.0,
@@ -162,6 +165,9 @@ impl Plant {
         }
         for (mode, force) in &self.modes {
             acceleration += mode.acceleration(self.gain * self.output, *force);
+        }
+        if self.rest != 0.0 {
+            acceleration += self.rest;
         }
         if self.sensor.hum > 0.0 {
             acceleration += self.sensor.hum * sine_cosine_single(self.mains).0;

@@ -88,7 +88,8 @@ impl Readings {
             }
             let mut reading = drive.acceleration(n)
                 + f64::from(self.ringing.acceleration())
-                + sense.noise * f64::from(noise.gauss());
+                + sense.noise * f64::from(noise.gauss())
+                + sense.rest;
             if let Some(upper) = of.upper {
                 reading += upper.acceleration(f64::from(n), drive.phase_at(n).radians());
             }
@@ -99,7 +100,8 @@ impl Readings {
                 cycle.saturated += 1;
             }
             (low, high) = (low.min(kept), high.max(kept));
-            let read = (kept - sense.zero) * sense.floor;
+            // The signal path takes the mean off before it demodulates.
+            let read = (kept - sense.zero) * sense.floor - sense.rest * turned * sense.factor;
             if self.folds {
                 let residual = self.detector.residual(read as f32);
                 self.fold.add(drive.phase_at(n), residual);

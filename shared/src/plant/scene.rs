@@ -5,7 +5,7 @@ use heapless::Vec;
 
 use super::law::Law;
 use crate::control::{Settings, StartCause, Target};
-use crate::feeder::{OutOfRange, Track, accept};
+use crate::feeder::{OutOfRange, STANDARD_GRAVITY, Track, accept};
 use crate::impact::{FrictionSettings, TangentialSettings};
 
 /// Most parts that a plant carries.
@@ -217,6 +217,21 @@ impl Scene {
     pub(super) fn mass_share(&self, part: usize) -> f64 {
         let mass = self.masses.get(part).copied().unwrap_or(0.0);
         f64::from(mass) * 1e-3 / f64::from(self.drive.mass)
+    }
+
+    /// Acceleration in m/s^2 that the accelerometer's axis sees at rest, as the settings have it from commissioning.
+    pub(super) fn rest(&self) -> f32 {
+        let Settings {
+            sensitivity,
+            sensor_zero,
+            sensor_rest,
+            ..
+        } = self.settings;
+        if sensor_rest > 0.0 {
+            (sensor_rest - sensor_zero) / sensitivity * STANDARD_GRAVITY as f32
+        } else {
+            0.0
+        }
     }
 
     /// Whether any part has a mass.

@@ -11,6 +11,8 @@ pub(super) struct Sense {
     pub white: f64,
     /// RMS of what the onset detector keeps of that, as the board reads it.
     pub residual: f64,
+    /// Acceleration in m/s^2 that its axis sees of gravity at rest.
+    pub rest: f64,
     /// Acceleration in m/s^2 that the converter has room for on its nearer side.
     pub headroom: f64,
     /// Acceleration in m/s^2 of a step of the converter.

@@ -83,7 +83,9 @@ impl Hazard {
         self
     }
 
-    fn acts(mut self, acts: impl IntoIterator<Item = (f64, Act)>) -> Self {
+    /// With these acts, from the first of them on.
+    #[must_use]
+    pub fn acts(mut self, acts: impl IntoIterator<Item = (f64, Act)>) -> Self {
         self.acts = acts.into_iter().collect();
         self.from = self.acts.first().map_or(self.from, |act| act.0);
         self
@@ -94,7 +96,9 @@ impl Hazard {
         self
     }
 
-    fn until(mut self, seconds: f64) -> Self {
+    /// With this end in s.
+    #[must_use]
+    pub fn until(mut self, seconds: f64) -> Self {
         self.until = seconds;
         self
     }
@@ -244,7 +248,9 @@ fn fast(name: &'static str) -> Hazard {
     })
 }
 
-fn plant(time: f64, change: Change) -> (f64, Act) {
+/// Something happens to track or sensor at a time in s.
+#[must_use]
+pub fn plant(time: f64, change: Change) -> (f64, Act) {
     (time, Act::Plant(change))
 }
 
@@ -278,6 +284,38 @@ pub fn of_the_sensor() -> Vec<Hazard> {
             plant(GOES_WRONG, Change::Sensitivity(0.0)),
         ]),
     ]
+}
+
+/// A machine that works at half of its hard limit, whose sensor sees so much of 1 g at rest; commissioned (`kband settings
+/// commission --sensor`), or not.
+#[must_use]
+pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Hazard {
+    Hazard::of(name, 50.0, Target::Amplitude(0.5)).with(|scene| {
+        if commissioned {
+            scene.settings.sensor_rest = 1.65 + 0.1 * seen;
+            scene.settings.gain_tolerance = 1.3;
+            scene.settings.load_tolerance = 1.3;
+        }
+    })
+}
+
+/// A time in s at rest, just before the enable input is given.
+pub const AT_REST: f64 = 1.05;
+
+/// What a healthy sensor does over temperature: sensitivity and voltage, before the start and once more while the drive runs.
+#[must_use]
+pub fn drifts(sensitivity: f32, volts: f32) -> Hazard {
+    let drift = |time: f64, share: f32| {
+        [
+            plant(time, Change::Sensitivity(1.0 + share * (sensitivity - 1.0))),
+            (time, Act::SensorOffset(share * volts)),
+        ]
+    };
+    let acts = [drift(AT_REST, 0.7), drift(GOES_WRONG, 1.0)];
+    of_sensitivity("a healthy sensor drifts", true, 1.0)
+        .with(|scene| scene.parts = Scene::default().parts)
+        .acts(acts.into_iter().flatten())
+        .until(5.0)
 }
 
 /// A machine drawn at random whose sensor fails; `None` where it takes longer than `seconds`.

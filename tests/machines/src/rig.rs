@@ -57,6 +57,8 @@ pub enum Act {
     Store(u32, u32),
     /// Share of its supply that the sensor has.
     SensorSupply(f32),
+    /// Drift of the sensor's voltage, in V.
+    SensorOffset(f32),
 }
 
 /// Ticks of a time in seconds.
@@ -193,6 +195,7 @@ impl Rig {
                 let _ = board.store(*address, 4, *value);
             }
             Act::SensorSupply(share) => board.world.sensor_supply = *share,
+            Act::SensorOffset(volts) => board.world.sensor_offset = *volts,
         }
         self.chip.board.refresh();
     }

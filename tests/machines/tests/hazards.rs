@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use kband::control::Fault;
+use kband::plant::Change;
 use kband::wire::{Kept, Refusal, Request, Response, Target, crc32};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::gpio::Mode;
@@ -12,8 +13,8 @@ use kband_machines::chip::{Chip, Hang, LINK, MILLISECOND, SAMPLE, flash};
 use kband_machines::draw::Draw;
 use kband_machines::emulator::Machine;
 use kband_machines::hazards::{
-    ENABLED, Hazard, Outcome, bands, bounce, of_any_sensor, of_gear, of_the_program, of_the_sensor,
-    of_the_setpoint, over_current,
+    AT_REST, ENABLED, Hazard, Outcome, bands, bounce, drifts, of_any_sensor, of_gear,
+    of_sensitivity, of_the_program, of_the_sensor, of_the_setpoint, over_current, plant,
 };
 use kband_machines::rig::{Act, Rig, ticks};
 use kband_machines::{images, log};
@@ -90,6 +91,89 @@ fn no_sensor_raises_the_amplitude() {
         );
         assert!(outcome.fault.is_some(), "{}", hazard.name);
         assert!(outcome.after < 0.1 * hazard.limit(), "{}", hazard.name);
+    }
+}
+
+/// Number of the newest fault that the board keeps.
+fn newest_fault(rig: &mut Rig) -> Option<u8> {
+    rig.ask(&Request::Fault(0), |response| match response {
+        Response::Fault(kept) => kept.map(|kept| kept.fault),
+        other => panic!("{other:?}"),
+    })
+}
+
+/// 45 % of the sensitivity lost, before the start and while the drive runs. Before: 0.91 mm of 0.5, READY on, without an end;
+/// so it is still where the sensor was not commissioned.
+#[test]
+fn a_commissioned_sensor_that_loses_45_percent_is_found() {
+    const LOST: Change = Change::Sensitivity(0.55);
+    let at_rest = [plant(AT_REST, LOST)];
+    let running = [plant(2.5, LOST)];
+    // What happens, the largest amplitude in mm, the latest fault in s after it.
+    for (hazard, most, latest) in [
+        (
+            of_sensitivity("45 % lost at rest, 1 g seen", true, 1.0).acts(at_rest.clone()),
+            0.0,
+            0.25,
+        ),
+        (
+            of_sensitivity("supply at 55 % at rest, nothing of 1 g seen", true, 0.0)
+                .acts([(AT_REST, Act::SensorSupply(0.55))]),
+            0.0,
+            0.25,
+        ),
+        (
+            of_sensitivity("45 % lost at rest, nothing of 1 g seen", true, 0.0).acts(at_rest),
+            0.12,
+            1.0,
+        ),
+        (
+            of_sensitivity("45 % lost while it runs, 1 g seen", true, 1.0).acts(running.clone()),
+            0.52,
+            1.2,
+        ),
+        (
+            of_sensitivity("45 % lost while it runs, nothing seen", true, 0.0)
+                .acts(running.clone()),
+            0.52,
+            1.2,
+        ),
+    ] {
+        let Outcome {
+            largest,
+            fault,
+            after,
+            mut rig,
+            ..
+        } = play(&hazard);
+        assert!(largest <= most, "{}: {largest}", hazard.name);
+        assert!(fault.is_some_and(|time| time < latest), "{}", hazard.name);
+        assert!(after < 0.1, "{}: {after}", hazard.name);
+        assert_eq!(newest_fault(&mut rig), Some(12), "{}", hazard.name);
+    }
+    let outcome = play(&of_sensitivity("45 % lost, not commissioned", false, 0.0).acts(running));
+    assert!(
+        (0.90..0.93).contains(&outcome.after),
+        "it is not found: {}",
+        outcome.after
+    );
+    assert_eq!((outcome.fault, outcome.opens), (None, None));
+    let dark = outcome.rig.seen_after(3.5, &Seen::Ready(false));
+    assert!(outcome.ready.is_some() && dark.is_none());
+}
+
+#[test]
+fn a_healthy_sensor_that_drifts_is_no_fault() {
+    for (sensitivity, volts) in [(0.95, -0.02), (0.95, 0.02), (1.05, -0.02), (1.05, 0.02)] {
+        let hazard = drifts(sensitivity, volts);
+        let outcome = play(&hazard);
+        assert_eq!(outcome.fault, None, "{sensitivity} {volts}");
+        assert!(outcome.ready.is_some(), "{sensitivity} {volts}");
+        let true_amplitude = outcome.after * f64::from(sensitivity);
+        assert!(
+            (true_amplitude / 0.5 - 1.0).abs() < 0.02,
+            "{true_amplitude}"
+        );
     }
 }
 

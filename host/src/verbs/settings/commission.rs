@@ -139,13 +139,13 @@ fn offered(found: &Identified) -> (f32, f32) {
 fn in_order(low: f32, high: f32, high_now: f32) -> Offer {
     if low <= high_now {
         Offer {
-            keys: ["restitution_low", "restitution_high"],
-            values: [low, high],
+            keys: vec!["restitution_low", "restitution_high"],
+            values: vec![low, high],
         }
     } else {
         Offer {
-            keys: ["restitution_high", "restitution_low"],
-            values: [high, low],
+            keys: vec!["restitution_high", "restitution_low"],
+            values: vec![high, low],
         }
     }
 }

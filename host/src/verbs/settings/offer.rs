@@ -10,10 +10,10 @@ use crate::board::{Address, BoardSettings, Link};
 use crate::refusal::Refusal;
 use crate::report::{Format, Printout, Table};
 
-/// Two settings that a measurement offers, in an order in which the board takes them.
+/// Settings that a measurement offers, in an order in which the board takes them.
 pub(super) struct Offer {
-    pub keys: [&'static str; 2],
-    pub values: [f32; 2],
+    pub keys: Vec<&'static str>,
+    pub values: Vec<f32>,
 }
 
 impl Offer {
@@ -25,19 +25,23 @@ impl Offer {
         address: &Address,
         apply: bool,
     ) -> Result<Vec<String>, Refusal> {
-        let [first, second] = self.keys;
-        let [a, b] = self.values;
+        let pairs = self.keys.iter().zip(&self.values);
         if !apply {
             let options = address.options();
-            return Ok(vec![
-                "nothing was changed; to take it, with the drive at rest:".into(),
-                format!("  kband settings set {first} {a}{options}"),
-                format!("  kband settings set {second} {b} --save{options}"),
-            ]);
+            let mut notes = vec!["nothing was changed; to take it, with the drive at rest:".into()];
+            notes.extend(pairs.enumerate().map(|(n, (key, value))| {
+                let last = n + 1 == self.keys.len();
+                let save = if last { " --save" } else { "" };
+                format!("  kband settings set {key} {value}{save}{options}")
+            }));
+            return Ok(notes);
         }
         rest(link)?;
+        let offered: Vec<_> = pairs
+            .map(|(key, value)| (key.to_string(), *value))
+            .collect();
         let taken = settings
-            .change(link, &[(first.to_string(), a), (second.to_string(), b)])
+            .change(link, &offered)
             .and_then(|()| kept(link, true, address));
         link.tell(&Request::Enable(true))?;
         Ok(vec![taken?])

@@ -170,8 +170,8 @@ pub(super) fn run(
         "measured anew with these it is more exact: what was told before is the beginning".into(),
     ];
     let offer = Offer {
-        keys,
-        values: [gain, lag],
+        keys: keys.to_vec(),
+        values: vec![gain, lag],
     };
     notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[

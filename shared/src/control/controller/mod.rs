@@ -6,8 +6,8 @@ use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::aim::{NoSetpoint, Selection};
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::supervise::{
-    Decision, EnableResponse, Expected, FaultDetector, Interlock, LimitInputs, LimitMonitor,
-    Observation, Standstill, StateMachine,
+    Clearance, Decision, EnableResponse, Expected, FaultDetector, Interlock, LimitInputs,
+    LimitMonitor, Observation, RestTest, Standstill, StateMachine, SwingResult, TestSwing,
 };
 use crate::control::target::Target;
 use num_complex::Complex32 as Complex;
@@ -122,6 +122,8 @@ pub struct Controller {
     /// the last output will drive, the one before, and the two that the last reading is the mean of.
     expected: [Complex; 3],
     faults: FaultDetector,
+    rest_test: RestTest,
+    swing: TestSwing,
     count: u32,
     seen: Seen,
 }
@@ -181,6 +183,8 @@ impl Controller {
             weighing: Weighing::default(),
             expected: [Complex::default(); 3],
             faults: FaultDetector::default(),
+            rest_test: RestTest::build(settings),
+            swing: TestSwing::build(settings, scale.envelope.cycles),
             count: 0,
             seen: Seen::default(),
         };
@@ -275,7 +279,7 @@ impl Controller {
             // A sensor that may be lost is not followed: the output waits for the verdict.
             if !blind {
                 let reference = self.reference.now;
-                let most = self.scale.most_output(self.expected[0]);
+                let most = self.most_output();
                 let struck = Struck {
                     at: (self.meter.as_ref()).map_or(Complex::default(), LoadMeter::struck),
                     silent: self.meter.as_ref().is_none_or(LoadMeter::silent),
@@ -337,7 +341,7 @@ impl Controller {
             self.rest();
         }
         // Also where the output is held because the reading is not trusted.
-        self.output = self.output.min(self.scale.most_output(self.expected[0]));
+        self.output = self.output.min(self.most_output());
         let [newest, before, _] = self.expected;
         // What is missing may be taken for a load only where parts are heard.
         let load = if self.listener.phases.rate() > 0.0 {
@@ -479,6 +483,7 @@ impl Controller {
                 }
             }
         }
+        self.rest_test.cycle(cycle);
         let expects = (self.expected[1] + self.expected[2]) * (0.5 * self.scale.strength);
         let expected = Expected {
             running: self.machine.running(),
@@ -490,10 +495,18 @@ impl Controller {
             reference: self.reference.now,
             error: cycle.noise * square_root_single(2.0 / f32::from(cycle.samples.max(1)))
                 / self.scale.square,
+            tolerance: self.settings.load_tolerance,
+            shifted: self.rest_test.deviates() == Some(true),
         };
         let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
         if let Some(fault) = fault {
             self.machine.fail(fault, events);
+        }
+        match self.swing.cycle(measured, expected.amplitude) {
+            SwingResult::Pending => {}
+            // The swing moves no part: what is usual under load is learned from here on.
+            SwingResult::Passed => self.faults.forget_usual(),
+            SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
         }
         blind
     }
@@ -504,9 +517,15 @@ impl Controller {
             reached: self.reference.now <= 0.0 && measured < AT_REST * self.scale.ceiling,
             patience: 4.0 * self.settings.soft_stop * self.settings.frequency,
         };
-        let response = self
-            .machine
-            .obey(inputs, self.selection.chosen(), &rest, events);
+        if !inputs.enable && !self.machine.running() {
+            self.rest_test.restart();
+        }
+        let clearance = match self.rest_test.deviates() {
+            Some(true) => Clearance::Refused(Fault::SensorImplausible),
+            Some(false) if self.selection.chosen() => Clearance::Granted,
+            _ => Clearance::Pending,
+        };
+        let response = self.machine.obey(inputs, clearance, &rest, events);
         match response {
             Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
             Some(EnableResponse::Stopping) if self.resonance.sweeps() => {
@@ -516,6 +535,7 @@ impl Controller {
             Some(EnableResponse::Started) => {
                 self.expected = [Complex::default(); 3];
                 self.tones.restart();
+                self.swing.begin();
                 if self.selection.target() == Target::Identify
                     && self.selection.no_setpoint().is_none()
                 {
@@ -603,9 +623,25 @@ impl Controller {
             _ => (setpoint, up),
         };
         let goal = goal.min(self.scale.ceiling);
+        let allowed = self.swing_limits().map_or(goal, |[most, _]| goal.min(most));
         self.reference
-            .go(goal, pace, self.lead, self.settings.envelope);
+            .go(allowed, pace, self.lead, self.settings.envelope);
+        self.swing
+            .hold(allowed < goal && self.reference.now == allowed);
         goal
+    }
+
+    /// What the test swing of a start allows reference and outputs, in m; nothing is tested while the resonance is searched for.
+    fn swing_limits(&self) -> Option<[f32; 2]> {
+        let Scale { ceiling, least, .. } = self.scale;
+        let limits = self.swing.limits(self.reference.now, ceiling, least);
+        limits.filter(|_| !self.resonance.sweeps())
+    }
+
+    /// Largest output for the next cycle, as a share of full output, whatever the accelerometer says.
+    fn most_output(&self) -> f32 {
+        let amplitude = self.swing_limits().map(|[_, most]| most);
+        self.scale.most_output(self.expected[0], amplitude)
     }
 
     /// Everything at rest, drive off.

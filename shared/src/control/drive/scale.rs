@@ -111,10 +111,11 @@ impl Scale {
 
     /// Largest output for the next cycle, as a share of full output: with the drive's set gain, whatever the
     /// accelerometer says, it takes an envelope (over the one that full output comes to hold) no further than a fifth over
-    /// the hard limits.
-    pub fn most_output(&self, envelope: Complex) -> f32 {
+    /// the hard limits, or to an amplitude in m.
+    pub fn most_output(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
+        let amplitude = amplitude.unwrap_or(OVER * self.ceiling);
         self.envelope
-            .most_output(envelope, OVER * self.ceiling / self.strength)
+            .most_output(envelope, amplitude / self.strength)
     }
 
     /// The envelope after a cycle at an output.
@@ -203,7 +204,7 @@ mod tests {
         let scale = Scale::at(&settings, settings.frequency);
         let mut envelope = Complex::default();
         for _ in 0..200 {
-            envelope = scale.after(envelope, scale.most_output(envelope));
+            envelope = scale.after(envelope, scale.most_output(envelope, None));
         }
         let reached = envelope.norm_sqr().sqrt() * scale.strength / scale.ceiling;
         assert!((reached - 1.2).abs() < 0.02, "{reached}");

@@ -25,11 +25,8 @@ const ANSWER: f32 = 0.15;
 /// Cycles without one: two time constants of the envelope at Q = 25, in which a drive that was switched on
 /// or retuned has come to 86 % of what is expected.
 const UNANSWERED: u8 = 15;
-/// How far, as a factor, amplitude measured and amplitude expected may be apart: the gain may be told wrong by a factor of two,
-/// and a quarter more is for what else is: a sensitivity known to a tenth, a resonance that has moved.
-const PLAUSIBLE: f32 = 2.5;
 /// How far, as a factor, they may be apart from how far they usually are in this run: a sensor that loses half of what it
-/// gives, or whose supply falls to half, is not one whose gain was told wrong.
+/// gives, or whose supply falls to half, is not one whose gain was told wrong. A narrower tolerance of the settings replaces it.
 const CHANGED: f32 = 1.9;
 /// Cycles after which that is known, and the memory for it in cycles: drives change by a third as they warm up, in minutes.
 const KNOWN: f32 = 16.0;
@@ -135,17 +132,18 @@ struct Usual {
 }
 
 impl Usual {
-    /// Whether an amplitude is too weak and whether it is too strong for one that is expected; one that is neither is learned.
-    fn judge(&mut self, measured: f32, expected: f32) -> (bool, bool) {
+    /// Whether an amplitude is too weak and whether it is too strong for one that is expected, by a factor; one that is neither is
+    /// learned.
+    fn judge(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
         let apart = |factor: f32, usual: f32| {
             (
                 factor * measured < usual * expected,
                 measured > factor * usual * expected,
             )
         };
-        let (mut weak, mut strong) = apart(PLAUSIBLE, 1.0);
+        let (mut weak, mut strong) = apart(tolerance, 1.0);
         if self.cycles >= KNOWN {
-            let (weaker, stronger) = apart(CHANGED, self.ratio);
+            let (weaker, stronger) = apart(CHANGED.min(tolerance), self.ratio);
             weak |= weaker;
             strong |= stronger;
         }
@@ -176,6 +174,10 @@ pub struct Expected {
     pub reference: f32,
     /// Standard error of the amplitude's reading, in m.
     pub error: f32,
+    /// How far, as a factor, amplitude measured and amplitude expected may be apart.
+    pub tolerance: f32,
+    /// Whether the mean reading deviates from the one at rest that was commissioned.
+    pub shifted: bool,
 }
 
 /// What the reading of the accelerometer is suspected of.
@@ -187,12 +189,18 @@ pub struct FaultDetector {
     inverted: Persistence,
     unanswered: Persistence,
     implausible: Persistence,
+    shifted: Persistence,
     excessive: Persistence,
     usual: Usual,
     turns: Turns,
 }
 
 impl FaultDetector {
+    /// Forgets what is usual of amplitude measured over amplitude expected in this run.
+    pub fn forget_usual(&mut self) {
+        self.usual = Usual::default();
+    }
+
     /// Takes a cycle with the amplitude (m) and the lead (rad) measured in it; the fault that it proves, and
     /// whether its reading may not be trusted.
     pub fn cycle(
@@ -215,10 +223,12 @@ impl FaultDetector {
             self.usual = Usual::default();
         }
         let (weak, strong) = if moving && !still {
-            self.usual.judge(measured, expected.amplitude)
+            self.usual
+                .judge(measured, expected.amplitude, expected.tolerance)
         } else {
             (false, false)
         };
+        let shifted = running && expected.shifted;
         let excessive = running && measured > EXCESS * expected.ceiling;
         // A reading that may not be trusted is no turn of the amplitude.
         let trusted = !(still || saturated || unanswered);
@@ -260,6 +270,10 @@ impl FaultDetector {
                 self.implausible.lasts(weak || strong, IMPLAUSIBLE),
                 Fault::SensorImplausible,
             ),
+            (
+                self.shifted.lasts(shifted, IMPLAUSIBLE),
+                Fault::SensorImplausible,
+            ),
             (oscillates, Fault::AmplitudeOscillates),
         ];
         let fault = faults.iter().find(|(lasts, _)| *lasts);
@@ -291,6 +305,8 @@ mod tests {
         ceiling: 1e-3,
         reference: 1e-4,
         error: 0.0,
+        tolerance: 2.5,
+        shifted: false,
     };
 
     /// A cycle of a sensor that moves.
@@ -446,18 +462,52 @@ mod tests {
         ] {
             let mut usual = Usual::default();
             for _ in 0..200 {
-                assert_eq!(usual.judge(told * 1e-4, 1e-4), (false, false));
+                assert_eq!(usual.judge(told * 1e-4, 1e-4, 2.5), (false, false));
             }
             // For as long as it takes to be a fault, and longer.
-            let suspected = (0..100).all(|_| usual.judge(changed * 1e-4, 1e-4) != (false, false));
+            let suspected =
+                (0..100).all(|_| usual.judge(changed * 1e-4, 1e-4, 2.5) != (false, false));
             assert_eq!(suspected, found, "{told} {changed}");
         }
         // As slowly as drives warm up, it is none.
         let mut usual = Usual::default();
         for n in 0..6000 {
             let ratio = 1.0 - 0.5 * n as f32 / 6000.0;
-            assert_eq!(usual.judge(ratio * 1e-4, 1e-4), (false, false), "{n}");
+            assert_eq!(usual.judge(ratio * 1e-4, 1e-4, 2.5), (false, false), "{n}");
         }
+    }
+
+    #[test]
+    fn a_narrower_tolerance_bounds_ratio_and_change() {
+        // Against what the gain lets expect.
+        for (ratio, found) in [(0.76, true), (0.78, false), (1.29, false), (1.31, true)] {
+            let suspected = Usual::default().judge(ratio, 1.0, 1.3) != (false, false);
+            assert_eq!(suspected, found, "{ratio}");
+        }
+        // Against what is usual.
+        let mut usual = Usual {
+            ratio: 1.2,
+            cycles: KNOWN,
+        };
+        assert_eq!(usual.judge(0.91, 1.0, 1.3), (true, false));
+        assert_eq!(usual.judge(0.94, 1.0, 1.3), (false, false));
+    }
+
+    #[test]
+    fn a_shifted_mean_is_implausible_while_the_drive_runs() {
+        let cycle = moving();
+        let after = |running, cycles| {
+            let expected = Expected {
+                running,
+                shifted: true,
+                ..EXPECTED
+            };
+            let mut detector = FaultDetector::default();
+            (0..cycles).find_map(|_| detector.cycle(&cycle, 1e-4, -1.5, &expected).0)
+        };
+        assert_eq!(after(true, 49), None);
+        assert_eq!(after(true, 50), Some(Fault::SensorImplausible));
+        assert_eq!(after(false, 200), None);
     }
 
     #[test]

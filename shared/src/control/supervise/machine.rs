@@ -59,6 +59,17 @@ pub enum EnableResponse {
     Started,
 }
 
+/// Whether a drive at rest may start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clearance {
+    /// Not yet.
+    Pending,
+    /// It may.
+    Granted,
+    /// It must not, for this fault.
+    Refused(Fault),
+}
+
 /// What a cycle shows of a drive that is to stop.
 #[derive(Clone, Copy, Debug)]
 pub struct Standstill {
@@ -238,11 +249,11 @@ impl StateMachine {
         self.back_to_lock()
     }
 
-    /// Follows the enable input; `ready` is whether the drive may start.
+    /// Follows the enable input.
     pub fn obey(
         &mut self,
         inputs: &Inputs,
-        ready: bool,
+        clearance: Clearance,
         rest: &Standstill,
         events: &mut Events,
     ) -> Option<EnableResponse> {
@@ -256,8 +267,16 @@ impl StateMachine {
                 Some(EnableResponse::Acknowledged)
             }
             State::Off => {
-                if !self.interlock.may_start(inputs) || !ready {
+                if !self.interlock.may_start(inputs) {
                     return None;
+                }
+                match clearance {
+                    Clearance::Granted => {}
+                    Clearance::Pending => return None,
+                    Clearance::Refused(fault) => {
+                        self.fail(fault, events);
+                        return None;
+                    }
                 }
                 self.enter(State::Starting);
                 self.arrived = 0;
@@ -463,7 +482,7 @@ mod tests {
     fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
         for _ in 0..cycles {
             machine.count();
-            machine.obey(inputs, true, &AT_REST, &mut Events::default());
+            machine.obey(inputs, Clearance::Granted, &AT_REST, &mut Events::default());
         }
         machine.state()
     }

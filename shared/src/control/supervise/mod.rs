@@ -6,6 +6,7 @@
 //! | `machine` | the state machine of a drive |
 //! | `capture` | the attempts at capturing the parts, kick by kick |
 //! | `faults` | what looks like a fault of the sensor or the drive, and is one where it lasts |
+//! | `sensor` | tests of the accelerometer itself: its mean at rest, a small swing at each start |
 //! | `limits` | what holds the drive back |
 
 mod capture;
@@ -13,8 +14,10 @@ mod faults;
 mod interlock;
 mod limits;
 mod machine;
+mod sensor;
 
 pub use faults::{Expected, FaultDetector};
 pub use interlock::Interlock;
 pub use limits::{LimitInputs, LimitMonitor};
-pub use machine::{Decision, EnableResponse, Observation, Standstill, StateMachine};
+pub use machine::{Clearance, Decision, EnableResponse, Observation, Standstill, StateMachine};
+pub use sensor::{RestTest, SwingResult, TestSwing};

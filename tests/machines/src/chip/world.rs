@@ -39,6 +39,8 @@ pub struct World {
     pub due: u64,
     /// Share of its supply that the sensor has: signal and middle are parts of it.
     pub sensor_supply: f32,
+    /// Drift of the sensor's voltage, in V.
+    pub sensor_offset: f32,
     /// The bridge's mean over its supply at which the drive moves by its `gain`: what the board takes for full output.
     pub full: f32,
     /// Cycles of the timer between an edge of the bridge and the time in which the converter samples: the fewest.
@@ -80,6 +82,7 @@ impl World {
             angular: std::f32::consts::TAU * frequency,
             due: STEP,
             sensor_supply: 1.0,
+            sensor_offset: 0.0,
             full: FULL,
             clear: u32::MAX,
             reading: 2048,
@@ -109,7 +112,8 @@ impl World {
         self.sum = 0.0;
         self.bench.hold(mean / self.full, self.step);
         let reading = f32::from(self.bench.sample().0);
-        self.reading = (reading * self.sensor_supply) as u16;
+        let drift = self.sensor_offset * (4096.0 / 3.3);
+        self.reading = (reading * self.sensor_supply + drift) as u16;
         self.bench.forget_strikes();
         let [x, _] = self.bench.plant().motion();
         self.peak = self.peak.max(x.abs());

@@ -1,0 +1,266 @@
+//! `kband settings commission --sensor`: what the accelerometer reads at rest and while the drive runs, for the tests at each
+//! start.
+
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use kband::control::{Settings, State};
+use kband::feeder::STANDARD_GRAVITY;
+use kband::wire::{Request, Response, Target, Telemetry};
+
+use super::drive::{rest, why_off};
+use super::offer::{Offer, print};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::desk::{Desk, Progress};
+use crate::refusal::Refusal;
+use crate::report::{Column, Format, Table};
+
+/// Readings at rest that are averaged, and the time between two of them.
+const RESTS: u32 = 20;
+const PAUSE: Duration = Duration::from_millis(50);
+/// Cycles of an average while the drive runs, and how many averages there are.
+const BLOCK: usize = 16;
+const BLOCKS: usize = 8;
+/// Largest distance of a steady amplitude from its setpoint, as a share of it: a load scatters single cycles.
+const STEADY: f32 = 0.1;
+/// k at which the track throws no part, and largest amplitude over the hard limits where the gain is measured.
+const QUIET_K: f32 = 1.3;
+const QUIET_SHARE: f32 = 0.2;
+/// Factor for what changes after commissioning: sensitivity by 5 %, and by a quarter the drive as it warms up and is loaded.
+const MARGIN: f64 = 1.3;
+/// Share by which the gain may be measured otherwise than configured before the user is asked to check the sensor.
+const CHECKED: f64 = 0.1;
+/// Time between two looks at what came.
+const LOOK: Duration = Duration::from_millis(300);
+
+/// Measured gain over the configured one: its mean, and the least and largest of its blocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ratio {
+    mean: f64,
+    least: f64,
+    largest: f64,
+}
+
+impl Ratio {
+    /// Largest factor between a block and a gain over the configured one.
+    fn factor(&self, gain: f64) -> f64 {
+        (self.largest / gain).max(gain / self.least)
+    }
+}
+
+/// k at which no part is thrown, and the amplitude is at most a fifth of the hard limits.
+fn quiet_k(settings: &Settings) -> f32 {
+    let square = (std::f32::consts::TAU * settings.frequency).powi(2);
+    let highest = (1e-3 * settings.amplitude_limit * square).min(settings.acceleration_limit);
+    let gravity = settings.gravity * settings.incline.to_radians().cos();
+    QUIET_K.max(gravity / (QUIET_SHARE * highest))
+}
+
+/// Track amplitude in m for full output at the drive's frequency, by the settings.
+fn strength(settings: &Settings) -> f64 {
+    let gain = f64::from(settings.gain) * 1e-3;
+    if settings.tracking > 0.0 {
+        return gain;
+    }
+    let x = f64::from(settings.frequency / settings.resonance);
+    let quality = f64::from(settings.quality);
+    gain / (quality * (1.0 - x * x).hypot(x / quality))
+}
+
+/// The ratio over the last steady cycles; `None` where they are too few.
+fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
+    let last = cycles.get(cycles.len().checked_sub(BLOCK * BLOCKS)?..)?;
+    let sum = |block: &[Telemetry], value: fn(&Telemetry) -> f32| -> f64 {
+        block.iter().map(|cycle| f64::from(value(cycle))).sum()
+    };
+    let of = |block: &[Telemetry]| {
+        sum(block, |cycle| cycle.amplitude)
+            / (strength(settings) * sum(block, |cycle| cycle.output))
+    };
+    let blocks = || last.chunks(BLOCK).map(of);
+    Some(Ratio {
+        mean: of(last),
+        least: blocks().fold(f64::INFINITY, f64::min),
+        largest: blocks().fold(0.0, f64::max),
+    })
+}
+
+/// Whether the drive stands at its setpoint, nothing holding it back.
+fn is_steady(cycle: &Telemetry) -> bool {
+    let settled = [State::Holding, State::Locked].map(State::number);
+    settled.contains(&cycle.state)
+        && cycle.limits == 0
+        && (cycle.amplitude - cycle.setpoint).abs() < STEADY * cycle.setpoint
+}
+
+/// Measures the accelerometer at rest and while the drive runs, and prints the settings that the tests at each start need;
+/// with `apply` the board takes and keeps them.
+pub(super) fn run(
+    address: &Address,
+    apply: bool,
+    within: f64,
+    format: Format,
+    desk: &Desk,
+) -> Result<(), Refusal> {
+    let mut link = address.open(Emulated::Running)?;
+    let mut settings = BoardSettings::read(&mut link)?;
+    let known = settings.known();
+    if let Some(off) = why_off(&mut link)? {
+        return Err(off);
+    }
+    rest(&mut link)?;
+    let mean = mean_at_rest(&mut link, desk);
+    // Measured or not, the board goes on as before.
+    link.tell(&Request::Enable(true))?;
+    let mean = mean?;
+    let within = Duration::from_secs_f64(within);
+    let held = link.held()?;
+    link.tell(&Request::Target(Target::K(quiet_k(&known))))?;
+    let quiet = measure(&mut link, &known, within, desk);
+    link.tell(&Request::Target(held))?;
+    let quiet = quiet?;
+    let loaded = measure(&mut link, &known, within, desk)?;
+    let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
+    let seen = mean / STANDARD_GRAVITY;
+    let volts = f64::from(known.sensor_zero) + seen * f64::from(known.sensitivity);
+    let voltage = digits(volts, 1e4);
+    let gain = digits(f64::from(known.gain) * quiet.mean, 1e4);
+    let tolerance = |ratio: Ratio| digits((MARGIN * ratio.factor(quiet.mean)).min(2.5), 100.0);
+    let [swing, run] = [quiet, loaded].map(tolerance);
+    let mut notes = vec![
+        format!(
+            "offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {swing}, load_tolerance = {run}"
+        ),
+        format!(
+            "at rest the axis sees {seen:.2} g, by sensor_zero and sensitivity: it is to be {:.2} where it is normal to the track, 0 where the sensor passes no direct voltage",
+            f64::from(known.incline).to_radians().cos()
+        ),
+    ];
+    if (quiet.mean - 1.0).abs() > CHECKED {
+        notes.push(format!(
+            "the track moves {:.2} times as far as gain says: check sensitivity by tilting the track before you take this",
+            quiet.mean
+        ));
+    }
+    let offer = Offer {
+        keys: vec!["sensor_rest", "gain", "gain_tolerance", "load_tolerance"],
+        values: vec![voltage, gain, swing, run],
+    };
+    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
+    let mut table = Table::new(&[
+        Column::of_key("sensor_rest", "V").digits(5),
+        Column::of_key("gain", "mm").digits(4),
+        Column::of_key("gain_tolerance", "").digits(3),
+        Column::of_key("load_tolerance", "").digits(3),
+    ]);
+    table.push([voltage, gain, swing, run].map(|value| f64::from(value).into()));
+    let document = json!({
+        "sensor_rest": voltage,
+        "gain": gain,
+        "gain_tolerance": swing,
+        "load_tolerance": run,
+        "applied": apply,
+    });
+    print(table, &notes, &document, format)
+}
+
+/// Mean acceleration in m/s^2 that the board reads of a drive at rest.
+fn mean_at_rest(link: &mut Link, desk: &Desk) -> Result<f64, Refusal> {
+    let mut sum = 0.0;
+    for _ in 0..RESTS {
+        desk.go_on()?;
+        let mean = link.ask(&Request::Status, |response| match response {
+            Response::Status(status) => Some(status.mean),
+            _ => None,
+        })?;
+        sum += f64::from(mean.ok_or_else(|| {
+            Refusal::new(
+                "the board does not tell its mean acceleration",
+                "kband flash brings the firmware of this desk",
+            )
+        })?);
+        link.listen(PAUSE)?;
+    }
+    Ok(sum / f64::from(RESTS))
+}
+
+/// The ratio at the target that the board holds.
+fn measure(
+    link: &mut Link,
+    known: &Settings,
+    within: Duration,
+    desk: &Desk,
+) -> Result<Ratio, Refusal> {
+    let cycles = follow(link, within, desk);
+    link.tell(&Request::Telemetry(0))?;
+    ratio(known, &cycles?).ok_or_else(|| {
+        Refusal::new(
+            format!(
+                "the drive did not hold its amplitude for {} cycles",
+                BLOCK * BLOCKS
+            ),
+            "see with kband monitor what holds it back; give it longer with --within S",
+        )
+    })
+}
+
+/// The last steady cycles in a row, as many as are needed.
+fn follow(link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetry>, Refusal> {
+    let wanted = BLOCK * BLOCKS;
+    let progress = Progress::new("steady cycles", wanted as u64);
+    let begun = Instant::now();
+    let mut cycles: Vec<Telemetry> = Vec::new();
+    let mut most = 0;
+    link.begin_telemetry(1)?;
+    while begun.elapsed() < within && cycles.len() < wanted {
+        desk.go_on()?;
+        for said in link.listen(LOOK)? {
+            if let Unasked::Telemetry(telemetry) = said {
+                if is_steady(&telemetry) {
+                    cycles.push(telemetry);
+                } else {
+                    cycles.clear();
+                }
+            }
+        }
+        progress.advance(cycles.len().saturating_sub(most) as u64);
+        most = most.max(cycles.len());
+        link.tell(&Request::Alive)?;
+    }
+    progress.finish();
+    Ok(cycles)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::control::Target;
+    use kband::plant::{EnvelopeLoop, Scene};
+
+    use super::*;
+
+    #[test]
+    fn the_gain_is_measured_at_the_resonance_and_beside_it() {
+        for (resonance, gain) in [(50.0, 1.0), (50.0, 0.7), (50.0, 1.4), (48.5, 1.2)] {
+            let mut scene = Scene {
+                target: Target::Amplitude(0.2),
+                ..Scene::default()
+            };
+            scene.parts.clear();
+            scene.settings.resonance = resonance;
+            (scene.drive.resonance, scene.drive.gain) = (resonance, gain);
+            let mut closed = EnvelopeLoop::build(&scene).unwrap();
+            let cycles: Vec<Telemetry> = (0..600)
+                .map(|_| Telemetry::from(&closed.cycle().report))
+                .filter(is_steady)
+                .collect();
+            let found = ratio(&scene.settings, &cycles).unwrap();
+            assert!(
+                (found.mean / f64::from(gain) - 1.0).abs() < 0.02,
+                "{found:?}"
+            );
+            assert!(found.factor(found.mean) < 1.02, "{found:?}");
+            assert_eq!(ratio(&scene.settings, &cycles[..BLOCK * BLOCKS - 1]), None);
+        }
+    }
+}
