@@ -89,7 +89,11 @@ fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     scene.drive.gain = settings.gain;
     scene.sensor.noise = (1e-3 * unit * square * log_between(noise, 1e-3, 6e-3)) as f32;
     let gain = between(noise, 0.7, 1.4) as f32;
-    scene.sensor.sensitivity = if noise.bits() % 4 == 0 { 1.0 } else { gain };
+    scene.sensor.sensitivity = if noise.bits().is_multiple_of(4) {
+        1.0
+    } else {
+        gain
+    };
     let parts = 1 + noise.bits() as usize % 12;
     scene.parts = (0..parts)
         .map(|_| between(noise, middle - half, middle + half) as f32)

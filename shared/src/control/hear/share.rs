@@ -33,8 +33,8 @@ const SHORT_FIT_PERIOD_CYCLES: [f32; 2] = [4.0, 16.0];
 /// share above 0.7) 95 % of the short fits leave less than 0.23 unexplained, in 90 windows of 300 random lots.
 const CHANGED_UNEXPLAINED: f32 = 0.3;
 /// Smallest share of time in gear that the map predicts at which gear is credible. In 90 windows of 300 random lots in gear (true share
-/// above 0.7) the map predicts at least 0.71; in all false detections of order 2 at most 0.21.
-const MIN_PREDICTED_SHARE: f32 = 0.4;
+/// above 0.7) the map predicts at least 0.71; in all windows of 600 lots with a false READY at most 0.46.
+const MIN_PREDICTED_SHARE: f32 = 0.5;
 /// Turn of the track's lead from its mean since the energy is gathered, in steps of 2^-32 turns, from which on that mean stands for it: 0.05
 /// rad, a quarter of a sector. Less is the scatter of a reading.
 const TURNED: u32 = 1 << 25;
