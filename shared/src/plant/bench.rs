@@ -96,6 +96,7 @@ impl Bench {
             Some(Change::Ripple(ripple)) => self.plant.set_ripple(ripple),
             Some(Change::Hum(hum)) => self.plant.set_hum(hum),
             Some(Change::Dump(seconds)) => self.plant.dump(seconds),
+            Some(Change::Parts(left)) => self.plant.keep(left),
             _ => {}
         }
     }

@@ -617,6 +617,7 @@ impl EnvelopePlant {
                 let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
                 self.hopper.dump(self.time.max(0) as u64, turns);
             }
+            Change::Parts(left) => self.hopper.keep(left),
             _ => {}
         }
         self.sense();

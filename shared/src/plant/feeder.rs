@@ -373,6 +373,11 @@ impl Plant {
         }
     }
 
+    /// So many parts stay on the track.
+    pub(crate) fn keep(&mut self, left: u8) {
+        self.hopper.keep(left);
+    }
+
     /// A change of the hopper: what waits falls within so many seconds.
     pub(crate) fn dump(&mut self, seconds: f32) {
         let turns =

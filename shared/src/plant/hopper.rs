@@ -39,6 +39,15 @@ impl Hopper {
         self.first = self.end;
     }
 
+    /// Takes all parts off the track but the first `left`.
+    pub fn keep(&mut self, left: u8) {
+        let gone = self.arrives.iter_mut().take(self.end);
+        gone.skip(usize::from(left))
+            .for_each(|arrival| *arrival = u64::MAX);
+        self.end = self.end.min(usize::from(left));
+        self.first = self.first.min(self.end);
+    }
+
     /// When a part comes onto the track.
     #[inline]
     #[must_use]
@@ -66,5 +75,8 @@ mod tests {
         // What has fallen does not fall again.
         hopper.dump(100 << 32, 8.0);
         assert_eq!(hopper.arrives(4) >> 32, 9);
+        hopper.keep(2);
+        let arrivals = [0, 1, 2, 4].map(|part| hopper.arrives(part) >> 32);
+        assert_eq!(arrivals, [0, 3, u64::MAX >> 32, u64::MAX >> 32]);
     }
 }

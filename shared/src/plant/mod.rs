@@ -27,6 +27,8 @@ mod held;
 mod hopper;
 mod law;
 mod load;
+#[cfg(test)]
+mod lots;
 mod massive;
 mod noise;
 mod onset;

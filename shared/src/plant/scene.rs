@@ -136,6 +136,8 @@ pub enum Change {
     BrownOut(bool),
     /// The hopper lets the parts that wait in it ([`Scene::waiting`]) fall onto the track, evenly within so many seconds.
     Dump(f32),
+    /// So many parts stay on the track; the others leave it for good.
+    Parts(u8),
 }
 
 /// A change at a time.

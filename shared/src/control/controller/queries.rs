@@ -4,11 +4,11 @@ use super::Controller;
 use crate::control::aim::NoSetpoint;
 use crate::control::angle::{phase_of, radians_of};
 use crate::control::drive::size;
-use crate::control::hear::{Command, GearShare, Load, LoadMeter, Overtone};
+use crate::control::hear::{Command, GearShare, Load, Overtone};
 use crate::control::identify::Identification;
 use crate::control::report::Report;
 use crate::control::settings::Settings;
-use crate::control::state::{Events, State};
+use crate::control::state::{Events, Limits, State};
 use crate::control::supervise::Interlock;
 use crate::control::target::Target;
 
@@ -33,7 +33,7 @@ impl Controller {
             in_gear_error: self.in_gear_error(),
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.time_to_loss(),
-            margin: self.listener.margin_of_all(),
+            margin: self.listener.margin_of_all().filter(|_| !self.is_deaf()),
             expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
             load: self.load(),
             attempts: self.machine.attempts(),
@@ -107,12 +107,26 @@ impl Controller {
     /// Share of the parts' time in gear as heard ([`Report::in_gear`]), 0..=1.
     #[must_use]
     pub fn in_gear(&self) -> f32 {
+        if self.is_deaf() {
+            return 0.0;
+        }
         self.listener.in_gear_at_least()
+    }
+
+    /// Whether no part can be heard: then nothing is reported of the parts.
+    fn is_deaf(&self) -> bool {
+        self.limits.limits().contains(Limits::DEAF)
     }
 
     /// That share with its error; `None` where what is told is only a least.
     #[must_use]
     pub(crate) fn gear_share(&self) -> Option<GearShare> {
+        self.listener.in_gear().filter(|_| !self.is_deaf())
+    }
+
+    /// The estimated share, reported or not.
+    #[cfg(all(test, feature = "plant"))]
+    pub(crate) fn estimated_share(&self) -> Option<GearShare> {
         self.listener.in_gear()
     }
 
@@ -125,7 +139,8 @@ impl Controller {
     /// The parts on the track as weighed ([`Report::load`]).
     #[must_use]
     pub fn load(&self) -> Option<Load> {
-        self.meter.as_ref().and_then(LoadMeter::load)
+        let weighs = !self.is_deaf() && !self.listener.empty;
+        self.meter.as_ref().filter(|_| weighs)?.load()
     }
 
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.

@@ -6,6 +6,7 @@ use super::phases::PhaseStatistics;
 use super::share::{GearShare, ShareHearing, Tuned};
 use super::signal::Cycle;
 use crate::arithmetic::Phase;
+use crate::control::angle::SAMPLE_RATE;
 use crate::control::hear::LockWindow;
 use crate::feeder::OutOfRange;
 use crate::regime::classify::{Classifier, HearingSettings, Regime, Verdict};
@@ -23,6 +24,13 @@ const ONE: f32 = 0.5;
 const GEARED: f32 = 0.5;
 const LOST: f32 = 0.4;
 
+/// Drive cycles without contradiction, and at least a second, before gear is detected again: energy of before the loss is still in
+/// the long histogram.
+const MIN_SUPPORTED: f32 = 64.0;
+/// Time in s, and flights of the gear, without an impact after which the track is empty.
+const EMPTY_SECONDS: f32 = 1.0;
+const EMPTY_FLIGHTS: f32 = 4.0;
+
 /// The parts as they are heard.
 #[derive(Clone, Debug)]
 pub struct Listener {
@@ -37,6 +45,14 @@ pub struct Listener {
     pub regime: Option<Verdict>,
     /// Whether parts are heard to be in gear for more than half of their time.
     pub geared: bool,
+    /// Drive cycles without an impact.
+    silent: f32,
+    /// Whether the track is empty: no impact for a second.
+    pub empty: bool,
+    /// Drive cycles since the energy last contradicted gear.
+    supported: f32,
+    /// Frequency of the drive in Hz.
+    frequency: f32,
     /// Whether that is judged where nothing depends on it.
     pub watched: bool,
 }
@@ -51,6 +67,10 @@ impl Listener {
             classifier: Classifier::build(HearingSettings::BOARD)?,
             regime: None,
             geared: false,
+            silent: 0.0,
+            empty: false,
+            supported: f32::INFINITY,
+            frequency: 0.0,
             watched: true,
         })
     }
@@ -69,7 +89,7 @@ impl Listener {
         self.share.reset();
         self.classifier.forget();
         self.regime = None;
-        self.geared = false;
+        (self.geared, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
     }
 
     /// Takes what was heard in a cycle; `wanted` is whether the regime decides something.
@@ -84,11 +104,16 @@ impl Listener {
         let HeardWith { count, lead, .. } = *with;
         self.gear.cycle(cycle, with);
         self.share.cycle(cycle, tuned);
-        self.geared = match self.in_gear() {
-            Some(heard) if self.geared => heard.share > LOST,
-            Some(heard) => heard.share - heard.error > GEARED,
-            None => self.in_gear_at_least() > if self.geared { LOST } else { GEARED },
+        self.frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
+        self.watch_silence(cycle, tuned);
+        let evidence = self.share.evidence();
+        let contradicted = evidence.is_some_and(|evidence| !evidence.supports(LOST));
+        self.supported = if contradicted {
+            0.0
+        } else {
+            self.supported + 1.0
         };
+        self.geared = self.detect_gear();
         self.phases.cycle(cycle, count, lead, lock);
         for heard in &cycle.heard {
             let time = (u64::from(count) << 32 | u64::from(heard.phase.bits()))
@@ -100,6 +125,37 @@ impl Listener {
         if count.is_multiple_of(LOOK) && (self.watched || wanted) {
             self.regime = Some(self.judged(self.classifier.verdict()));
         }
+    }
+
+    /// Forgets the parts once the track is empty: without an impact for a second, and for four flights of the gear.
+    fn watch_silence(&mut self, cycle: &Cycle, tuned: &Tuned) {
+        if !cycle.heard.is_empty() {
+            (self.silent, self.empty) = (0.0, false);
+            return;
+        }
+        self.silent += 1.0;
+        let patience = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(tuned.order));
+        self.empty = self.silent > patience;
+        if self.empty {
+            self.gear.reset();
+            self.share.reset();
+        }
+    }
+
+    /// Whether parts are in gear for more than half of their time, with hysteresis. It is detected only from a fit to the map that
+    /// supports it; impacts alone may be those of a part that lands and rests.
+    fn detect_gear(&self) -> bool {
+        let level = if self.geared { LOST } else { GEARED };
+        let Some(evidence) = self.share.evidence() else {
+            return self.geared && self.in_gear_at_least() > LOST;
+        };
+        (self.geared || self.supported > MIN_SUPPORTED.max(self.frequency))
+            && evidence.supports(level)
+            && match self.in_gear() {
+                Some(heard) if self.geared => heard.share > LOST,
+                Some(heard) => heard.share - heard.error > GEARED,
+                None => self.in_gear_at_least() > level,
+            }
     }
 
     /// A verdict, but for parts that strike as regularly as a lock where none strikes: they hop, chatter unheard and rest.

@@ -72,6 +72,13 @@ impl StrikeProfile {
         bends: [0.0; GROUPS],
     };
 
+    /// Share of the followed time in gear, 0..=1.
+    #[must_use]
+    pub fn share(&self) -> f32 {
+        let [within, without] = self.periods.map(|periods| periods.iter().sum::<f32>());
+        within / (within + without).max(1.0)
+    }
+
     /// Mean drive periods in gear until it is lost; where it was not lost, a least.
     #[must_use]
     pub fn time_to_loss(&self) -> f32 {
