@@ -5,8 +5,8 @@ use std::sync::Mutex;
 
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Hybrid, Integer, Kernel, Map, OrbitEvent, PartState, Single, Tangent, Tone, Wave, WaveExact,
-    WaveHybrid, WaveInteger, WaveKernel, WaveMap, WaveOrbit, WaveSingle,
+    Hybrid, Kernel, Map, OrbitEvent, PartState, Single, Tangent, Tone, Wave, WaveExact, WaveHybrid,
+    WaveKernel, WaveMap, WaveOrbit, WaveSingle,
 };
 use kband_tests::states::Random;
 use kband_tests::tones::{Kind, NAMES, Seen, Tally, Track, edge, soak, track};
@@ -225,17 +225,6 @@ fn golden_impacts_in_hybrid() {
     golden_in::<WaveHybrid>(&HYBRID);
 }
 
-const INTEGER: Held = Held {
-    // As hybrid, and the rounding of three products.
-    golden: [1e-7, 1e-6],
-    height: 4e-8,
-};
-
-#[test]
-fn golden_impacts_in_integers() {
-    golden_in::<WaveInteger>(&INTEGER);
-}
-
 /// Where the push is level to 2e-11 and the velocity all but 0 a rounding decides between a hop of no step and a throw of
 /// twenty turns: found by seed 7.
 #[test]
@@ -368,7 +357,6 @@ fn thrown_at_the_edge_in<K: WaveKernel>() {
 fn what_is_launched_one_step_before_a_hump_is_thrown() {
     thrown_at_the_edge_in::<WaveSingle>();
     thrown_at_the_edge_in::<WaveHybrid>();
-    thrown_at_the_edge_in::<WaveInteger>();
 }
 
 #[test]
@@ -387,9 +375,6 @@ fn one_tone_keeps_its_bits() {
         let start = Hybrid::state(random.between(0.0, TAU), random.scale(1e-7, 20.0)).unwrap();
         let one = Hybrid::build(k, restitution).unwrap().impact(start);
         let same = WaveHybrid::on_tones(tones, k, restitution).unwrap();
-        assert_eq!(one, same.impact(start));
-        let one = Integer::build(k, restitution).unwrap().impact(start);
-        let same = WaveInteger::on_tones(tones, k, restitution).unwrap();
         assert_eq!(one, same.impact(start));
     }
 }

@@ -5,8 +5,7 @@ use std::time::Instant;
 
 use kband::impact::batch::Simd;
 use kband::impact::{
-    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
-    WaveSingle,
+    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveKernel, WaveMap, WaveSingle,
 };
 
 use super::Errors;
@@ -39,7 +38,6 @@ pub fn contestants(workload: Workload, count: usize) -> Vec<Box<dyn Contestant>>
     }
     contestants.push(Box::new(Waves::<WaveHybrid>::new(&launches)));
     contestants.push(Box::new(Waves::<WaveSingle>::new(&launches)));
-    contestants.push(Box::new(Waves::<WaveInteger>::new(&launches)));
     contestants
 }
 

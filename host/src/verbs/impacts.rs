@@ -9,7 +9,7 @@ use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
     Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
-    WaveInteger, WaveKernel, WaveMap, WaveSingle,
+    WaveKernel, WaveMap, WaveSingle,
 };
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
@@ -152,7 +152,12 @@ fn on_tones(
         Arithmetic::Hybrid => table(arguments, desk, of::<WaveHybrid>(tones), one_by_one),
         Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
         Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
-        Arithmetic::Integer => table(arguments, desk, of::<WaveInteger>(tones), one_by_one),
+        Arithmetic::Integer => Err(Refusal::value(
+            "--arithmetic",
+            "integer",
+            "f64, f64-exact, hybrid, f32 or batch with --second-tone or --third-tone",
+            "choose one of them, or drop the tones",
+        )),
     }
 }
 

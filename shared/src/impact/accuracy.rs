@@ -4,8 +4,8 @@ use core::f64::consts::TAU;
 use std::vec::Vec;
 
 use super::{
-    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
-    WaveInteger, WaveKernel, WaveMap, WaveSingle,
+    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, WaveExact, WaveHybrid, WaveKernel,
+    WaveMap, WaveSingle,
 };
 use crate::arithmetic::Phase;
 
@@ -66,16 +66,13 @@ struct Errors {
     wrong: usize,
 }
 
-fn measure<K: Kernel, M: Kernel<State = PartState>>(
-    count: usize,
-    mut case: impl FnMut(&mut Random) -> Case,
-    build: impl Fn(f64) -> (K, M),
-) -> Errors {
+fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -> Errors {
     let mut random = Random(1);
     let (mut flights, mut velocities, mut wrong) = (Vec::new(), Vec::new(), 0);
     for _ in 0..count {
         let (k, phase, velocity) = case(&mut random);
-        let (kernel, map) = build(k);
+        let kernel = K::build(k, 0.8).unwrap();
+        let map = Map::build(k, 0.8).unwrap();
         let state = K::state(phase, velocity).unwrap();
         // The same start for both: what the kernel can hold.
         let held = K::observe(state);
@@ -121,39 +118,13 @@ fn resting_by_rounding(k: f64, state: PartState) -> bool {
 /// Checks a set: median, p99 and largest error of the phase in rad, the largest of the velocity, and
 /// no wrong root.
 fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
-    let on_the_sine = |k| (K::build(k, 0.8).unwrap(), Map::build(k, 0.8).unwrap());
-    judge(&measure(20_000, case, on_the_sine), K::NAME, limits);
-}
-
-/// The same on two tones, against the map of a wave.
-fn holds_on_tones<K: WaveKernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
-    let second = Tone {
-        // 5/32.
-        amplitude: 0.156_25,
-        angle: Phase::from_radians(2.487).radians(),
-    };
-    let tones = [second, Tone::default()];
-    let on_tones = |k| {
-        let kernel = K::on_tones(tones, k, 0.8).unwrap();
-        (kernel, WaveMap::on_tones(tones, k, 0.8).unwrap())
-    };
-    judge(&measure(20_000, case, on_tones), K::NAME, limits);
-}
-
-fn judge(errors: &Errors, name: &str, limits: [f64; 4]) {
-    std::println!("{name}: {errors:?}");
+    let errors = measure::<K>(20_000, case);
+    std::println!("{}: {errors:?}", K::NAME);
     let measured = [errors.median, errors.p99, errors.max, errors.velocity_max];
     assert_eq!(errors.wrong, 0);
     for (error, limit) in measured.iter().zip(limits) {
         assert!(*error <= limit, "{measured:?} against {limits:?}");
     }
-}
-
-#[test]
-fn integer_on_tones_holds_its_errors() {
-    holds_on_tones::<WaveInteger>(high, [8e-9, 1.5e-7, 6e-7, 6e-7]);
-    holds_on_tones::<WaveInteger>(low, [8e-9, 1.5e-7, 3e-6, 2e-6]);
-    holds_on_tones::<WaveInteger>(logarithmic, [4e-9, 4e-7, 1e-5, 1.2e-6]);
 }
 
 // Medians: one phase step (1.463e-9 rad) for the hybrid kernel, where two are promised, and 2e-6 rad for
@@ -437,8 +408,7 @@ fn a_phase_too_large_to_mean_a_place_is_refused_by_every_arithmetic() {
             place::<WaveExact>(phase),
             place::<WaveHybrid>(phase),
             place::<WaveSingle>(phase),
-            place::<WaveInteger>(phase),
         ];
-        assert_eq!(places, [None; 10], "{phase}");
+        assert_eq!(places, [None; 9], "{phase}");
     }
 }

@@ -20,7 +20,6 @@
 //! | `WaveHybrid` | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
 //! | `WaveSingle` | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
-//! | `WaveInteger` | that of [`Integer`], tracks of two or three tones | `integer/tones/map.rs` | `integer/tones/search.rs` |
 //!
 //! `kernel.rs` says what they have in common, `wave.rs` how a track of several tones moves, `set_up.rs` what those for
 //! microcontrollers are set up from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is
@@ -49,8 +48,6 @@ pub use anchor::{WaveHybrid, WaveSingle};
 pub use double::PassedHumps;
 pub use double::{Exact, Map, Recent, Refined};
 pub use integer::Integer;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use integer::WaveInteger;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
 pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};

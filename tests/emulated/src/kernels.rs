@@ -2,7 +2,7 @@
 
 use kband::impact::{
     Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveHybrid,
-    WaveInteger, WaveKernel, WaveSingle,
+    WaveKernel, WaveSingle,
 };
 
 /// A kernel with its step in machine units.
@@ -60,16 +60,6 @@ impl Machine for WaveSingle {
     }
     fn bits(state: SingleState) -> [u32; 2] {
         Single::bits(state)
-    }
-}
-
-impl Machine for WaveInteger {
-    #[inline(always)]
-    fn land(&self, state: HybridState) -> Landing<HybridState> {
-        WaveInteger::land(self, state)
-    }
-    fn bits(state: HybridState) -> [u32; 2] {
-        Hybrid::bits(state)
     }
 }
 
@@ -182,9 +172,6 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
         }),
         (WaveSingle::NAME, |count| {
             hash_waves::<WaveSingle>(count / 4)
-        }),
-        (WaveInteger::NAME, |count| {
-            hash_waves::<WaveInteger>(count / 4)
         }),
     ]
     .into_iter()

@@ -8,8 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
-    WaveSingle,
+    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveKernel, WaveMap, WaveSingle,
 };
 
 use super::Track;
@@ -23,12 +22,11 @@ const BLOCK: u64 = 2000;
 /// Restitution of every launch.
 const RESTITUTION: f64 = 0.5;
 /// The arithmetics, in the order of a [`Tally`].
-pub const NAMES: [&str; 5] = [
+pub const NAMES: [&str; 4] = [
     WaveMap::NAME,
     WaveExact::NAME,
     WaveSingle::NAME,
     WaveHybrid::NAME,
-    WaveInteger::NAME,
 ];
 
 /// What an arithmetic holds.
@@ -56,8 +54,6 @@ enum Ends {
     Settled,
     /// With one step of Householder's, up to [`LEAP`].
     Leaps,
-    /// Settled, at a speed from an expansion up to [`REACH`] from its node.
-    Expands,
 }
 
 /// Flights that f64 takes from the height divided by their time, with no more than the rounding of its terms, are shorter, in rad.
@@ -66,15 +62,6 @@ const SHORT_HOP: f64 = 0.5 / 3.0;
 /// The last step of f32 in rad, and the largest `b2 u0` over the slope's square there.
 const LEAP: f64 = 0.02;
 const SIMPLE: f64 = 0.1;
-/// Farthest that the integers expand from a node, in rad.
-const REACH: f64 = 1.0 / 40.0;
-/// The slopes of arrival below which their last step is so long at most, in rad.
-const LAST: [(f64, f64); 4] = [
-    (0.25, 1.0 / 4096.0),
-    (1.0, 2.0 / 4096.0),
-    (4.0, 4.0 / 4096.0),
-    (f64::INFINITY, 12.0 / 4096.0),
-];
 
 impl Rounding {
     const fn of(height: f64, turned: f64, ends: Ends) -> Self {
@@ -92,39 +79,21 @@ impl Rounding {
     /// leaves `n (2 a b + 2 b^2 - a^3)` and higher powers.
     fn late(&self, arrival: f64, jerk: f64) -> f64 {
         match self.ends {
-            Ends::Settled | Ends::Expands => 0.0,
+            Ends::Settled => 0.0,
             Ends::Leaps => {
                 let cube = jerk / 6.0 * LEAP * LEAP / arrival;
                 LEAP * (SIMPLE * SIMPLE * SIMPLE + 2.0 * SIMPLE * cube + 2.0 * cube * cube)
             }
         }
     }
-
-    /// By how much its speed of arrival is, where the fourth and the fifth derivative are at most so much.
-    ///
-    /// The last step changes the speed by a curvature without the fourth derivative's share, `S'''' d^2/2`; the speed before
-    /// it is without the fifth's, `d^4/24`.
-    fn fast(&self, arrival: f64, [fourth, fifth]: [f64; 2]) -> f64 {
-        match self.ends {
-            Ends::Settled | Ends::Leaps => 0.0,
-            Ends::Expands => {
-                let last = LAST.iter().find(|(below, _)| arrival < *below);
-                let step = last.map_or(0.0, |(_, step)| *step);
-                let square = REACH * REACH;
-                0.5 * fourth * square * step + fifth * square * square / 24.0
-            }
-        }
-    }
 }
 
-const HELD: [Held; 5] = [
+const HELD: [Held; 4] = [
     Held::Double,
     Held::Double,
     Held::Rounded(Rounding::of(1e-5, 2e-6, Ends::Leaps)),
     // Half a step of the velocity and of the angles.
     Held::Rounded(Rounding::of(2e-8, 2e-9, Ends::Settled)),
-    // The same, and the rounding of three products.
-    Held::Rounded(Rounding::of(4e-8, 1.5e-8, Ends::Expands)),
 ];
 
 /// What a soak saw of one arithmetic.
@@ -142,7 +111,7 @@ pub struct Seen {
 
 /// What a soak saw, by arithmetic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally(pub [Seen; 5]);
+pub struct Tally(pub [Seen; 4]);
 
 impl Tally {
     /// Adds what was seen elsewhere.
@@ -182,7 +151,6 @@ struct Bench {
     exact: WaveExact,
     single: WaveSingle,
     hybrid: WaveHybrid,
-    integer: WaveInteger,
 }
 
 /// What the arithmetics for microcontrollers make of a launch.
@@ -224,18 +192,16 @@ impl Bench {
             exact: on(tones, k),
             single: on(tones, k),
             hybrid: on(tones, k),
-            integer: on(tones, k),
         }
     }
 
     /// The launch that each arithmetic holds instead of this one, and its impact.
-    fn impacts(&self, launch: PartState) -> [Option<(PartState, Impact<PartState>)>; 5] {
+    fn impacts(&self, launch: PartState) -> [Option<(PartState, Impact<PartState>)>; 4] {
         [
             Some((launch, self.map.impact(launch))),
             Some((launch, self.exact.impact(launch))),
             flown(&self.single, launch),
             flown(&self.hybrid, launch),
-            flown(&self.integer, launch),
         ]
     }
 
@@ -311,7 +277,7 @@ impl Bench {
                     return Ok(Verdict::Doubtful);
                 }
                 if error <= moved {
-                    return self.leaves(truth, impact, moved, [rounding / duration, 0.0, 0.0]);
+                    return self.leaves(truth, impact, moved, [rounding / duration, 0.0]);
                 }
                 // A touch within rounding, before or at the end.
                 if impact.grazes {
@@ -325,7 +291,7 @@ impl Bench {
             }
             Held::Rounded(rounded) => {
                 let Rounding { height, turned, .. } = rounded;
-                let [.., jerk, fourth, fifth] = self.track.sums();
+                let [.., jerk, _] = self.track.sums();
                 if level && velocity == 0.0 {
                     return Ok(Verdict::Doubtful);
                 }
@@ -339,8 +305,7 @@ impl Bench {
                 let moved = rounding / arrival + 3e-9 + 3e-7 * duration;
                 if error <= moved + late {
                     let moved = moved + late.min(error);
-                    let fast = rounded.fast(arrival, [fourth, fifth]);
-                    return self.leaves(truth, impact, moved, [rounding / duration, 3e-8, fast]);
+                    return self.leaves(truth, impact, moved, [rounding / duration, 3e-8]);
                 }
                 let stepped = self.track.first_impact(phase, velocity);
                 let touch = stepped.clearance * self.track.rounding(phase, velocity, duration);
@@ -358,7 +323,7 @@ impl Bench {
         truth: &Truth,
         impact: &Impact<PartState>,
         moved: f64,
-        [turned, step, fast]: [f64; 3],
+        [turned, step]: [f64; 2],
     ) -> Result<Verdict, String> {
         let turns = (truth.state.phase + impact.flight - impact.next.phase) / std::f64::consts::TAU;
         let room = 2.0 * f64::EPSILON * (2.0 + impact.flight) + step;
@@ -368,8 +333,7 @@ impl Bench {
         let [slope, curvature] = truth.ends;
         let speed = RESTITUTION * (-slope).max(0.0);
         // What the time is off by moves the speed, by the curvature and where it changes.
-        let room = 16.0 * (moved * (curvature.abs() + 20.0 * moved) + turned + 1e-15 + step)
-            + RESTITUTION * fast;
+        let room = 16.0 * (moved * (curvature.abs() + 20.0 * moved) + turned + 1e-15 + step);
         if (impact.next.velocity - speed).abs() > room {
             return Err(format!("velocity, expected {speed:e} within {room:e}"));
         }
@@ -552,19 +516,6 @@ mod tests {
                     [0.07384043256752193, 2.725558356411393],
                 ],
                 2..3,
-            ),
-            // The integers settle from one node, next to the other.
-            (
-                [
-                    0.20194192230701447,
-                    2.5437318206863457,
-                    0.0006524473428726196,
-                ],
-                [
-                    [0.11577314138412476, 2.0980960564308817],
-                    [0.4583545122295618, 0.08357520201976996],
-                ],
-                4..5,
             ),
         ];
         for ([k, phase, velocity], tones, which) in told {

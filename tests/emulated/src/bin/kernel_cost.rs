@@ -14,7 +14,7 @@ fn run() {
 
 #[cfg(target_os = "none")]
 fn run() {
-    use kband::impact::{Hybrid, Integer, Single, WaveHybrid, WaveInteger, WaveSingle};
+    use kband::impact::{Hybrid, Integer, Single, WaveHybrid, WaveSingle};
 
     let counter = kband_emulated::Counter::start();
     let hybrid = cost::measure::<Hybrid>(&counter);
@@ -36,8 +36,6 @@ fn run() {
         let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
         integer.is_held("integer", [1770, 6952]);
         assert!(worst <= 2999, "integer: {worst}");
-        let integer_on_tones = cost::measure_on_tones::<WaveInteger>(&counter);
-        integer_on_tones.is_held_on_tones(&integer);
     }
 }
 
