@@ -5,8 +5,8 @@ use std::sync::Mutex;
 
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Hybrid, Kernel, Map, OrbitEvent, PartState, Single, Tangent, Tone, Wave, WaveExact, WaveHybrid,
-    WaveKernel, WaveMap, WaveOrbit, WaveSingle,
+    Kernel, Map, OrbitEvent, PartState, Single, Tangent, Tone, Wave, WaveExact, WaveKernel,
+    WaveMap, WaveOrbit, WaveSingle,
 };
 use kband_tests::states::Random;
 use kband_tests::tones::{Kind, NAMES, Seen, Tally, Track, edge, soak, track};
@@ -214,17 +214,6 @@ fn golden_impacts_in_f64_exact() {
     assert!(counted > 1_200 && largest < 4e-16, "{counted} {largest:e}");
 }
 
-const HYBRID: Held = Held {
-    // Half a step of the velocity and of the angles, times a condition of up to 30.
-    golden: [4e-8, 5e-7],
-    height: 2e-8,
-};
-
-#[test]
-fn golden_impacts_in_hybrid() {
-    golden_in::<WaveHybrid>(&HYBRID);
-}
-
 /// Where the push is level to 2e-11 and the velocity all but 0 a rounding decides between a hop of no step and a throw of
 /// twenty turns: found by seed 7.
 #[test]
@@ -290,29 +279,6 @@ fn steps_that_stray_lose_no_digits_in_f32() {
     assert!(off < 1.5e-6, "{off:e}");
 }
 
-/// Three rad after these launches the ball is 20 below a track that it met after one: where integers tell no more of a height
-/// than that it is beyond 2, it is no impact. Found by seed 20261123.
-#[test]
-fn far_below_the_track_is_no_impact() {
-    let tones = [
-        tone(0.465_302_712_749_689_8, 1.064_788_136_562_704),
-        tone(0.384_812_791_133_299_5, 3.562_136_650_295_28),
-    ];
-    let expected = WaveMap::on_tones(tones, 4.0, 0.5).unwrap();
-    let hybrid = WaveHybrid::on_tones(tones, 4.0, 0.5).unwrap();
-    for velocity in [1e-7, 1e-5, 1e-3, 0.05, 0.067_344] {
-        let start = WaveHybrid::state(3.246_681_335_778_079_3, velocity).unwrap();
-        let (impact, truth) = (
-            hybrid.impact(start),
-            expected.impact(WaveHybrid::observe(start)),
-        );
-        assert!(
-            (impact.flight - truth.flight).abs() < 1e-8,
-            "{velocity}: {impact:?} {truth:?}"
-        );
-    }
-}
-
 /// Launches within a few steps of where the track throws the part: of the very last step before a hump too.
 fn thrown_at_the_edge_in<K: WaveKernel>() {
     let mut random = Random::new(27);
@@ -356,7 +322,6 @@ fn thrown_at_the_edge_in<K: WaveKernel>() {
 #[test]
 fn what_is_launched_one_step_before_a_hump_is_thrown() {
     thrown_at_the_edge_in::<WaveSingle>();
-    thrown_at_the_edge_in::<WaveHybrid>();
 }
 
 #[test]
@@ -371,10 +336,6 @@ fn one_tone_keeps_its_bits() {
             angle: 1.0,
         }; 2];
         let same = WaveSingle::on_tones(tones, k, restitution).unwrap();
-        assert_eq!(one, same.impact(start));
-        let start = Hybrid::state(random.between(0.0, TAU), random.scale(1e-7, 20.0)).unwrap();
-        let one = Hybrid::build(k, restitution).unwrap().impact(start);
-        let same = WaveHybrid::on_tones(tones, k, restitution).unwrap();
         assert_eq!(one, same.impact(start));
     }
 }

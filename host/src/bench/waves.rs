@@ -4,9 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::impact::batch::Simd;
-use kband::impact::{
-    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveKernel, WaveMap, WaveSingle,
-};
+use kband::impact::{Impact, Kernel, PartState, Tone, WaveExact, WaveKernel, WaveMap, WaveSingle};
 
 use super::Errors;
 use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice, widths};
@@ -36,7 +34,6 @@ pub fn contestants(workload: Workload, count: usize) -> Vec<Box<dyn Contestant>>
         let waves = Waves::new(&launches);
         contestants.push(Box::new(Batch { waves, simd, name }));
     }
-    contestants.push(Box::new(Waves::<WaveHybrid>::new(&launches)));
     contestants.push(Box::new(Waves::<WaveSingle>::new(&launches)));
     contestants
 }

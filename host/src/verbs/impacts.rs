@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
-    WaveKernel, WaveMap, WaveSingle,
+    Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveKernel,
+    WaveMap, WaveSingle,
 };
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
@@ -149,13 +149,16 @@ fn on_tones(
     match arguments.arithmetic {
         Arithmetic::F64 => table(arguments, desk, of::<WaveMap>(tones), one_by_one),
         Arithmetic::F64Exact => table(arguments, desk, of::<WaveExact>(tones), one_by_one),
-        Arithmetic::Hybrid => table(arguments, desk, of::<WaveHybrid>(tones), one_by_one),
         Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
         Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
-        Arithmetic::Integer => Err(Refusal::value(
+        Arithmetic::Hybrid | Arithmetic::Integer => Err(Refusal::value(
             "--arithmetic",
-            "integer",
-            "f64, f64-exact, hybrid, f32 or batch with --second-tone or --third-tone",
+            if arguments.arithmetic == Arithmetic::Hybrid {
+                "hybrid"
+            } else {
+                "integer"
+            },
+            "f64, f64-exact, f32 or batch with --second-tone or --third-tone",
             "choose one of them, or drop the tones",
         )),
     }

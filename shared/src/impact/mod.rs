@@ -17,7 +17,6 @@
 //! | `batch::Block` | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
-//! | `WaveHybrid` | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
 //! | `WaveSingle` | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
 //!
@@ -41,9 +40,9 @@ mod tones;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave;
 
-pub use anchor::{Hybrid, Single, SingleState};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use anchor::{WaveHybrid, WaveSingle};
+pub use anchor::WaveSingle;
+pub use anchor::{Hybrid, Single, SingleState};
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
 pub use double::{Exact, Map, Recent, Refined};

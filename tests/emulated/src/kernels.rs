@@ -1,8 +1,8 @@
 //! The kernels for microcontrollers: the work that all machines do alike.
 
 use kband::impact::{
-    Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveHybrid,
-    WaveKernel, WaveSingle,
+    Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
+    WaveSingle,
 };
 
 /// A kernel with its step in machine units.
@@ -40,16 +40,6 @@ impl Machine for Single {
     }
     fn bits(state: SingleState) -> [u32; 2] {
         [state.phase.bits(), state.velocity.to_bits()]
-    }
-}
-
-impl Machine for WaveHybrid {
-    #[inline(always)]
-    fn land(&self, state: HybridState) -> Landing<HybridState> {
-        WaveHybrid::land(self, state)
-    }
-    fn bits(state: HybridState) -> [u32; 2] {
-        Hybrid::bits(state)
     }
 }
 
@@ -167,9 +157,6 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
         (Single::NAME, hash_orbits::<Single>),
         (Integer::NAME, hash_orbits::<Integer>),
-        (WaveHybrid::NAME, |count| {
-            hash_waves::<WaveHybrid>(count / 4)
-        }),
         (WaveSingle::NAME, |count| {
             hash_waves::<WaveSingle>(count / 4)
         }),

@@ -7,9 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use kband::arithmetic::Phase;
-use kband::impact::{
-    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveKernel, WaveMap, WaveSingle,
-};
+use kband::impact::{Impact, Kernel, PartState, Tone, WaveExact, WaveKernel, WaveMap, WaveSingle};
 
 use super::Track;
 use super::launches::{Kind, Launches, track};
@@ -22,12 +20,7 @@ const BLOCK: u64 = 2000;
 /// Restitution of every launch.
 const RESTITUTION: f64 = 0.5;
 /// The arithmetics, in the order of a [`Tally`].
-pub const NAMES: [&str; 4] = [
-    WaveMap::NAME,
-    WaveExact::NAME,
-    WaveSingle::NAME,
-    WaveHybrid::NAME,
-];
+pub const NAMES: [&str; 3] = [WaveMap::NAME, WaveExact::NAME, WaveSingle::NAME];
 
 /// What an arithmetic holds.
 #[derive(Clone, Copy, Debug)]
@@ -44,16 +37,6 @@ struct Rounding {
     /// Of a height, and of it for each rad of flight.
     height: f64,
     turned: f64,
-    ends: Ends,
-}
-
-/// How it ends at the root.
-#[derive(Clone, Copy, Debug)]
-enum Ends {
-    /// At rounding.
-    Settled,
-    /// With one step of Householder's, up to [`LEAP`].
-    Leaps,
 }
 
 /// Flights that f64 takes from the height divided by their time, with no more than the rounding of its terms, are shorter, in rad.
@@ -64,36 +47,24 @@ const LEAP: f64 = 0.02;
 const SIMPLE: f64 = 0.1;
 
 impl Rounding {
-    const fn of(height: f64, turned: f64, ends: Ends) -> Self {
-        Self {
-            height,
-            turned,
-            ends,
-        }
-    }
-
     /// By how much the time of an impact is off, beside what a height's rounding moves it, where the third derivative of the
     /// track is at most `jerk`.
     ///
     /// Of the root of `u0 + u1 d + b2 d^2 + c d^3` with Newton's step n, `a = b2 n/u1` and `b = c n^2/u1` Householder's step
     /// leaves `n (2 a b + 2 b^2 - a^3)` and higher powers.
-    fn late(&self, arrival: f64, jerk: f64) -> f64 {
-        match self.ends {
-            Ends::Settled => 0.0,
-            Ends::Leaps => {
-                let cube = jerk / 6.0 * LEAP * LEAP / arrival;
-                LEAP * (SIMPLE * SIMPLE * SIMPLE + 2.0 * SIMPLE * cube + 2.0 * cube * cube)
-            }
-        }
+    fn late(arrival: f64, jerk: f64) -> f64 {
+        let cube = jerk / 6.0 * LEAP * LEAP / arrival;
+        LEAP * (SIMPLE * SIMPLE * SIMPLE + 2.0 * SIMPLE * cube + 2.0 * cube * cube)
     }
 }
 
-const HELD: [Held; 4] = [
+const HELD: [Held; 3] = [
     Held::Double,
     Held::Double,
-    Held::Rounded(Rounding::of(1e-5, 2e-6, Ends::Leaps)),
-    // Half a step of the velocity and of the angles.
-    Held::Rounded(Rounding::of(2e-8, 2e-9, Ends::Settled)),
+    Held::Rounded(Rounding {
+        height: 1e-5,
+        turned: 2e-6,
+    }),
 ];
 
 /// What a soak saw of one arithmetic.
@@ -111,7 +82,7 @@ pub struct Seen {
 
 /// What a soak saw, by arithmetic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally(pub [Seen; 4]);
+pub struct Tally(pub [Seen; 3]);
 
 impl Tally {
     /// Adds what was seen elsewhere.
@@ -150,7 +121,6 @@ struct Bench {
     map: WaveMap,
     exact: WaveExact,
     single: WaveSingle,
-    hybrid: WaveHybrid,
 }
 
 /// What the arithmetics for microcontrollers make of a launch.
@@ -191,17 +161,15 @@ impl Bench {
             map: on(tones, k),
             exact: on(tones, k),
             single: on(tones, k),
-            hybrid: on(tones, k),
         }
     }
 
     /// The launch that each arithmetic holds instead of this one, and its impact.
-    fn impacts(&self, launch: PartState) -> [Option<(PartState, Impact<PartState>)>; 4] {
+    fn impacts(&self, launch: PartState) -> [Option<(PartState, Impact<PartState>)>; 3] {
         [
             Some((launch, self.map.impact(launch))),
             Some((launch, self.exact.impact(launch))),
             flown(&self.single, launch),
-            flown(&self.hybrid, launch),
         ]
     }
 
@@ -289,8 +257,7 @@ impl Bench {
                     return Ok(Verdict::Doubtful);
                 }
             }
-            Held::Rounded(rounded) => {
-                let Rounding { height, turned, .. } = rounded;
+            Held::Rounded(Rounding { height, turned }) => {
                 let [.., jerk, _] = self.track.sums();
                 if level && velocity == 0.0 {
                     return Ok(Verdict::Doubtful);
@@ -301,7 +268,7 @@ impl Bench {
                 if impact.grazes {
                     return Ok(Verdict::Flagged);
                 }
-                let late = rounded.late(arrival, jerk);
+                let late = Rounding::late(arrival, jerk);
                 let moved = rounding / arrival + 3e-9 + 3e-7 * duration;
                 if error <= moved + late {
                     let moved = moved + late.min(error);
