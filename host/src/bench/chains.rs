@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::feeder::OutOfRange;
-use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, PartState, Recent, Single};
+use kband::impact::{Hybrid, Integer, Kernel, Map, PartState, Recent, Single};
 
 use super::{median, textbook};
 use crate::desk::{Desk, Progress};
@@ -106,7 +106,6 @@ fn kernels(chain: Chain) -> Result<Vec<(&'static str, Turn)>, Refusal> {
     };
     Ok(vec![
         ("textbook", turn(Ok, by_textbook)),
-        kernel::<Exact>(chain)?,
         kernel::<Map>(chain)?,
         kernel::<Hybrid>(chain)?,
         kernel::<Single>(chain)?,

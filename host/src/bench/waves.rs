@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::impact::batch::Simd;
-use kband::impact::{Impact, Kernel, PartState, Tone, WaveExact, WaveKernel, WaveMap, WaveSingle};
+use kband::impact::{Impact, Kernel, PartState, Tone, WaveKernel, WaveMap, WaveSingle};
 
 use super::Errors;
 use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice, widths};
@@ -26,10 +26,8 @@ const TONES: [Tone; 2] = [
 #[must_use]
 pub fn contestants(workload: Workload, count: usize) -> Vec<Box<dyn Contestant>> {
     let launches = workload.launches_on(TONES, count);
-    let mut contestants: Vec<Box<dyn Contestant>> = vec![
-        Box::new(Waves::<WaveExact>::new(&launches)),
-        Box::new(Waves::<WaveMap>::new(&launches)),
-    ];
+    let mut contestants: Vec<Box<dyn Contestant>> =
+        vec![Box::new(Waves::<WaveMap>::new(&launches))];
     for (simd, [_, name]) in widths() {
         let waves = Waves::new(&launches);
         contestants.push(Box::new(Batch { waves, simd, name }));
@@ -82,19 +80,11 @@ impl<K: WaveKernel> Waves<K> {
             let Some(Launch { k, restitution, .. }) = track.launches.first() else {
                 continue;
             };
-            let Ok(exact) = WaveExact::on_tones(TONES, *k, *restitution) else {
+            let Ok(map) = WaveMap::on_tones(TONES, *k, *restitution) else {
                 continue;
             };
             for (state, (flight, next)) in track.states.iter().zip(impacts(track)) {
-                let truth = exact.impact(K::observe(*state));
-                if !truth.grazes {
-                    judge.compare(
-                        [truth.flight, 0.0],
-                        [truth.next.phase, 0.0],
-                        flight,
-                        next.phase,
-                    );
-                }
+                judge.compare(&map.impact(K::observe(*state)), flight, next.phase);
             }
         }
         judge.verdict()

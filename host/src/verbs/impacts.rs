@@ -8,8 +8,7 @@ use std::path::PathBuf;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveKernel,
-    WaveMap, WaveSingle,
+    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap, WaveSingle,
 };
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
@@ -90,8 +89,6 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
-    /// f64 with a twofold residual: phases right to their rounding.
-    F64Exact,
     /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
     Hybrid,
     /// Phase in u32, velocity in f32.
@@ -125,7 +122,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 fn on_one_tone(arguments: &Arguments, desk: &Desk) -> Result<(Table, States), Refusal> {
     match arguments.arithmetic {
         Arithmetic::F64 => table(arguments, desk, Map::build, one_by_one),
-        Arithmetic::F64Exact => table(arguments, desk, Exact::build, one_by_one),
         Arithmetic::Hybrid => table(arguments, desk, Hybrid::build, one_by_one),
         Arithmetic::F32 => table(arguments, desk, Single::build, one_by_one),
         Arithmetic::Integer => table(arguments, desk, Integer::build, one_by_one),
@@ -148,7 +144,6 @@ fn on_tones(
     }
     match arguments.arithmetic {
         Arithmetic::F64 => table(arguments, desk, of::<WaveMap>(tones), one_by_one),
-        Arithmetic::F64Exact => table(arguments, desk, of::<WaveExact>(tones), one_by_one),
         Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
         Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
         Arithmetic::Hybrid | Arithmetic::Integer => Err(Refusal::value(
@@ -158,7 +153,7 @@ fn on_tones(
             } else {
                 "integer"
             },
-            "f64, f64-exact, f32 or batch with --second-tone or --third-tone",
+            "f64, f32 or batch with --second-tone or --third-tone",
             "choose one of them, or drop the tones",
         )),
     }

@@ -3,10 +3,7 @@
 use core::f64::consts::TAU;
 use std::vec::Vec;
 
-use super::{
-    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, WaveExact, WaveKernel, WaveMap,
-    WaveSingle,
-};
+use super::{Hybrid, Integer, Kernel, Map, PartState, Single, WaveMap, WaveSingle};
 use crate::arithmetic::Phase;
 
 /// Uniform numbers in 0..1 (splitmix64).
@@ -382,7 +379,6 @@ fn every_arithmetic_takes_a_phase_for_the_same_part_of_the_track() {
             let phase = turns * TAU + part;
             let places = [
                 place::<Map>(phase),
-                place::<Exact>(phase),
                 place::<Hybrid>(phase),
                 place::<Single>(phase),
                 place::<Integer>(phase),
@@ -400,14 +396,12 @@ fn a_phase_too_large_to_mean_a_place_is_refused_by_every_arithmetic() {
     for phase in [1.32e7, -1.32e7, 1e12, 1e16, 1e300, f64::INFINITY, f64::NAN] {
         let places = [
             place::<Map>(phase),
-            place::<Exact>(phase),
             place::<Hybrid>(phase),
             place::<Single>(phase),
             place::<Integer>(phase),
             place::<WaveMap>(phase),
-            place::<WaveExact>(phase),
             place::<WaveSingle>(phase),
         ];
-        assert_eq!(places, [None; 8], "{phase}");
+        assert_eq!(places, [None; 6], "{phase}");
     }
 }

@@ -11,9 +11,7 @@
 //! | kernel | for | its impact, from the launch to the landing | the cases that closed forms leave open |
 //! |---|---|---|---|
 //! | [`Map`] | f64, at the desk | `double/first.rs`, by kind: `double/{tall,short,low}.rs` | `double/search.rs` |
-//! | [`Exact`] | f64, phases to their rounding | `double/exact.rs`: that of [`Map`], polished once | |
 //! | `WaveMap` | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
-//! | `WaveExact` | that of `WaveMap`, phases to their rounding | `tones/exact.rs` | |
 //! | `batch::Block` | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
@@ -45,7 +43,7 @@ pub use anchor::WaveSingle;
 pub use anchor::{Hybrid, Single, SingleState};
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
-pub use double::{Exact, Map, Recent, Refined};
+pub use double::{Map, Recent};
 pub use integer::Integer;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
@@ -65,6 +63,6 @@ pub(crate) use orbit::{LATE, Next, WavePart};
 pub use orbit::{Tangential, TangentialSettings, WaveOrbit};
 pub use scatter::Scatter;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use tones::{WaveExact, WaveMap};
+pub use tones::WaveMap;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use wave::{Tone, Wave};

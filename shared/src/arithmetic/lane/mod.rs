@@ -182,18 +182,6 @@ impl<L: Lane> Node<L> {
     }
 }
 
-impl Node<f64> {
-    /// The number of the node, counted from phase 0 through all turns.
-    pub fn count(&self) -> f64 {
-        self.rounded - ROUNDER
-    }
-
-    /// Its number within its turn.
-    pub fn index(&self) -> usize {
-        self.rounded.to_bits() as usize % node::COUNT
-    }
-}
-
 /// The parts of sine and cosine `d` rad from a node.
 #[derive(Clone, Copy)]
 pub(crate) struct Arc<L> {

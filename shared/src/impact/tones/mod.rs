@@ -8,7 +8,6 @@
 //! A track of one tone has its own kernel, [`Map`](super::Map), which pays nothing for this one.
 
 mod batch;
-mod exact;
 mod first;
 mod launch;
 mod map;
@@ -18,5 +17,4 @@ mod short;
 mod sorted;
 pub(super) mod track;
 
-pub use exact::WaveExact;
 pub use map::WaveMap;
