@@ -45,7 +45,7 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
         )),
         Box::new(Kernels::<Map>::new(launches)),
     ];
-    for (simd, [name, _]) in widths() {
+    for (simd, name) in widths() {
         let Some(block) = Block::with(simd) else {
             continue;
         };
@@ -61,20 +61,11 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
     contestants
 }
 
-/// The widths of registers that this CPU has, the widest first, with the names of the batch kernel in them on one tone and
-/// on several.
-pub(super) fn widths() -> impl Iterator<Item = (Simd, [&'static str; 2])> {
+/// The widths of registers that this CPU has, the widest first, with the names of the batch kernel in them.
+fn widths() -> impl Iterator<Item = (Simd, &'static str)> {
     let widest = Simd::widest();
-    let narrower = Simd::ALL
-        .into_iter()
-        .rev()
-        .filter(move |&simd| simd < widest);
-    let named = narrower.map(|simd| match simd {
-        Simd::Avx512 => (simd, ["batch-avx512", "batch-avx512-tones"]),
-        Simd::Avx2 => (simd, ["batch-avx2", "batch-avx2-tones"]),
-        Simd::None => (simd, ["batch-single", "batch-single-tones"]),
-    });
-    std::iter::once((widest, ["batch", "batch-tones"])).chain(named)
+    let narrower = (widest > Simd::None).then_some((Simd::None, "batch-single"));
+    std::iter::once((widest, "batch")).chain(narrower)
 }
 
 /// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches

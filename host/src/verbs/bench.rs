@@ -31,7 +31,7 @@ All kernels take turns in one run on one core, of 4096 launches (batch of 16384)
 the turns counts. The errors are those of the phase of the next impact against f64, whose own are 0. Workloads: high \
 (velocities up to 20), low (up to 3), chatter (1e-6 to 1), sweep (orbits over k and restitution), \
 each on one tone and on two, e 0.15, th 2.356 (NAME-tones); batch in the widest registers of this \
-CPU, batch-avx2 and batch-single in narrower ones; then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
+CPU, batch-single one orbit at a time; then one pair of lines for each skip, and one line for each fidelity of the closed loop (scene: a \
 drive cycle with one impact). Instructions are those of the emulated microcontrollers, where \
 tests/run.sh has built their images here.")]
 pub struct Arguments {
@@ -172,12 +172,12 @@ fn kernels(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         let over = |kernel: &str, tones: &str| {
             Some(time(&lines, tones, workload)? / time(&lines, kernel, workload)?)
         };
-        if let (Some(f64), Some(batch)) = (over("f64", "f64-tones"), over("batch", "batch-tones")) {
+        if let (Some(f64), Some(single)) = (over("f64", "f64-tones"), over("f32", "f32-tones")) {
             report = report.note(format!(
-                "{}, two tones over one: f64 {}, batch {}",
+                "{}, two tones over one: f64 {}, f32 {}",
                 workload.name(),
                 number(f64, 3),
-                number(batch, 3),
+                number(single, 3),
             ));
         }
     }

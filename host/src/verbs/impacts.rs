@@ -5,6 +5,7 @@ pub mod rows;
 
 use std::path::PathBuf;
 
+use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
@@ -145,33 +146,16 @@ fn on_tones(
     match arguments.arithmetic {
         Arithmetic::F64 => table(arguments, desk, of::<WaveMap>(tones), one_by_one),
         Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
-        Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
-        Arithmetic::Hybrid | Arithmetic::Integer => Err(Refusal::value(
+        Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
             "--arithmetic",
-            if arguments.arithmetic == Arithmetic::Hybrid {
-                "hybrid"
-            } else {
-                "integer"
-            },
-            "f64, f32 or batch with --second-tone or --third-tone",
-            "choose one of them, or drop the tones",
+            arguments
+                .arithmetic
+                .to_possible_value()
+                .map_or_else(String::new, |value| value.get_name().to_owned()),
+            "f64 or f32 with --second-tone or --third-tone",
+            "choose one of them, or leave out the tones",
         )),
     }
-}
-
-fn in_registers(rows: &[Row<WaveMap>]) -> Vec<Impact<PartState>> {
-    rows.iter()
-        .map(|row| {
-            // Room for one, which the map fills.
-            let mut impact = [row.kernel.impact(row.state)];
-            row.kernel.elastic_impacts(&[row.state], &mut impact);
-            let [mut impact] = impact;
-            if impact.flight > 0.0 {
-                impact.next.velocity *= row.kernel.restitution();
-            }
-            impact
-        })
-        .collect()
 }
 
 fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {

@@ -6,9 +6,6 @@
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 pub(crate) mod avx2;
-#[cfg(target_arch = "x86_64")]
-#[allow(unsafe_code)]
-pub(crate) mod avx512;
 pub(crate) mod queue;
 #[allow(unsafe_code)]
 pub(crate) mod simd;
@@ -24,7 +21,7 @@ use super::node;
 /// Adding it to a number below 2^51 rounds that number to an integer, which then stands in the low bits.
 pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
-/// Lanes of the widest register.
+/// Lanes of the widest register, or two side by side.
 pub(crate) const WIDEST: usize = 8;
 
 /// Lanes of a column.
