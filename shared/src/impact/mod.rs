@@ -41,9 +41,9 @@ mod wave;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use anchor::WaveSingle;
 pub use anchor::{Hybrid, Single, SingleState};
+pub use double::Map;
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
-pub use double::{Map, Recent};
 pub use integer::Integer;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;

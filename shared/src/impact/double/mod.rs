@@ -9,10 +9,8 @@ pub(super) mod step;
 pub(super) mod tall;
 
 mod map;
-mod recent;
 mod search;
 
 pub use map::Map;
-pub use recent::Recent;
 #[cfg(any(test, feature = "unstable"))]
 pub use search::PassedHumps;
