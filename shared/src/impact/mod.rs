@@ -22,8 +22,6 @@
 //! microcontrollers are set up from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is
 //! certified by the rounding of its own arithmetic.
 
-#[cfg(test)]
-mod accuracy;
 mod anchor;
 #[cfg(any(test, feature = "analysis"))]
 pub mod batch;

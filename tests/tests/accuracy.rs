@@ -1,10 +1,9 @@
 //! The kernels for microcontrollers against the f64 map, over whole sets of states.
 
-use core::f64::consts::TAU;
-use std::vec::Vec;
+use std::f64::consts::{PI, TAU};
 
-use super::{Hybrid, Integer, Kernel, Map, PartState, Single, WaveMap, WaveSingle};
-use crate::arithmetic::Phase;
+use kband::arithmetic::Phase;
+use kband::impact::{Hybrid, Integer, Kernel, Map, PartState, Single, WaveMap, WaveSingle};
 
 /// Uniform numbers in 0..1 (splitmix64).
 struct Random(u64);
@@ -37,18 +36,18 @@ fn low(random: &mut Random) -> Case {
 }
 
 fn logarithmic(random: &mut Random) -> Case {
-    wide(random, |x| 3.0 * libm::pow(10.0, -7.0 * x))
+    wide(random, |x| 3.0 * 10_f64.powf(-7.0 * x))
 }
 
 /// Around the phase where the track begins to throw, from rest or nearly.
 fn launch(random: &mut Random) -> Case {
     let k = 0.02 + 0.96 * random.uniform();
     let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
-    let phase = libm::asin(k) + side * libm::pow(10.0, -15.0 + 14.0 * random.uniform());
+    let phase = k.asin() + side * 10_f64.powf(-15.0 + 14.0 * random.uniform());
     let velocity = if random.uniform() < 0.5 {
         0.0
     } else {
-        libm::pow(10.0, -14.0 + 13.0 * random.uniform())
+        10_f64.powf(-14.0 + 13.0 * random.uniform())
     };
     (k, phase, velocity)
 }
@@ -88,7 +87,7 @@ fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -
         if error > 1e-3 {
             wrong += 1;
             if wrong < 5 {
-                std::println!("{}: k {k:e} {held:?}: {impact:?} {expected:?}", K::NAME);
+                println!("{}: k {k:e} {held:?}: {impact:?} {expected:?}", K::NAME);
             }
             continue;
         }
@@ -109,14 +108,14 @@ fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -
 
 /// From rest within one step of a phase around `arcsin k` the rounded phase decides.
 fn resting_by_rounding(k: f64, state: PartState) -> bool {
-    state.velocity == 0.0 && (libm::sin(state.phase) - k).abs() < 1.5e-9
+    state.velocity == 0.0 && (state.phase.sin() - k).abs() < 1.5e-9
 }
 
 /// Checks a set: median, p99 and largest error of the phase in rad, the largest of the velocity, and
 /// no wrong root.
 fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
     let errors = measure::<K>(20_000, case);
-    std::println!("{}: {errors:?}", K::NAME);
+    println!("{}: {errors:?}", K::NAME);
     let measured = [errors.median, errors.p99, errors.max, errors.velocity_max];
     assert_eq!(errors.wrong, 0);
     for (error, limit) in measured.iter().zip(limits) {
@@ -163,27 +162,21 @@ fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64,
                 &[0.005, 0.02, 0.1, 0.5, 0.999, 1.0, 1.001, 2.0, 4.0],
             ),
             1 => 1.0 + 1e-3 * (random.uniform() - 0.5),
-            _ => 0.005 * libm::pow(800.0, random.uniform()),
+            _ => 0.005 * 800_f64.powf(random.uniform()),
         };
         let restitution = corner(&mut random, &[0.0, 0.2, 0.9, 1.0]);
-        let lift_off = if k < 1.0 {
-            libm::asin(k)
-        } else {
-            0.5 * core::f64::consts::PI
-        };
-        let step = Phase::RADIANS_PER_STEP;
+        let lift_off = if k < 1.0 { k.asin() } else { 0.5 * PI };
+        let step = Phase::from_bits(1).radians();
         let phase = match i % 5 {
-            0 => lift_off + step * libm::round(6.0 * random.uniform() - 3.0),
-            1 => {
-                core::f64::consts::PI - lift_off + step * libm::round(6.0 * random.uniform() - 3.0)
-            }
-            2 => step * libm::round(6.0 * random.uniform() - 3.0),
+            0 => lift_off + step * (6.0 * random.uniform() - 3.0).round(),
+            1 => PI - lift_off + step * (6.0 * random.uniform() - 3.0).round(),
+            2 => step * (6.0 * random.uniform() - 3.0).round(),
             _ => TAU * random.uniform(),
         };
         let velocity = match i % 7 {
             0 => corner(&mut random, &[0.0, 1e-12, 1.5e-8, 3e-8, 1e-6, top]),
             1 => top * random.uniform(),
-            2 => libm::pow(10.0, -12.0 * random.uniform()),
+            2 => 10_f64.powf(-12.0 * random.uniform()),
             _ => 5.0 * random.uniform(),
         };
         let kernel = K::build(k, restitution).unwrap();
@@ -208,7 +201,7 @@ fn survives<K: Kernel>(top: f64, tolerance: f64) {
         if error > limit && !impact.grazes && !expected.grazes && !resting_by_rounding(k, held) {
             wrong += 1;
             if wrong < 20 {
-                std::println!("{} {k:e} {held:?} {impact:?} {expected:?}", K::NAME);
+                println!("{} {k:e} {held:?} {impact:?} {expected:?}", K::NAME);
             }
         }
     });
@@ -226,11 +219,11 @@ fn kernels_survive_their_whole_range() {
 /// `None` where the backward flight starts outside 0..20.
 fn touch(random: &mut Random) -> Option<(Case, f64)> {
     let k = 0.02 + 0.96 * random.uniform();
-    let lift_off = libm::asin(k);
-    let phase = lift_off + (core::f64::consts::PI - 2.0 * lift_off) * random.uniform();
+    let lift_off = k.asin();
+    let phase = lift_off + (PI - 2.0 * lift_off) * random.uniform();
     // Backwards along the parabola that touches the track at `phase`, down to the launch.
-    let (s, c) = (libm::sin(phase), libm::cos(phase));
-    let height = |back: f64| s - c * back - 0.5 * k * back * back - libm::sin(phase - back);
+    let (s, c) = (phase.sin(), phase.cos());
+    let height = |back: f64| s - c * back - 0.5 * k * back * back - (phase - back).sin();
     let mut far = 0.05;
     while height(far) > 0.0 {
         far += 0.05;
@@ -244,8 +237,8 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
             far = middle;
         }
     }
-    let velocity = c + k * near - libm::cos(phase - near);
-    let gap = libm::pow(10.0, -9.5 + 5.0 * random.uniform());
+    let velocity = c + k * near - (phase - near).cos();
+    let gap = 10_f64.powf(-9.5 + 5.0 * random.uniform());
     let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
     let velocity = velocity + side * gap / near;
     (near < 60.0 && (0.0..20.0).contains(&velocity)).then_some(((k, phase - near, velocity), near))
@@ -264,13 +257,13 @@ fn decides<K: Kernel>(limit: fn(f64) -> f64) {
         let state = K::state(phase, velocity).unwrap();
         let held = K::observe(state);
         // The least height near the touch, of the state that the kernel holds.
-        let (s, c) = (libm::sin(held.phase), libm::cos(held.phase));
+        let (s, c) = (held.phase.sin(), held.phase.cos());
         let mut d = time;
         for _ in 0..6 {
-            let slope = held.velocity - k * d + c - libm::cos(held.phase + d);
-            d -= slope / (libm::sin(held.phase + d) - k);
+            let slope = held.velocity - k * d + c - (held.phase + d).cos();
+            d -= slope / ((held.phase + d).sin() - k);
         }
-        let gap = (c + held.velocity) * d - 0.5 * k * d * d - libm::sin(held.phase + d) + s;
+        let gap = (c + held.velocity) * d - 0.5 * k * d * d - (held.phase + d).sin() + s;
         let limit = limit(d);
         if !((d - time).abs() < 0.1 && gap.abs() < 10.0 * limit) {
             continue;
