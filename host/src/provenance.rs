@@ -90,7 +90,6 @@ const UNITS: [(&str, &str); 11] = [
 fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
     match verb {
         "impacts" => match chosen(given, "arithmetic").as_deref() {
-            Some("f64-exact") => "f64 with a twofold residual",
             Some("hybrid") => "hybrid: fixed point and f32",
             Some("f32") => "f32 with a phase of 32 bits",
             Some("integer") => "integers of 32 bits",

@@ -2,7 +2,7 @@
 //!
 //! What an arithmetic rounds a launch to is a launch of its own. Those that hold the same one are held against one proof.
 
-use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
+use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
 use crate::proof::Proof;
 use crate::states::Launch;
@@ -11,7 +11,6 @@ use crate::verdict::{Tried, Verdict, judge};
 /// A track in every arithmetic that can hold it.
 pub struct Bench {
     map: Option<Map>,
-    exact: Option<Exact>,
     single: Option<Single>,
     hybrid: Option<Hybrid>,
     integer: Option<Integer>,
@@ -32,7 +31,6 @@ impl Bench {
     pub fn build(k: f64, restitution: f64) -> Self {
         Self {
             map: Map::build(k, restitution).ok(),
-            exact: Exact::build(k, restitution).ok(),
             single: Single::build(k, restitution).ok(),
             hybrid: Hybrid::build(k, restitution).ok(),
             integer: Integer::build(k, restitution).ok(),
@@ -68,7 +66,6 @@ impl Bench {
         let mut proof = Proof::of(*launch, impact.flight);
         let verdict = one::<Map>(&mut proof, impact, spoil)?;
         // In an order in which those that hold the same launch are neighbours.
-        self.another(self.exact.as_ref(), launch, &mut proof, spoil)?;
         self.another(self.single.as_ref(), launch, &mut proof, spoil)?;
         self.another(self.hybrid.as_ref(), launch, &mut proof, spoil)?;
         self.another(self.integer.as_ref(), launch, &mut proof, spoil)?;
@@ -218,19 +215,9 @@ mod tests {
 
     #[test]
     fn a_wrong_impact_is_noticed_in_every_arithmetic() {
-        for name in [
-            Map::NAME,
-            Exact::NAME,
-            Single::NAME,
-            Hybrid::NAME,
-            Integer::NAME,
-        ] {
+        for name in [Map::NAME, Single::NAME, Hybrid::NAME, Integer::NAME] {
             // Far above what each rounds, far below the distance of another root.
-            let off = if [Map::NAME, Exact::NAME].contains(&name) {
-                1e-9
-            } else {
-                1e-2
-            };
+            let off = if name == Map::NAME { 1e-9 } else { 1e-2 };
             let shares = spoils(off).map(|spoil| noticed(name, spoil));
             println!("{name}: {shares:.4?}");
             assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");

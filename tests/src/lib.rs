@@ -6,6 +6,7 @@ pub mod broken;
 pub mod certificate;
 pub mod day;
 pub mod desk;
+pub mod exact;
 pub mod footprint;
 pub mod oracle;
 pub mod proof;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
+use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
 use crate::certificate;
 use crate::proof::{Launched, Proof};
@@ -37,13 +37,6 @@ const STEP: f64 = TAU / 4_294_967_296.0;
 const VELOCITY_STEP: f64 = 1.0 / 67_108_864.0;
 
 impl Tried for Map {
-    fn rounding(launched: &Launched, d: f64) -> f64 {
-        launched.rounding(d)
-    }
-    const STEPS: [f64; 2] = [0.0; 2];
-}
-
-impl Tried for Exact {
     fn rounding(launched: &Launched, d: f64) -> f64 {
         launched.rounding(d)
     }

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::feeder::OutOfRange;
-use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, PartState, Recent, Single};
+use kband::impact::{Hybrid, Integer, Kernel, Map, PartState, Single};
 
 use super::{median, textbook};
 use crate::desk::{Desk, Progress};
@@ -97,7 +97,7 @@ pub fn timed(rounds: usize, desk: &Desk) -> Result<Vec<Timed>, Refusal> {
 /// Every kernel on a chain.
 fn kernels(chain: Chain) -> Result<Vec<(&'static str, Turn)>, Refusal> {
     let Chain { k, restitution, .. } = chain;
-    let by_textbook = move |state: PartState, _: &mut Recent| {
+    let by_textbook = move |state: PartState| {
         let flight = textbook::first_impact(k, state.phase, state.velocity);
         PartState {
             phase: flight.phase,
@@ -106,7 +106,6 @@ fn kernels(chain: Chain) -> Result<Vec<(&'static str, Turn)>, Refusal> {
     };
     Ok(vec![
         ("textbook", turn(Ok, by_textbook)),
-        kernel::<Exact>(chain)?,
         kernel::<Map>(chain)?,
         kernel::<Hybrid>(chain)?,
         kernel::<Single>(chain)?,
@@ -117,28 +116,27 @@ fn kernels(chain: Chain) -> Result<Vec<(&'static str, Turn)>, Refusal> {
 fn kernel<K: Kernel + 'static>(chain: Chain) -> Result<(&'static str, Turn), Refusal> {
     let kernel = K::build(chain.k, chain.restitution)?;
     let state = |start: PartState| K::state(start.phase, start.velocity);
-    let next = move |state, recent: &mut Recent| kernel.next_impact(state, recent).next;
+    let next = move |state| kernel.impact(state).next;
     Ok((K::NAME, turn(state, next)))
 }
 
 /// The turns of what makes the next state of one.
 fn turn<S: Copy + 'static>(
     state: impl Fn(PartState) -> Result<S, OutOfRange> + 'static,
-    next: impl Fn(S, &mut Recent) -> S + 'static,
+    next: impl Fn(S) -> S + 'static,
 ) -> Turn {
     Box::new(move |n| {
         // Every start is a state of every kernel.
         let Ok(mut state) = state(start(n)) else {
             return f64::NAN;
         };
-        let mut recent = Recent::default();
         // Long enough for what the others' turns have taken from the caches, too.
         for _ in 0..SETTLING {
-            state = next(state, &mut recent);
+            state = next(state);
         }
         let begun = Instant::now();
         for _ in 0..IMPACTS {
-            state = next(state, &mut recent);
+            state = next(state);
         }
         black_box(state);
         begun.elapsed().as_nanos() as f64 / f64::from(IMPACTS)

@@ -5,12 +5,12 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use kband::impact::batch::{Block, LANES, Simd};
-use kband::impact::{Exact, Hybrid, Integer, Kernel, Map, PartState, Single};
+use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
 use super::workload::{Launch, SETTLING, SWEEP_ORBITS, SWEEP_RESTITUTIONS, Workload, sweep_start};
 use super::{Errors, Flight, bracket, textbook};
 
-/// A flight that differs from the exact one by more than this, in rad and relative to 1 + itself, is
+/// A flight that differs from that in f64 by more than this, in rad and relative to 1 + itself, is
 /// another root: the coarsest arithmetic errs by 3e-4.
 const ANOTHER_ROOT: f64 = 1e-3;
 
@@ -22,7 +22,7 @@ pub trait Contestant {
     fn turns(&self) -> usize;
     /// Makes the impacts of turn `n`, a few thousand of all it has; nanoseconds for one of them.
     fn turn(&mut self, n: usize) -> f64;
-    /// How far its impacts are from the exact ones.
+    /// How far its impacts are from those in f64.
     fn errors(&mut self) -> Errors;
 }
 
@@ -43,10 +43,9 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
             launches.to_vec(),
             LAUNCHES,
         )),
-        Box::new(Kernels::<Exact>::new(launches)),
         Box::new(Kernels::<Map>::new(launches)),
     ];
-    for (simd, [name, _]) in widths() {
+    for (simd, name) in widths() {
         let Some(block) = Block::with(simd) else {
             continue;
         };
@@ -62,20 +61,11 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
     contestants
 }
 
-/// The widths of registers that this CPU has, the widest first, with the names of the batch kernel in them on one tone and
-/// on several.
-pub(super) fn widths() -> impl Iterator<Item = (Simd, [&'static str; 2])> {
+/// The widths of registers that this CPU has, the widest first, with the names of the batch kernel in them.
+fn widths() -> impl Iterator<Item = (Simd, &'static str)> {
     let widest = Simd::widest();
-    let narrower = Simd::ALL
-        .into_iter()
-        .rev()
-        .filter(move |&simd| simd < widest);
-    let named = narrower.map(|simd| match simd {
-        Simd::Avx512 => (simd, ["batch-avx512", "batch-avx512-tones"]),
-        Simd::Avx2 => (simd, ["batch-avx2", "batch-avx2-tones"]),
-        Simd::None => (simd, ["batch-single", "batch-single-tones"]),
-    });
-    std::iter::once((widest, ["batch", "batch-tones"])).chain(named)
+    let narrower = (widest > Simd::None).then_some((Simd::None, "batch-single"));
+    std::iter::once((widest, "batch")).chain(narrower)
 }
 
 /// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
@@ -92,7 +82,7 @@ pub(super) fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
         .unwrap_or(all)
 }
 
-/// Collects errors against the exact mode.
+/// Collects errors against the map in f64.
 #[derive(Default)]
 pub(super) struct Judge {
     errors: Vec<f64>,
@@ -101,23 +91,20 @@ pub(super) struct Judge {
 
 impl Judge {
     fn judge(&mut self, k: f64, restitution: f64, state: PartState, flight: f64, phase: f64) {
-        let Ok(exact) = Exact::build(k, restitution) else {
-            return;
-        };
-        let truth = exact.refine(state);
-        if truth.grazes {
-            // Which root is the first is a matter of rounding.
-            return;
+        if let Ok(map) = Map::build(k, restitution) {
+            self.compare(&map.impact(state), flight, phase);
         }
-        self.compare(truth.flight, truth.phase, flight, phase);
     }
 
-    /// Compares flight and phase with the exact ones, each a number and what it lacks.
-    pub(super) fn compare(&mut self, exact: [f64; 2], end: [f64; 2], flight: f64, phase: f64) {
-        let off = (flight - exact[0]).abs();
+    /// Compares flight and phase with an impact in f64, unless that grazes: which root is the first is then a matter of
+    /// rounding.
+    pub(super) fn compare(&mut self, truth: &Impact<PartState>, flight: f64, phase: f64) {
+        if truth.grazes {
+            return;
+        }
         // NaN is another root, too.
-        if off <= ANOTHER_ROOT * (1.0 + exact[0]) {
-            let turned = (phase - end[0] - end[1]).abs();
+        if (flight - truth.flight).abs() <= ANOTHER_ROOT * (1.0 + truth.flight) {
+            let turned = (phase - truth.next.phase).abs();
             self.errors.push(turned.min((TAU - turned).abs()));
         } else {
             self.wrong_roots += 1;

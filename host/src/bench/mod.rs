@@ -1,8 +1,8 @@
 //! Run time against error of every arithmetic of the impact map.
 //!
 //! All kernels are measured in one run, turn by turn, so that a busy machine slows them alike; the
-//! medians of the turns are compared. Errors are against the exact mode's twofold root of the very
-//! state that a kernel holds.
+//! medians of the turns are compared. Errors are against f64's impact of the very state that a
+//! kernel holds.
 
 pub mod bracket;
 pub mod chains;

@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Kernel, Map, PartState, Recent};
+use kband::impact::{Kernel, Map, PartState};
 
 use super::median;
 use crate::desk::{Desk, Progress};
@@ -107,9 +107,9 @@ fn starts(map: &Map) -> Vec<PartState> {
 
 /// So many impacts of one orbit, each from where the one before ended.
 fn chain(map: &Map, starts: &[PartState], task: usize, impacts: usize) {
-    let (mut state, mut recent) = (starts[task % STARTS], Recent::default());
+    let mut state = starts[task % STARTS];
     for _ in 0..impacts {
-        state = map.next_impact(state, &mut recent).next;
+        state = map.impact(state).next;
     }
     black_box(state);
 }

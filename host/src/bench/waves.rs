@@ -3,14 +3,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use kband::impact::batch::Simd;
-use kband::impact::{
-    Impact, Kernel, PartState, Tone, WaveExact, WaveHybrid, WaveInteger, WaveKernel, WaveMap,
-    WaveSingle,
-};
+use kband::impact::{Kernel, PartState, Tone, WaveKernel, WaveMap, WaveSingle};
 
 use super::Errors;
-use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice, widths};
+use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice};
 use super::workload::{Launch, TOGETHER, Workload};
 
 /// The second tone: one that a drive affords and that holds parts of restitution 0.1 to 0.5 in gear.
@@ -29,18 +25,10 @@ const TONES: [Tone; 2] = [
 #[must_use]
 pub fn contestants(workload: Workload, count: usize) -> Vec<Box<dyn Contestant>> {
     let launches = workload.launches_on(TONES, count);
-    let mut contestants: Vec<Box<dyn Contestant>> = vec![
-        Box::new(Waves::<WaveExact>::new(&launches)),
+    vec![
         Box::new(Waves::<WaveMap>::new(&launches)),
-    ];
-    for (simd, [_, name]) in widths() {
-        let waves = Waves::new(&launches);
-        contestants.push(Box::new(Batch { waves, simd, name }));
-    }
-    contestants.push(Box::new(Waves::<WaveHybrid>::new(&launches)));
-    contestants.push(Box::new(Waves::<WaveSingle>::new(&launches)));
-    contestants.push(Box::new(Waves::<WaveInteger>::new(&launches)));
-    contestants
+        Box::new(Waves::<WaveSingle>::new(&launches)),
+    ]
 }
 
 /// The launches of one track.
@@ -87,19 +75,11 @@ impl<K: WaveKernel> Waves<K> {
             let Some(Launch { k, restitution, .. }) = track.launches.first() else {
                 continue;
             };
-            let Ok(exact) = WaveExact::on_tones(TONES, *k, *restitution) else {
+            let Ok(map) = WaveMap::on_tones(TONES, *k, *restitution) else {
                 continue;
             };
             for (state, (flight, next)) in track.states.iter().zip(impacts(track)) {
-                let truth = exact.impact(K::observe(*state));
-                if !truth.grazes {
-                    judge.compare(
-                        [truth.flight, 0.0],
-                        [truth.next.phase, 0.0],
-                        flight,
-                        next.phase,
-                    );
-                }
+                judge.compare(&map.impact(K::observe(*state)), flight, next.phase);
             }
         }
         judge.verdict()
@@ -135,62 +115,6 @@ impl<K: WaveKernel> Contestant for Waves<K> {
                 (impact.flight, K::observe(impact.next))
             };
             track.states.iter().map(impact).collect()
-        })
-    }
-}
-
-/// The map in registers of a width, the launches of one track at a time.
-struct Batch {
-    waves: Waves<WaveMap>,
-    simd: Simd,
-    name: &'static str,
-}
-
-impl Batch {
-    fn fly(&self, track: &Track<WaveMap>, impacts: &mut [Impact<PartState>; TOGETHER]) {
-        let Track { kernel, states, .. } = track;
-        kernel.elastic_impacts_in(self.simd, states, impacts);
-    }
-}
-
-/// Room for impacts.
-const STILL: Impact<PartState> = Impact {
-    flight: 0.0,
-    next: PartState {
-        phase: 0.0,
-        velocity: 0.0,
-    },
-    grazes: false,
-};
-
-impl Contestant for Batch {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn turns(&self) -> usize {
-        self.waves.turns()
-    }
-
-    fn turn(&mut self, n: usize) -> f64 {
-        let tracks = slice(&self.waves.tracks, n, LAUNCHES / TOGETHER);
-        let mut impacts = [STILL; TOGETHER];
-        let begun = Instant::now();
-        let mut count = 0;
-        for track in tracks {
-            self.fly(track, &mut impacts);
-            black_box(&impacts);
-            count += track.states.len();
-        }
-        per_impact(begun.elapsed(), count)
-    }
-
-    fn errors(&mut self) -> Errors {
-        self.waves.judged(|track| {
-            let mut impacts = [STILL; TOGETHER];
-            self.fly(track, &mut impacts);
-            let states = impacts.iter().take(track.states.len());
-            states.map(|impact| (impact.flight, impact.next)).collect()
         })
     }
 }

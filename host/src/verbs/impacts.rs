@@ -5,11 +5,11 @@ pub mod rows;
 
 use std::path::PathBuf;
 
+use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Exact, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
-    WaveInteger, WaveKernel, WaveMap, WaveSingle,
+    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap, WaveSingle,
 };
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
@@ -90,8 +90,6 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
-    /// f64 with a twofold residual: phases right to their rounding.
-    F64Exact,
     /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
     Hybrid,
     /// Phase in u32, velocity in f32.
@@ -125,7 +123,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 fn on_one_tone(arguments: &Arguments, desk: &Desk) -> Result<(Table, States), Refusal> {
     match arguments.arithmetic {
         Arithmetic::F64 => table(arguments, desk, Map::build, one_by_one),
-        Arithmetic::F64Exact => table(arguments, desk, Exact::build, one_by_one),
         Arithmetic::Hybrid => table(arguments, desk, Hybrid::build, one_by_one),
         Arithmetic::F32 => table(arguments, desk, Single::build, one_by_one),
         Arithmetic::Integer => table(arguments, desk, Integer::build, one_by_one),
@@ -148,27 +145,17 @@ fn on_tones(
     }
     match arguments.arithmetic {
         Arithmetic::F64 => table(arguments, desk, of::<WaveMap>(tones), one_by_one),
-        Arithmetic::F64Exact => table(arguments, desk, of::<WaveExact>(tones), one_by_one),
-        Arithmetic::Hybrid => table(arguments, desk, of::<WaveHybrid>(tones), one_by_one),
         Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
-        Arithmetic::Batch => table(arguments, desk, of::<WaveMap>(tones), in_registers),
-        Arithmetic::Integer => table(arguments, desk, of::<WaveInteger>(tones), one_by_one),
+        Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
+            "--arithmetic",
+            arguments
+                .arithmetic
+                .to_possible_value()
+                .map_or_else(String::new, |value| value.get_name().to_owned()),
+            "f64 or f32 with --second-tone or --third-tone",
+            "choose one of them, or leave out the tones",
+        )),
     }
-}
-
-fn in_registers(rows: &[Row<WaveMap>]) -> Vec<Impact<PartState>> {
-    rows.iter()
-        .map(|row| {
-            // Room for one, which the map fills.
-            let mut impact = [row.kernel.impact(row.state)];
-            row.kernel.elastic_impacts(&[row.state], &mut impact);
-            let [mut impact] = impact;
-            if impact.flight > 0.0 {
-                impact.next.velocity *= row.kernel.restitution();
-            }
-            impact
-        })
-        .collect()
 }
 
 fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {

@@ -118,7 +118,9 @@ rounded_to!(i32 i64 u32);
 nearest_in!(u32);
 // The tracks of several tones.
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-nearest_in!(i32 i64);
+nearest_in!(i64);
+#[cfg(test)]
+nearest_in!(i32);
 in_32_bits!(i32 u32);
 
 impl<const F: u32> Neg for Fixed<F> {
@@ -172,13 +174,6 @@ impl<const F: u32> Fixed<F> {
     #[inline(always)]
     pub const fn unsigned_abs(self) -> Fixed<F, u32> {
         Fixed(self.0.unsigned_abs())
-    }
-
-    /// The product with an integer.
-    #[cfg(any(test, feature = "analysis", feature = "control"))]
-    #[inline(always)]
-    pub const fn times_integer(self, n: i32) -> Self {
-        Self(self.0 * n)
     }
 
     /// The product in steps of 2^-`H`, from its upper half, which is rounded down.

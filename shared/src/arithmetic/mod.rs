@@ -22,3 +22,5 @@ pub(crate) use root::{square_root, square_root_single};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) use trigonometry::arcsine_single;
 pub use trigonometry::{sine_cosine_fixed, sine_cosine_single};
+#[cfg(feature = "unstable")]
+pub use twofold::Twofold;

@@ -38,17 +38,6 @@ pub(crate) static DOUBLE: [[f64; 2]; COUNT] = {
     table
 };
 
-/// What [`DOUBLE`] lacks of the exact (sine, cosine), to about 2^-104.
-pub(crate) static DOUBLE_REST: [[f64; 2]; COUNT] = {
-    let mut table = [[0.0; 2]; COUNT];
-    let mut j = 0;
-    while j < COUNT {
-        table[j] = [NODES[j][0].low, NODES[j][1].low];
-        j += 1;
-    }
-    table
-};
-
 /// The phase of each node in rad as a sum: its number times [`SPACING_HIGH`], exactly, and times
 /// [`SPACING_LOW`].
 pub(crate) static PHASE: [[f64; 2]; COUNT] = {
@@ -178,11 +167,7 @@ mod tests {
 
     #[test]
     fn nodes_lie_on_the_circle_to_twofold_precision() {
-        for (node, rest) in DOUBLE.iter().zip(&DOUBLE_REST) {
-            let [sine, cosine] = [0, 1].map(|i| Twofold {
-                high: node[i],
-                low: rest[i],
-            });
+        for [sine, cosine] in NODES {
             let one = sine.times(sine).plus(cosine.times(cosine));
             // Each product and sum rounds to about 2^-104.
             let excess = one.plus(Twofold::from(-1.0));

@@ -2,7 +2,7 @@
 
 /// `high + low`, |low| at most half an ulp of `high`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Twofold {
+pub struct Twofold {
     /// The nearest f64.
     pub high: f64,
     /// What it lacks.
@@ -11,6 +11,7 @@ pub(crate) struct Twofold {
 
 impl Twofold {
     /// An f64, exactly.
+    #[must_use]
     pub const fn from(value: f64) -> Self {
         Self {
             high: value,
@@ -28,6 +29,7 @@ impl Twofold {
     }
 
     /// `a + b`, exactly (Knuth).
+    #[must_use]
     pub const fn sum(a: f64, b: f64) -> Self {
         let high = a + b;
         let part = high - a;
@@ -38,6 +40,7 @@ impl Twofold {
     }
 
     /// `a b`, exactly (Dekker) unless it overflows or its rest underflows.
+    #[must_use]
     pub const fn product(a: f64, b: f64) -> Self {
         let high = a * b;
         let (x, y) = (Self::halves(a), Self::halves(b));
@@ -58,6 +61,7 @@ impl Twofold {
     }
 
     /// `-self`.
+    #[must_use]
     pub const fn negative(self) -> Self {
         Self {
             high: -self.high,
@@ -66,17 +70,20 @@ impl Twofold {
     }
 
     /// `self + other`.
+    #[must_use]
     pub const fn plus(self, other: Self) -> Self {
         let sum = Self::sum(self.high, other.high);
         Self::normal(sum.high, sum.low + self.low + other.low)
     }
 
     /// `self - other`.
+    #[must_use]
     pub const fn minus(self, other: Self) -> Self {
         self.plus(other.negative())
     }
 
     /// `self other`.
+    #[must_use]
     pub const fn times(self, other: Self) -> Self {
         let product = Self::product(self.high, other.high);
         Self::normal(
@@ -86,6 +93,7 @@ impl Twofold {
     }
 
     /// Division by a number of few bits.
+    #[must_use]
     pub const fn over(self, divisor: f64) -> Self {
         let high = self.high / divisor;
         let rest = self.minus(Self::product(high, divisor));
@@ -93,6 +101,8 @@ impl Twofold {
     }
 
     /// The nearest f64.
+    #[cfg(any(test, feature = "unstable"))]
+    #[must_use]
     pub const fn value(self) -> f64 {
         self.high + self.low
     }

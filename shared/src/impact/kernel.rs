@@ -1,6 +1,5 @@
 //! What the arithmetics have in common: the state of a part, its impact, and the map as a trait.
 
-use super::double::Recent;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 use super::wave::Tone;
 use crate::arithmetic::fixed::Fixed;
@@ -156,13 +155,6 @@ pub trait Kernel: Sized {
 
     /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays: flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
-
-    /// [`Kernel::impact`] of an orbit whose impacts `recent` has seen: the same impact, bit for bit, sooner where
-    /// they recur.
-    fn next_impact(&self, state: Self::State, recent: &mut Recent) -> Impact<Self::State> {
-        let _ = recent;
-        self.impact(state)
-    }
 
     /// [`Kernel::impact`] in f32, each number to its rounding; without f64 where the arithmetic has none.
     fn impact_single(&self, state: Self::State) -> SingleImpact<Self::State> {

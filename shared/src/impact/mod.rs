@@ -11,23 +11,17 @@
 //! | kernel | for | its impact, from the launch to the landing | the cases that closed forms leave open |
 //! |---|---|---|---|
 //! | [`Map`] | f64, at the desk | `double/first.rs`, by kind: `double/{tall,short,low}.rs` | `double/search.rs` |
-//! | [`Exact`] | f64, phases to their rounding | `double/exact.rs`: that of [`Map`], polished once | |
 //! | `WaveMap` | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
-//! | `WaveExact` | that of `WaveMap`, phases to their rounding | `tones/exact.rs` | |
 //! | `batch::Block` | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
 //! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
-//! | `WaveHybrid` | that of [`Hybrid`], tracks of two or three tones | `anchor/tones/search.rs` | |
 //! | `WaveSingle` | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
 //! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
-//! | `WaveInteger` | that of [`Integer`], tracks of two or three tones | `integer/tones/map.rs` | `integer/tones/search.rs` |
 //!
 //! `kernel.rs` says what they have in common, `wave.rs` how a track of several tones moves, `set_up.rs` what those for
 //! microcontrollers are set up from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is
 //! certified by the rounding of its own arithmetic.
 
-#[cfg(test)]
-mod accuracy;
 mod anchor;
 #[cfg(any(test, feature = "analysis"))]
 pub mod batch;
@@ -42,15 +36,13 @@ mod tones;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave;
 
-pub use anchor::{Hybrid, Single, SingleState};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use anchor::{WaveHybrid, WaveSingle};
+pub use anchor::WaveSingle;
+pub use anchor::{Hybrid, Single, SingleState};
+pub use double::Map;
 #[cfg(any(test, feature = "unstable"))]
 pub use double::PassedHumps;
-pub use double::{Exact, Map, Recent, Refined};
 pub use integer::Integer;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use integer::WaveInteger;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
 pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
@@ -69,6 +61,6 @@ pub(crate) use orbit::{LATE, Next, WavePart};
 pub use orbit::{Tangential, TangentialSettings, WaveOrbit};
 pub use scatter::Scatter;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use tones::{WaveExact, WaveMap};
+pub use tones::WaveMap;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use wave::{Tone, Wave};

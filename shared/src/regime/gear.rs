@@ -21,7 +21,7 @@ use super::lock::accept_order;
 #[cfg(any(test, feature = "control"))]
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Impact, Next, OrbitEvent, PartState, Scatter, WaveMap, WavePart};
+use crate::impact::{Next, OrbitEvent, Scatter, WaveMap, WavePart};
 
 #[cfg(feature = "control")]
 pub(crate) use limits::{GearLimits, peaks};
@@ -249,9 +249,6 @@ impl GearWatch {
     }
 }
 
-/// Parts that fly side by side.
-const ABREAST: usize = 16;
-
 /// Follows parts that start at rest for `periods` of the drive, 16..=1e7, each with the restitutions that a `scatter`
 /// draws; `each` is told the number of each part and for how much of the last three quarters of that time it was in gear of
 /// this order.
@@ -279,73 +276,20 @@ pub fn shares_from_rest(
         time: 0.0,
         end: periods * TAU,
     };
-    for (number, scatters) in scatters.chunks(ABREAST).enumerate() {
-        let begun = |scatter: &Scatter| Rider {
-            part: WavePart::at_rest(scatter.mean(), 0.0),
-            scatter: *scatter,
-            watch,
-        };
-        let mut riders = [begun(&scatters[0]); ABREAST];
-        for (rider, scatter) in riders.iter_mut().zip(scatters) {
-            *rider = begun(scatter);
+    for (n, scatter) in scatters.iter().enumerate() {
+        let (mut scatter, mut watch) = (*scatter, watch);
+        let mut part = WavePart::at_rest(scatter.mean(), 0.0);
+        while watch.time < watch.end {
+            let event = match part.next(map) {
+                None => break,
+                Some(Next::Contact(event)) => event,
+                Some(Next::Flight(launch)) => part.land(map.elastic_impact(launch), scatter.draw()),
+            };
+            watch.see(&event);
         }
-        ride(map, &mut riders[..scatters.len()]);
-        for (n, rider) in riders.iter().enumerate().take(scatters.len()) {
-            each(
-                ABREAST * number + n,
-                rider.watch.gear.share(rider.watch.end),
-            );
-        }
+        each(n, watch.gear.share(watch.end));
     }
     Ok(())
-}
-
-/// A part, what it draws and what is seen of it.
-#[derive(Clone, Copy)]
-struct Rider {
-    part: WavePart,
-    scatter: Scatter,
-    watch: Watch,
-}
-
-/// Flies all riders to their ends, those that fly next side by side.
-fn ride(map: &WaveMap, riders: &mut [Rider]) {
-    let still = Impact {
-        flight: 0.0,
-        next: PartState {
-            phase: 0.0,
-            velocity: 0.0,
-        },
-        grazes: false,
-    };
-    let (mut launches, mut impacts) = ([still.next; ABREAST], [still; ABREAST]);
-    let mut flying = [0; ABREAST];
-    loop {
-        let mut count = 0;
-        for (n, rider) in riders.iter_mut().enumerate() {
-            // A rest and a lift-off come before the next flight.
-            while rider.watch.time < rider.watch.end {
-                match rider.part.next(map) {
-                    None => rider.watch.time = rider.watch.end,
-                    Some(Next::Contact(event)) => rider.watch.see(&event),
-                    Some(Next::Flight(launch)) => {
-                        (launches[count], flying[count]) = (launch, n);
-                        count += 1;
-                        break;
-                    }
-                }
-            }
-        }
-        if count == 0 {
-            return;
-        }
-        map.elastic_impacts(&launches[..count], &mut impacts[..count]);
-        for (&n, impact) in flying.iter().zip(&impacts).take(count) {
-            let rider = &mut riders[n];
-            let event = rider.part.land(*impact, rider.scatter.draw());
-            rider.watch.see(&event);
-        }
-    }
 }
 
 /// One part's time in gear up to an end.
@@ -408,23 +352,6 @@ mod tests {
         let mut sum = Share::default();
         shares_from_rest(&map, &scatters, 1, 1000.0, |_, share| sum = sum.and(&share)).unwrap();
         sum
-    }
-
-    #[test]
-    fn neighbours_change_no_bit() {
-        let wave = Wave::sine();
-        let map = WaveMap::on(wave, 0.44, 0.3).unwrap();
-        let scatter = |n: usize| Scatter::build(0.1 + 0.01 * n as f64, 0.06, n as u64).unwrap();
-        let scatters: [Scatter; 40] = core::array::from_fn(scatter);
-        let mut together = [Share::default(); 40];
-        shares_from_rest(&map, &scatters, 1, 200.0, |n, share| together[n] = share).unwrap();
-        for (n, expected) in together.iter().enumerate() {
-            shares_from_rest(&map, &[scatter(n)], 1, 200.0, |_, share| {
-                assert_eq!(share, *expected);
-            })
-            .unwrap();
-        }
-        assert!(together.iter().any(|share| share.in_gear > 0.0));
     }
 
     /// Shares by a sketch in C of its own map, generator and bookkeeping, over 20 runs of 1000 periods each. Both

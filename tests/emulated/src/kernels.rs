@@ -1,8 +1,8 @@
 //! The kernels for microcontrollers: the work that all machines do alike.
 
 use kband::impact::{
-    Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveHybrid,
-    WaveInteger, WaveKernel, WaveSingle,
+    Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
+    WaveSingle,
 };
 
 /// A kernel with its step in machine units.
@@ -43,16 +43,6 @@ impl Machine for Single {
     }
 }
 
-impl Machine for WaveHybrid {
-    #[inline(always)]
-    fn land(&self, state: HybridState) -> Landing<HybridState> {
-        WaveHybrid::land(self, state)
-    }
-    fn bits(state: HybridState) -> [u32; 2] {
-        Hybrid::bits(state)
-    }
-}
-
 impl Machine for WaveSingle {
     #[inline(always)]
     fn land(&self, state: SingleState) -> Landing<SingleState> {
@@ -60,16 +50,6 @@ impl Machine for WaveSingle {
     }
     fn bits(state: SingleState) -> [u32; 2] {
         Single::bits(state)
-    }
-}
-
-impl Machine for WaveInteger {
-    #[inline(always)]
-    fn land(&self, state: HybridState) -> Landing<HybridState> {
-        WaveInteger::land(self, state)
-    }
-    fn bits(state: HybridState) -> [u32; 2] {
-        Hybrid::bits(state)
     }
 }
 
@@ -177,14 +157,8 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
         (Single::NAME, hash_orbits::<Single>),
         (Integer::NAME, hash_orbits::<Integer>),
-        (WaveHybrid::NAME, |count| {
-            hash_waves::<WaveHybrid>(count / 4)
-        }),
         (WaveSingle::NAME, |count| {
             hash_waves::<WaveSingle>(count / 4)
-        }),
-        (WaveInteger::NAME, |count| {
-            hash_waves::<WaveInteger>(count / 4)
         }),
     ]
     .into_iter()

@@ -42,10 +42,10 @@ impl Track {
         sums
     }
 
-    /// Bounds of S and of its first five derivatives.
+    /// Bounds of S and of its first four derivatives.
     #[must_use]
-    pub fn sums(&self) -> [f64; 6] {
-        let mut sums = [0.0; 6];
+    pub fn sums(&self) -> [f64; 5] {
+        let mut sums = [0.0; 5];
         for (q, e, _) in self.tones {
             let mut term = e;
             for sum in &mut sums {
@@ -118,7 +118,7 @@ impl Track {
     #[must_use]
     fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
         let velocity = launched.velocity;
-        let [reach, fastest, _, jerk, bound, _] = self.sums();
+        let [reach, fastest, _, jerk, bound] = self.sums();
         let [height, speed, push, surge] = launched.track();
         let launch = velocity + speed;
         let leaving = launch * launch - 2.0 * self.k * (reach - height);
@@ -160,7 +160,7 @@ impl Track {
     /// The first impact after a launch that is not at rest, by stepping.
     #[must_use]
     pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
-        let [reach, fastest, _, _, bound, _] = self.sums();
+        let [reach, fastest, _, _, bound] = self.sums();
         let launched = self.launched(phase, velocity);
         let [height, speed, push, surge] = launched.track();
         let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];

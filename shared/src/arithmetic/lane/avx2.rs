@@ -1,7 +1,7 @@
 //! Four f64 side by side: AVX2.
 //!
 //! Its methods are sound only where the CPU has AVX2, which nothing here checks: the type is named in
-//! `batch` and `tones/batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the CPU.
+//! `batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the CPU.
 
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -262,7 +262,7 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
 /// The same numbers, of which the compiler does not know where they are from: it would take a register apart, which costs
 /// more than a load of each.
 #[inline(always)]
-pub(super) fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
+fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
     assert!(numbers.len() == N);
     let mut first = numbers.as_ptr().cast::<[f64; N]>();
     // SAFETY: no instruction; the pointer stays what it is, and there are as many numbers.
@@ -274,6 +274,6 @@ pub(super) fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
 
 /// Sine and cosine, one after the other, of the node that this [`ROUNDER`](super::ROUNDER) sum names.
 #[inline(always)]
-pub(super) fn pair(rounded: f64) -> *const f64 {
+fn pair(rounded: f64) -> *const f64 {
     node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

@@ -6,9 +6,6 @@
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 pub(crate) mod avx2;
-#[cfg(target_arch = "x86_64")]
-#[allow(unsafe_code)]
-pub(crate) mod avx512;
 pub(crate) mod queue;
 #[allow(unsafe_code)]
 pub(crate) mod simd;
@@ -24,7 +21,7 @@ use super::node;
 /// Adding it to a number below 2^51 rounds that number to an integer, which then stands in the low bits.
 pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
-/// Lanes of the widest register.
+/// Lanes of the widest register, or two side by side.
 pub(crate) const WIDEST: usize = 8;
 
 /// Lanes of a column.
@@ -179,18 +176,6 @@ impl<L: Lane> Node<L> {
         let phase = phase + L::splat(TAU).only(phase.below(L::splat(0.0)));
         // A hair below zero rounds up to the whole turn.
         phase.min(L::splat(TAU.next_down()))
-    }
-}
-
-impl Node<f64> {
-    /// The number of the node, counted from phase 0 through all turns.
-    pub fn count(&self) -> f64 {
-        self.rounded - ROUNDER
-    }
-
-    /// Its number within its turn.
-    pub fn index(&self) -> usize {
-        self.rounded.to_bits() as usize % node::COUNT
     }
 }
 

@@ -51,21 +51,6 @@ impl Queue {
         self.count = kept;
     }
 
-    /// Takes over the last lanes of another queue, which fill no register of `width` there, where they have room in the
-    /// last one here.
-    #[cfg(target_arch = "x86_64")]
-    pub fn fill_from(&mut self, other: &mut Self, width: usize) {
-        let (rest, taken) = (other.count % width, self.count % width);
-        if rest > 0 && taken > 0 && rest + taken <= width {
-            other.count -= rest;
-            let lanes = other.lanes.iter().skip(other.count).take(rest);
-            for (place, lane) in self.lanes.iter_mut().skip(self.count).zip(lanes) {
-                *place = *lane;
-            }
-            self.count += rest;
-        }
-    }
-
     /// The lanes by registers of `width`, and how many of each register count; one that is not full
     /// repeats its last lane, to the same result.
     #[inline(always)]

@@ -8,14 +8,12 @@ pub enum Simd {
     None,
     /// Four orbits at a time (AVX2, with POPCNT, BMI1 and BMI2, which come with it).
     Avx2,
-    /// Eight orbits at a time (AVX-512 F and DQ, with all that).
-    Avx512,
 }
 
 impl Simd {
     /// Every width, narrowest first.
     #[cfg(any(test, feature = "unstable"))]
-    pub const ALL: [Self; 3] = [Self::None, Self::Avx2, Self::Avx512];
+    pub const ALL: [Self; 2] = [Self::None, Self::Avx2];
 
     /// The widest that this CPU and its operating system support.
     #[must_use]
@@ -37,7 +35,7 @@ mod x86 {
     /// The answer once it is known, as a place in `KNOWN`; `KNOWN.len()` before. A hypervisor traps each question to
     /// the CPU: asked with every register of impacts they took nine tenths of a map of gear.
     static ANSWER: AtomicU8 = AtomicU8::new(KNOWN.len() as u8);
-    const KNOWN: [Simd; 3] = [Simd::None, Simd::Avx2, Simd::Avx512];
+    const KNOWN: [Simd; 2] = [Simd::None, Simd::Avx2];
 
     pub(super) fn widest() -> Simd {
         // Two threads that ask at once store the same answer.
@@ -54,9 +52,7 @@ mod x86 {
         const AVX: u32 = 1 << 28;
         const POPCNT: u32 = 1 << 23;
         const AVX2_BMI: u32 = 1 << 5 | 1 << 3 | 1 << 8;
-        const AVX512: u32 = 1 << 16 | 1 << 17;
         const YMM: u64 = 0b110;
-        const ZMM: u64 = 0b1110_0110;
         let leaves = __cpuid(0).eax;
         let basic = __cpuid(1).ecx;
         const BASIC: u32 = OS_SAVES | AVX | POPCNT;
@@ -68,8 +64,6 @@ mod x86 {
         let saved = unsafe { saved() };
         if saved & YMM != YMM || extended & AVX2_BMI != AVX2_BMI {
             Simd::None
-        } else if saved & ZMM == ZMM && extended & AVX512 == AVX512 {
-            Simd::Avx512
         } else {
             Simd::Avx2
         }
@@ -93,12 +87,7 @@ mod tests {
         let bits = std::is_x86_feature_detected!("popcnt")
             && std::is_x86_feature_detected!("bmi1")
             && std::is_x86_feature_detected!("bmi2");
-        let avx2 = bits && std::is_x86_feature_detected!("avx2");
-        let avx512 =
-            std::is_x86_feature_detected!("avx512f") && std::is_x86_feature_detected!("avx512dq");
-        let expected = if avx2 && avx512 {
-            Simd::Avx512
-        } else if avx2 {
+        let expected = if bits && std::is_x86_feature_detected!("avx2") {
             Simd::Avx2
         } else {
             Simd::None

@@ -63,8 +63,8 @@ pub struct Hybrid {
     restitution: Fixed<32, u32>,
 }
 
-pub(super) const TOP: f64 = 60.0;
-pub(super) const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
+const TOP: f64 = 60.0;
+const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
 /// A launch at the top arrives at most 2 faster.
 const FASTEST: Fixed<26, u32> = Fixed::<26, u32>::of(TOP + 3.0);
 
@@ -170,6 +170,7 @@ impl Hybrid {
         self.searched(&{ *flight }, &{ *launch })
     }
 
+    /// The impact at the end of a short hop.
     #[inline(always)]
     fn hop(
         &self,
@@ -178,13 +179,49 @@ impl Hybrid {
         arrival: f32,
         grazes: bool,
     ) -> Landing<HybridState> {
-        hop(launch.phase, flight, arrival, self.restitution, grazes)
+        let steps = (flight * STEPS_PER_RADIAN) as u32;
+        let speed = Fixed::<26, u32>::from_single(arrival);
+        self.landing(launch.phase, i64::from(steps), speed, grazes)
     }
 
+    /// The impact that the search finds, settled.
     #[inline(always)]
     fn searched(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
+        let (k, phase) = (self.shape.k, flight.phase);
         let (found, grazes) = search(&self.shape, launch, flight);
-        settled(self.shape.k, self.restitution, flight, found, grazes)
+        match found {
+            Found::Short {
+                flight: time,
+                arrival,
+            } => self.hop(launch, time, arrival, grazes),
+            Found::Near {
+                node,
+                offset,
+                simple,
+            } => {
+                let (local, slope) = flight.exact(node);
+                let impact_at = |settled: Settled, grazes: bool| {
+                    let speed = speed(&settled, slope);
+                    let steps = flight.steps_at(node, &settled);
+                    // No arrival is so fast: it was rounded below 0 at a graze.
+                    if speed > FASTEST {
+                        return self.landing(phase, steps, Fixed(0), true);
+                    }
+                    self.landing(phase, steps, speed, grazes)
+                };
+                if simple && let Some(settled) = settle::<Ballistic<'_>>(k, &local, offset) {
+                    return impact_at(settled, grazes);
+                }
+                let (settled, doubtful) = settle_carefully(k, local, offset);
+                let grazes = grazes || doubtful;
+                // At a graze the arrival speed may round below 0.
+                if settled.speed_gain <= local.slope {
+                    let steps = flight.steps_at(node, &settled);
+                    return self.landing(phase, steps.max(0), Fixed(0), true);
+                }
+                impact_at(settled, grazes)
+            }
+        }
     }
 
     /// The state after an impact at `speed`.
@@ -196,112 +233,22 @@ impl Hybrid {
         speed: Fixed<26, u32>,
         grazes: bool,
     ) -> Landing<HybridState> {
-        landing(phase, steps, speed, self.restitution, grazes)
-    }
-}
-
-/// A flight in integers.
-pub(super) trait Exact: Flight {
-    /// Phase of launch, steps.
-    fn phase(&self) -> u32;
-
-    /// The flight at a node near an impact, with its slope downwards modulo 2^6.
-    fn exact(&self, node: i32) -> (Local, Fixed<26, u32>);
-
-    #[inline(always)]
-    fn steps_to(&self, node: i32) -> i64 {
-        (i64::from(node) << 24) - i64::from(self.phase())
-    }
-
-    #[inline(always)]
-    fn steps_at(&self, node: i32, settled: &Settled) -> i64 {
-        self.steps_to(node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32)
-    }
-}
-
-/// The impact that a search found, settled.
-#[inline(always)]
-pub(super) fn settled<F: Exact>(
-    k: f32,
-    restitution: Fixed<32, u32>,
-    flight: &F,
-    found: Found,
-    grazes: bool,
-) -> Landing<HybridState> {
-    let phase = flight.phase();
-    match found {
-        Found::Short {
-            flight: time,
-            arrival,
-        } => hop(phase, time, arrival, restitution, grazes),
-        Found::Near {
-            node,
-            offset,
-            simple,
-        } => {
-            let (local, slope) = flight.exact(node);
-            let impact_at = |settled: Settled, grazes: bool| {
-                let speed = speed(&settled, slope);
-                let steps = flight.steps_at(node, &settled);
-                // No arrival is so fast: it was rounded below 0 at a graze.
-                if speed > FASTEST {
-                    return landing(phase, steps, Fixed(0), restitution, true);
-                }
-                landing(phase, steps, speed, restitution, grazes)
-            };
-            if simple && let Some(settled) = settle::<F>(k, &local, offset) {
-                return impact_at(settled, grazes);
-            }
-            let (settled, doubtful) = settle_carefully(k, local, offset);
-            let grazes = grazes || doubtful;
-            // At a graze the arrival speed may round below 0.
-            if settled.speed_gain <= local.slope {
-                let steps = flight.steps_at(node, &settled);
-                return landing(phase, steps.max(0), Fixed(0), restitution, true);
-            }
-            impact_at(settled, grazes)
+        let product = u64::from(speed.0) * u64::from(self.restitution.0) + (1 << 31);
+        let velocity = Fixed((product >> 32) as u32);
+        Landing {
+            steps,
+            next: HybridState {
+                phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
+                velocity: Velocity::from_fixed(velocity),
+            },
+            grazes,
         }
-    }
-}
-
-/// The impact at the end of a short hop.
-#[inline(always)]
-pub(super) fn hop(
-    phase: u32,
-    flight: f32,
-    arrival: f32,
-    restitution: Fixed<32, u32>,
-    grazes: bool,
-) -> Landing<HybridState> {
-    let steps = (flight * STEPS_PER_RADIAN) as u32;
-    let speed = Fixed::<26, u32>::from_single(arrival);
-    landing(phase, i64::from(steps), speed, restitution, grazes)
-}
-
-/// The state after an impact at `speed`.
-#[inline(always)]
-pub(super) fn landing(
-    phase: u32,
-    steps: i64,
-    speed: Fixed<26, u32>,
-    restitution: Fixed<32, u32>,
-    grazes: bool,
-) -> Landing<HybridState> {
-    let product = u64::from(speed.0) * u64::from(restitution.0) + (1 << 31);
-    let velocity = Fixed((product >> 32) as u32);
-    Landing {
-        steps,
-        next: HybridState {
-            phase: Phase::from_bits(phase.wrapping_add(steps as u32)),
-            velocity: Velocity::from_fixed(velocity),
-        },
-        grazes,
     }
 }
 
 /// Arrival speed, above [`FASTEST`] for one below 0.
 #[inline(always)]
-pub(super) fn speed(settled: &Settled, slope: Fixed<26, u32>) -> Fixed<26, u32> {
+fn speed(settled: &Settled, slope: Fixed<26, u32>) -> Fixed<26, u32> {
     let Fixed(gain) = Fixed::<26>::from_single(settled.speed_gain);
     Fixed::<26, u32>(gain as u32).wrapping_sub(slope)
 }
@@ -319,87 +266,29 @@ struct Ballistic<'a> {
 
 impl Ballistic<'_> {
     #[inline(always)]
-    fn parabola(&self) -> Parabola {
-        Parabola {
-            rise: self.rise,
-            half_turn_fall: self.kernel.half_turn_fall,
-        }
+    fn steps_to(&self, node: i32) -> i64 {
+        (i64::from(node) << 24) - i64::from(self.phase)
     }
-}
 
-/// The flight of the ball in the frame of the feeder.
-#[derive(Clone, Copy)]
-pub(super) struct Parabola {
-    /// Launch velocity, psi + S'.
-    pub rise: Fixed<48, i64>,
-    /// k pi.
-    pub half_turn_fall: Fixed<48, i64>,
-}
-
-impl Parabola {
-    /// Mean velocity `v - k d / 2` and velocity `v - k d` after `steps`.
     #[inline(always)]
-    pub fn velocities(&self, steps: i64) -> (Fixed<48, i64>, Fixed<48, i64>) {
-        let fall = product_32(steps, self.half_turn_fall);
+    fn steps_at(&self, node: i32, settled: &Settled) -> i64 {
+        self.steps_to(node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32)
+    }
+
+    /// Mean velocity `v - k d / 2` and velocity `v - k d` of the ball after `steps`.
+    #[inline(always)]
+    fn velocities(&self, steps: i64) -> (Fixed<48, i64>, Fixed<48, i64>) {
+        let fall = product_32(steps, self.kernel.half_turn_fall);
         let mean = self.rise.wrapping_sub(fall);
         (mean, mean.wrapping_sub(fall))
     }
 
-    /// Rise of the parabola `steps` after launch, modulo 4: near an impact it is within 2.
-    #[inline(always)]
-    pub fn rise_after(steps: i64, mean: Fixed<48, i64>) -> Fixed<30> {
-        let turns = product_32(steps, mean).narrow::<32>();
-        turns.product(RADIANS_PER_TURN)
-    }
-
-    /// The same where a stroke may be longer than half a turn.
-    #[cfg(any(test, feature = "analysis", feature = "control"))]
-    #[inline(always)]
-    pub fn long_rise_after(steps: i64, mean: Fixed<48, i64>) -> Fixed<30> {
-        let Fixed(turns) = product_32(steps, mean).to::<32>();
-        Fixed((turns.wrapping_mul(i64::from(RADIANS_PER_TURN.0)) >> 30) as i32)
-    }
-
-    /// The height `exact` modulo 4 over a node, `steps` after launch at `start`, unless it is beyond; `far`
-    /// is more than the track's stroke, over 2 pi.
-    #[inline(always)]
-    pub fn height(
-        &self,
-        steps: i64,
-        start: Fixed<30>,
-        below: f32,
-        exact: f32,
-        far: Fixed<32, i64>,
-    ) -> f32 {
-        // Beyond a height of 2 the bits of the exact one wrap.
-        let turns = product_32(steps, self.velocities(steps).0).to::<32>();
-        if turns > far {
-            2.0
-        } else if turns < -far {
-            -2.0
-        } else {
-            let rise: Fixed<26> = turns.product(RADIANS_PER_TURN);
-            let coarse = (rise + start.to::<26>()).single() - below;
-            if !(-1.9..=1.9).contains(&coarse) {
-                coarse
-            } else {
-                exact
-            }
-        }
-    }
-}
-
-impl Exact for Ballistic<'_> {
-    #[inline(always)]
-    fn phase(&self) -> u32 {
-        self.phase
-    }
-
+    /// The flight at a node near an impact, with its slope downwards modulo 2^6.
     #[inline(always)]
     fn exact(&self, node: i32) -> (Local, Fixed<26, u32>) {
         let steps = self.steps_to(node);
-        let (mean, velocity) = self.parabola().velocities(steps);
-        let rise = Parabola::rise_after(steps, mean);
+        let (mean, velocity) = self.velocities(steps);
+        let rise = rise_after(steps, mean);
         let Fine {
             single,
             fixed,
@@ -419,9 +308,16 @@ impl Exact for Ballistic<'_> {
     }
 }
 
+/// Rise of the ball `steps` after launch at this mean velocity, modulo 4: near an impact it is within 2.
+#[inline(always)]
+fn rise_after(steps: i64, mean: Fixed<48, i64>) -> Fixed<30> {
+    let turns = product_32(steps, mean).narrow::<32>();
+    turns.product(RADIANS_PER_TURN)
+}
+
 /// `turns b` for turns in steps of a phase, modulo 2^64 steps.
 #[inline(always)]
-pub(super) fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
+fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
     let a = turns;
     let (a_low, a_high) = (a as u32, (a >> 32) as u32);
     let (b_low, b_high) = (b as u32, (b >> 32) as u32);
@@ -460,10 +356,22 @@ impl Flight for Ballistic<'_> {
     fn local(&self, node: i32) -> Local {
         let local = self.exact(node).0;
         let steps = self.steps_to(node);
-        let below = local.push;
+        // More than the track's stroke, over 2 pi: beyond a height of 2 the bits of the exact one wrap.
         const FAR: Fixed<32, i64> = Fixed::<32, i64>::of(0.375);
-        let parabola = self.parabola();
-        let height = parabola.height(steps, self.sine, below, local.height, FAR);
+        let turns = product_32(steps, self.velocities(steps).0).to::<32>();
+        let height = if turns > FAR {
+            2.0
+        } else if turns < -FAR {
+            -2.0
+        } else {
+            let rise: Fixed<26> = turns.product(RADIANS_PER_TURN);
+            let coarse = (rise + self.sine.to::<26>()).single() - local.push;
+            if (-1.9..=1.9).contains(&coarse) {
+                local.height
+            } else {
+                coarse
+            }
+        };
         Local { height, ..local }
     }
 }
@@ -471,7 +379,7 @@ impl Flight for Ballistic<'_> {
 impl OverSine for Ballistic<'_> {
     #[inline(never)]
     fn above_k(&self, steps: i64, _: f32) -> f32 {
-        let rise = Parabola::rise_after(steps, self.parabola().velocities(steps).0);
+        let rise = rise_after(steps, self.velocities(steps).0);
         // Within rounding of k, far from the ends of i32.
         rise.wrapping_add(self.sine)
             .wrapping_sub(self.kernel.threshold)

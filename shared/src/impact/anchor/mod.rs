@@ -22,9 +22,9 @@ mod short;
 mod single;
 mod solve;
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-pub(super) mod tones;
+mod tones;
 
 pub use hybrid::Hybrid;
 pub use single::{Single, SingleState};
 #[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use tones::{WaveHybrid, WaveSingle};
+pub use tones::WaveSingle;

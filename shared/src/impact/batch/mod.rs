@@ -1,7 +1,7 @@
 //! Many orbits at a time: blocks of lanes, each with its own k and restitution.
 //!
 //! Every lane gives the bits that [`Map`] gives, whatever its neighbours do and whatever the CPU offers:
-//! the kernels are the same source over one, four or eight f64. Lanes stand where they are as long as half
+//! the kernels are the same source over one or eight f64. Lanes stand where they are as long as half
 //! of a register fly [tall](super::double::tall); the others are gathered by the kind of their flight,
 //! so that all lanes of a register take the same path. A group of registers goes through each stage of a
 //! kernel together, which hides the latency of one behind the others.
@@ -202,8 +202,6 @@ impl Block {
         }
         match self.simd {
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 => x86::advance_avx512(self, impacts),
-            #[cfg(target_arch = "x86_64")]
             Simd::Avx2 => x86::advance_avx2(self, impacts),
             _ => advance::<f64>(self, impacts),
         }
@@ -288,7 +286,6 @@ fn sort<L: Lane>(columns: &Columns, next: &mut Plan, resting: &mut Set, unsorted
 mod x86 {
     use super::{Block, advance};
     use crate::arithmetic::lane::avx2::Avx2;
-    use crate::arithmetic::lane::avx512::Avx512;
     use crate::arithmetic::lane::twice::Twice;
 
     pub(super) fn advance_avx2(block: &mut Block, impacts: u32) {
@@ -297,15 +294,6 @@ mod x86 {
             advance::<Twice<Avx2>>(block, impacts);
         }
         // SAFETY: a block of this width exists only where the CPU has AVX2 and counts bits.
-        unsafe { inner(block, impacts) }
-    }
-
-    pub(super) fn advance_avx512(block: &mut Block, impacts: u32) {
-        #[target_feature(enable = "avx512f,avx512dq,avx2,popcnt,bmi1,bmi2")]
-        fn inner(block: &mut Block, impacts: u32) {
-            advance::<Avx512>(block, impacts);
-        }
-        // SAFETY: a block of this width exists only where the CPU has AVX-512 F and DQ, and counts bits.
         unsafe { inner(block, impacts) }
     }
 }

@@ -19,7 +19,7 @@
 //! [`hard`].
 
 use super::launch::{Launch, Track};
-use super::step::{Close, Landing};
+use super::step::Landing;
 use super::{low, search, short, tall};
 use crate::arithmetic::lane::Lane;
 
@@ -39,27 +39,17 @@ pub(crate) fn first_impact(
         cosine,
     } = *launch;
     // By value: in memory the launch would delay the tall flights, too.
-    not_tall(track, phase, velocity, sine, cosine, |_, _| ())
+    not_tall(track, phase, velocity, sine, cosine)
 }
 
-/// A low flight of which the quick form is certain.
-pub(super) struct Low {
-    /// Whether it [meets the track once](Launch::meets_once).
-    pub once: bool,
-    pub stretch: low::Stretch<f64>,
-    pub close: Close<f64>,
-    pub landing: Landing<f64>,
-}
-
-/// [`first_impact`] of a flight that is not tall; `seen` is told of one that is [`Low`].
+/// [`first_impact`] of a flight that is not tall.
 #[inline(never)]
-pub(super) fn not_tall(
+fn not_tall(
     track: &Track<f64>,
     phase: f64,
     velocity: f64,
     sine: f64,
     cosine: f64,
-    seen: impl FnOnce(&Launch<f64>, &Low),
 ) -> Option<(Landing<f64>, bool)> {
     let launch = Launch {
         phase,
@@ -89,13 +79,6 @@ pub(super) fn not_tall(
     if !f64::any(certain) {
         return Some(hard(track, &launch, stretch));
     }
-    let low = Low {
-        once,
-        stretch,
-        close,
-        landing,
-    };
-    seen(&launch, &low);
     Some((landing, false))
 }
 

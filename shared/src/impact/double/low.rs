@@ -206,18 +206,6 @@ impl<L: Lane> Stretch<L> {
     }
 }
 
-impl Stretch<f64> {
-    /// How fast the two parabolas part at its start; `rounded` names the [node](Self::node) nearest to it.
-    #[inline(always)]
-    pub(super) fn slope(&self, track: &Track<f64>, launch: &Launch<f64>, rounded: f64) -> f64 {
-        const HALF: i32 = node::COUNT as i32 / 2;
-        let number = rounded.to_bits() as i32 & (2 * HALF - 1);
-        let past_middle = f64::from((number & (HALF - 1)) - HALF / 2) * node::SPACING;
-        let bend = if number < HALF { BEND } else { -BEND };
-        launch.rise() - track.k * self.start + (bend + bend) * past_middle
-    }
-}
-
 /// The stretch that a flight which [meets the track once](Launch::meets_once) ends in: in the half turn in which its
 /// parabola falls through height 0, as there the track is not at the height of the ball where its sine is
 /// zero.

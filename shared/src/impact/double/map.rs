@@ -4,7 +4,6 @@ use core::f64::consts::TAU;
 
 use super::first::first_impact;
 use super::launch::{Launch, Track};
-use super::recent::Recent;
 #[cfg(any(test, feature = "unstable"))]
 use super::search::{self, PassedHumps};
 use super::step::impact_of;
@@ -66,6 +65,7 @@ impl Map {
         Ok(())
     }
 
+    #[cfg(any(test, feature = "analysis"))]
     pub(in crate::impact) fn track(&self) -> &Track<f64> {
         &self.track
     }
@@ -121,11 +121,6 @@ impl Kernel for Map {
     fn impact(&self, state: PartState) -> Impact<PartState> {
         let launch = Launch::new(state.phase, state.velocity);
         impact_of(self.restitution, state, first_impact(&self.track, &launch))
-    }
-
-    #[inline]
-    fn next_impact(&self, state: PartState, recent: &mut Recent) -> Impact<PartState> {
-        recent.impact(&self.track, self.restitution, state)
     }
 }
 

@@ -8,13 +8,9 @@ pub(super) mod short;
 pub(super) mod step;
 pub(super) mod tall;
 
-pub(super) mod exact;
 mod map;
-mod recent;
 mod search;
 
-pub use exact::{Exact, Refined};
 pub use map::Map;
-pub use recent::Recent;
 #[cfg(any(test, feature = "unstable"))]
 pub use search::PassedHumps;

@@ -2,18 +2,17 @@
 
 use core::f64::consts::{PI, TAU};
 
-use super::anchored::Anchored;
 use super::ballistic::Ballistic;
 use super::constants::HALF;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::node;
 
 /// Where steps on nodes start: a node `late` rad after the part was at height `base`, going down at `speed`.
-pub(super) struct StepsFrom<H> {
+pub(super) struct StepsFrom {
     pub node: i32,
     pub late: Fixed<17>,
     pub speed: Fixed<13>,
-    pub base: H,
+    pub base: Fixed<30>,
 }
 
 /// Distance of two nodes in rad.
@@ -31,10 +30,10 @@ fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
     (node, half_turns.short_times(Fixed::<10>::of(PI)))
 }
 
-impl<H> StepsFrom<H> {
+impl StepsFrom {
     /// `near` rad after a launch at `phase`, where the part was at height `base` of the track.
     #[inline(always)]
-    pub(super) fn launch(phase: u32, near: Fixed<17>, speed: Fixed<13>, base: H) -> Self {
+    pub(super) fn launch(phase: u32, near: Fixed<17>, speed: Fixed<13>, base: Fixed<30>) -> Self {
         let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
         let (node, late) = nearest_node(turns_of(phase).signed() + turns);
         Self {
@@ -54,7 +53,7 @@ impl<H> StepsFrom<H> {
         mut speed: Fixed<26, u32>,
         square: impl FnOnce() -> Fixed<52, i64>,
         inverse: Fixed<24, u32>,
-        base: H,
+        base: Fixed<30>,
     ) -> Self {
         let time_of = |speed: Fixed<26, u32>| -> Fixed<18, u32> {
             let turns: Fixed<50, u64> = (rise + speed).wide(inverse);
@@ -121,17 +120,14 @@ pub(super) fn near_launch(
 
 /// Steps on nodes until they are short: a node and the distance from it in rad.
 #[inline(never)]
-pub(super) fn approach<const C: u32, F: Anchored<C>>(
-    flight: &F,
-    from: StepsFrom<F::Height>,
-) -> Option<(i32, Fixed<34>)> {
+pub(super) fn approach(flight: &Ballistic<'_>, from: StepsFrom) -> Option<(i32, Fixed<34>)> {
     let StepsFrom {
         mut node,
         mut late,
         speed,
         base,
     } = from;
-    let k = flight.k();
+    let k = flight.constants.k.to::<12>();
     for _ in 0..8 {
         let motion = flight.motion(node, base);
         let fall = k.wrapping_times::<17, 13>(late) + speed;
@@ -181,7 +177,7 @@ impl Ballistic<'_> {
     /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
     /// `least`.
     #[inline(always)]
-    pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom<Fixed<30>>> {
+    pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom> {
         let constants = self.constants;
         let Fixed(rise) = self.rise();
         if rise <= 0 {

@@ -1,16 +1,31 @@
 //! Heights and slopes of a flight at exact times.
 
-use super::anchored::{Anchored, Local, Motion};
 use super::constants::{Constants, RADIANS_PER_TURN};
 use crate::arithmetic::fixed::{Fixed, wide};
 use crate::arithmetic::node;
 use crate::arithmetic::trigonometry::Powers;
 
-/// What an expansion takes of a sine: sine and cosine of the node.
+/// Height and slope of the flight above the track at a node, and what the track does there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Circle {
+pub(super) struct Local {
+    /// Saturating.
+    pub height: Fixed<30>,
+    pub slope: Fixed<26>,
+    /// `sin - k`.
+    pub curvature: Fixed<28>,
+    /// Sine and cosine of the node.
     pub sine: Fixed<30>,
     pub cosine: Fixed<30>,
+}
+
+/// The track at a node, to 15 bits.
+pub(super) struct Motion {
+    /// Sine less a height.
+    pub below: Fixed<16>,
+    /// Its slope.
+    pub speed: Fixed<13>,
+    /// `k - sin`, within -8..8.
+    pub curvature: Fixed<13>,
 }
 
 /// A flight.
@@ -67,29 +82,15 @@ impl Ballistic<'_> {
         };
         (height, velocity.narrow())
     }
-}
-
-impl Anchored<28> for Ballistic<'_> {
-    type Track = Circle;
-    type Height = Fixed<30>;
 
     #[inline(always)]
-    fn phase(&self) -> u32 {
-        self.phase
+    pub(super) fn steps_to(&self, node: i32) -> i64 {
+        (i64::from(node) << 24) - i64::from(self.phase)
     }
 
+    /// The track at a node, its height over `base`.
     #[inline(always)]
-    fn restitution(&self) -> Fixed<32, u32> {
-        self.constants.restitution
-    }
-
-    #[inline(always)]
-    fn k(&self) -> Fixed<12> {
-        self.constants.k.to()
-    }
-
-    #[inline(always)]
-    fn motion(&self, node: i32, base: Fixed<30>) -> Motion {
+    pub(super) fn motion(&self, node: i32, base: Fixed<30>) -> Motion {
         let [sine, cosine] = node::FIXED[(node & 255) as usize];
         Motion {
             // From one end of the stroke to the other it is 2, for which there is no place.
@@ -99,22 +100,25 @@ impl Anchored<28> for Ballistic<'_> {
         }
     }
 
+    /// The flight at a node.
     #[inline(never)]
-    fn local(&self, node: i32) -> Local<28, Circle> {
+    pub(super) fn local(&self, node: i32) -> Local {
         let [sine, cosine] = node::FIXED[(node & 255) as usize];
         let (height, velocity) = self.over(self.steps_to(node), sine);
         Local {
             height,
             slope: velocity - cosine.to(),
             curvature: sine.to() - self.constants.k,
-            track: Circle { sine, cosine },
+            sine,
+            cosine,
         }
     }
 
+    /// Height and slope at `d`, within reach, from a node, where they are small.
     #[inline(always)]
-    fn expanded(&self, local: &Local<28, Circle>, d: Fixed<34>) -> (Fixed<30>, Fixed<26>) {
+    pub(super) fn expanded(&self, local: &Local, d: Fixed<34>) -> (Fixed<30>, Fixed<26>) {
         let powers = Powers::of(d);
-        let Circle { sine, cosine } = local.track;
+        let Local { sine, cosine, .. } = *local;
         // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d).
         let bent: Fixed<30> =
             local.curvature.times(powers.versine) - self.constants.k.times(powers.flat);
@@ -127,15 +131,19 @@ impl Anchored<28> for Ballistic<'_> {
             local.curvature.times(d) + cosine.times(powers.versine) - sine.times_short(powers.lag);
         (height, local.slope + gain.to())
     }
+}
 
+impl Local {
+    /// The curvature at `d` from the node.
     #[inline(always)]
-    fn turned(local: &Local<28, Circle>, d: Fixed<34>) -> Fixed<28> {
-        local.curvature + local.track.cosine.times(d)
+    pub(super) fn turned(&self, d: Fixed<34>) -> Fixed<28> {
+        self.curvature + self.cosine.times(d)
     }
 
+    /// The mean curvature over `d` from a place with this `curvature` on.
     #[inline(always)]
-    fn bent(local: &Local<28, Circle>, curvature: Fixed<28>, d: Fixed<34>) -> Fixed<28> {
-        let half: Fixed<27> = local.track.cosine.times(d);
+    pub(super) fn bent(&self, curvature: Fixed<28>, d: Fixed<34>) -> Fixed<28> {
+        let half: Fixed<27> = self.cosine.times(d);
         curvature + half.scaled()
     }
 }

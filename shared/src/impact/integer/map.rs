@@ -1,6 +1,5 @@
 //! The map in integers: a launch, by the kind of its flight.
 
-use super::anchored::Anchored;
 use super::ballistic::Ballistic;
 use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
 use super::settle::{arrival, landing, settle, solve};

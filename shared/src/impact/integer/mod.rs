@@ -9,7 +9,6 @@
 //! lift-off, at k near 1, 60 000 of them grazing), they leave the same impacts wrong (13) and flagged (19 991), and the error that
 //! one in a hundred exceeds within a tenth. Where that is not so it is said at the constant.
 
-mod anchored;
 mod approach;
 mod ballistic;
 mod constants;
@@ -17,9 +16,5 @@ mod map;
 mod search;
 mod settle;
 mod short;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-mod tones;
 
 pub use map::Integer;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use tones::WaveInteger;

@@ -1,6 +1,5 @@
 //! The segment of convex or concave height that holds the first impact.
 
-use super::anchored::Anchored;
 use super::ballistic::Ballistic;
 use core::f64::consts::PI;
 

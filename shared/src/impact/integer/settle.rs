@@ -1,6 +1,6 @@
 //! The root in a bracket that holds one, and an impact near a node to the precision of the constants.
 
-use super::anchored::{Anchored, Local};
+use super::ballistic::{Ballistic, Local};
 use super::constants::{RADIANS_PER_TURN, REACH, SLOW, SPACING, TURNS_PER_RADIAN, turn_steps};
 use super::search::Bracket;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
@@ -19,19 +19,19 @@ const SMALL: Fixed<34> = Fixed::<34>::of(1.0 / 4096.0);
 
 /// The state after an impact at `speed` of at least 0.
 #[inline(always)]
-pub(super) fn landing<const C: u32>(
-    flight: &impl Anchored<C>,
+pub(super) fn landing(
+    flight: &Ballistic<'_>,
     steps: i64,
     speed: Fixed<26>,
     grazes: bool,
 ) -> Landing<HybridState> {
-    let product: Fixed<58, u64> = speed.unsigned().wide(flight.restitution());
+    let product: Fixed<58, u64> = speed.unsigned().wide(flight.constants.restitution);
     let nearest = product + Fixed::<58, u64>(1 << 31);
     let velocity = Fixed(nearest.to::<26>().0 as u32);
     Landing {
         steps,
         next: HybridState {
-            phase: Phase::from_bits(flight.phase().wrapping_add(steps as u32)),
+            phase: Phase::from_bits(flight.phase.wrapping_add(steps as u32)),
             velocity: Velocity::from_fixed(velocity),
         },
         grazes,
@@ -40,10 +40,7 @@ pub(super) fn landing<const C: u32>(
 
 /// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
 #[inline(never)]
-pub(super) fn solve<const C: u32, F: Anchored<C>>(
-    flight: &F,
-    bracket: Bracket,
-) -> (i32, Local<C, F::Track>, Fixed<34>) {
+pub(super) fn solve(flight: &Ballistic<'_>, bracket: Bracket) -> (i32, Local, Fixed<34>) {
     let Bracket {
         mut low,
         mut high,
@@ -51,7 +48,7 @@ pub(super) fn solve<const C: u32, F: Anchored<C>>(
     } = bracket;
     let mut round = 0;
     loop {
-        let node = ((place + i64::from(flight.phase()) + (1 << 23)) >> 24) as i32;
+        let node = ((place + i64::from(flight.phase) + (1 << 23)) >> 24) as i32;
         let time = flight.steps_to(node);
         let local = flight.local(node);
         // The bracket's middle if steps do not find the root in time: within the reach of the node.
@@ -69,7 +66,7 @@ pub(super) fn solve<const C: u32, F: Anchored<C>>(
             // The one down-crossing is after every height above 0; near launch, on a concave rise,
             // even one rounded below 0 is before it.
             let before = local.height > Fixed::<30>::ZERO
-                || (local.curvature < Fixed::<C>::ZERO && local.slope > Fixed::<26>::ZERO);
+                || (local.curvature < Fixed::<28>::ZERO && local.slope > Fixed::<26>::ZERO);
             if before {
                 low = time;
             } else {
@@ -87,17 +84,17 @@ pub(super) fn solve<const C: u32, F: Anchored<C>>(
 
 /// The impact at the root near `offset` from a node.
 #[inline(never)]
-pub(super) fn settle<const C: u32, F: Anchored<C>>(
-    flight: &F,
+pub(super) fn settle(
+    flight: &Ballistic<'_>,
     mut node: i32,
-    mut local: Local<C, F::Track>,
+    mut local: Local,
     offset: Fixed<34>,
 ) -> Settled {
     let mut d = offset.clamp(-REACH, REACH);
     let mut round = 0;
     loop {
         let (height, slope) = flight.expanded(&local, d);
-        let curvature = F::turned(&local, d);
+        let curvature = local.turned(d);
         round += 1;
         // 2 (S - k) u0 below u1^2 / 4, with the slope at most 4.
         let low = height.unsigned_abs().to::<16>().min(Fixed(0x7fff));
@@ -147,7 +144,7 @@ pub(super) fn settle<const C: u32, F: Anchored<C>>(
             d = (d - Fixed::<34>(jump * SPACING.0)).clamp(-REACH, REACH);
         } else if converged || small || round >= 10 {
             d = d.clamp(-REACH, REACH);
-            let last = F::bent(&local, curvature, step).times(step);
+            let last = local.bent(curvature, step).times(step);
             let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
             let steps = (turns + Fixed::<34>(2)).to::<32>();
             return Settled {
@@ -161,8 +158,8 @@ pub(super) fn settle<const C: u32, F: Anchored<C>>(
 
 /// The state after a settled impact, which at a graze may have come out at launch or with a speed of 0.
 #[inline(always)]
-pub(super) fn arrival<const C: u32>(
-    flight: &impl Anchored<C>,
+pub(super) fn arrival(
+    flight: &Ballistic<'_>,
     settled: &Settled,
     grazes: bool,
 ) -> Landing<HybridState> {
@@ -175,22 +172,19 @@ pub(super) fn arrival<const C: u32>(
 
 /// `u1^2` and `2 (S - k) u0`, whose difference is the discriminant of the local parabola.
 #[inline(always)]
-fn squares<const C: u32>(
+fn squares(
     height: Fixed<30>,
     slope: Fixed<26>,
-    curvature: Fixed<C>,
+    curvature: Fixed<28>,
 ) -> (Fixed<52, i64>, Fixed<52, i64>) {
-    // In C + 30 places; twice it in 52.
-    let Fixed(bend) = curvature.scaled::<28>().wide::<30, 58>(height);
-    (
-        slope.wide(slope),
-        Fixed::<53, i64>(bend >> (C - 23)).scaled(),
-    )
+    // In 58 places; twice it in 52.
+    let Fixed(bend) = curvature.wide::<30, 58>(height);
+    (slope.wide(slope), Fixed::<53, i64>(bend >> 5).scaled())
 }
 
 /// Root of what is positive of `square`, to about 2^-15 of it.
 #[inline(always)]
-pub(super) fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
+fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
     Fixed(if square <= 0 {
         0
     } else if square >> 32 == 0 {
@@ -205,7 +199,7 @@ pub(super) fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
 /// The step to the first down-crossing of the parabola at a node in rad, at most 2.9; to its extremum where
 /// there is none, which the second value tells.
 #[inline(always)]
-fn down_crossing<const C: u32, T: Copy>(local: &Local<C, T>) -> (Fixed<24>, bool) {
+fn down_crossing(local: &Local) -> (Fixed<24>, bool) {
     let Local {
         height,
         slope,
@@ -224,12 +218,12 @@ fn down_crossing<const C: u32, T: Copy>(local: &Local<C, T>) -> (Fixed<24>, bool
         let root = square_root(discriminant);
         if slope > Fixed::<26>::ZERO || discriminant <= Fixed::<52, i64>::ZERO {
             // -(u1 + r) / (S - k).
-            if curvature == Fixed::<C>::ZERO {
+            if curvature == Fixed::<28>::ZERO {
                 return (Fixed(0), false);
             }
             let reciprocal = Reciprocal::coarse(curvature.unsigned_abs());
             let step = reciprocal.times(slope.saturating_add(root.signed()));
-            if curvature > Fixed::<C>::ZERO {
+            if curvature > Fixed::<28>::ZERO {
                 -step
             } else {
                 step

@@ -4,7 +4,7 @@ use super::contact::{Contact, turned};
 use super::observe::Observer;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::double::{Map, Recent};
+use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
 
@@ -99,7 +99,6 @@ pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     contact: Contact,
     skips: Skips,
     state: PartState,
-    recent: Recent,
     stage: Stage,
     /// The release of the part, once known.
     release: Option<Release<PartState>>,
@@ -147,7 +146,6 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
             contact,
             skips: Skips::default(),
             state: start,
-            recent: Recent::default(),
             stage: Stage::Hopping,
             release: None,
             scatter: None,
@@ -290,7 +288,7 @@ impl<K: Kernel<State = PartState>> Iterator for Orbit<'_, K> {
                 if let Some(chatter) = self.contact.time_to_rest(self.state) {
                     return Some(self.settle(chatter));
                 }
-                let impact = self.kernel.next_impact(self.state, &mut self.recent);
+                let impact = self.kernel.impact(self.state);
                 if impact.flight <= 0.0 {
                     // The kernel's sine and this one's differ by an ulp at sin t = k: it rests.
                     return Some(self.settle(0.0));

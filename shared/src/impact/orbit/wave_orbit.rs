@@ -53,7 +53,7 @@ impl Iterator for WaveOrbit {
     }
 }
 
-/// A part on a track of several tones, between two events. It flies by whoever holds it, alone or many at a time.
+/// A part on a track of several tones, between two events. It flies by whoever holds it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WavePart {
     /// The restitution at which a chatter is closed.

@@ -1,4 +1,4 @@
-//! The first impact of a flight on a track of several tones, over lanes.
+//! The first impact of a flight on a track of several tones.
 //!
 //! Where the push passes k the gap is `y - S` with S known there: no trigonometry. The earliest edge at which
 //! the gap is below zero ends the stretch that holds the impact: the concave one before a hump, or the hump
@@ -38,54 +38,6 @@ struct Stretch<L: Lane> {
     low: L,
     high: L,
     certain: L::Mask,
-}
-
-/// The kinds of flight.
-#[derive(Clone, Copy)]
-#[cfg_attr(
-    not(target_arch = "x86_64"),
-    expect(dead_code, reason = "a launch alone is asked for tall by itself")
-)]
-pub(super) enum Kind {
-    /// It meets the track once, far from the humps.
-    Tall,
-    /// A [short hop](short).
-    Short,
-    /// Over before the next hump.
-    Once,
-    /// Any other.
-    Low,
-}
-
-impl Kind {
-    #[cfg(target_arch = "x86_64")]
-    pub const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Once, Self::Low];
-
-    /// Which lanes fly so.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub fn of<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> [L::Mask; 4] {
-        let tall = launch.is_tall(track);
-        let short = is_short::<L, N>(track, launch) & !tall;
-        let other = !(tall | short);
-        let once = meets_once(track, launch) & other;
-        [tall, short, once, other & !once]
-    }
-
-    /// The first impact of flights of this kind, and where it is certain.
-    #[inline(always)]
-    pub fn landing<L: Lane, const N: usize>(
-        self,
-        track: &Track,
-        launch: &Launch<L>,
-    ) -> (Landing<L>, L::Mask) {
-        match self {
-            Self::Tall => tall::<L, N>(track, launch),
-            Self::Short => short::landing::<L, N>(track, launch),
-            Self::Once => within::<L, N>(track, launch, &before_next_hump::<L, N>(track, launch)),
-            Self::Low => within::<L, N>(track, launch, &between_edges::<L, N>(track, launch)),
-        }
-    }
 }
 
 /// All lanes.
@@ -137,14 +89,13 @@ fn not_tall<const N: usize>(
         return None;
     }
     if !f64::any(launch.is_tall(track)) {
-        let kind = if f64::any(is_short::<f64, N>(track, launch)) {
-            Kind::Short
+        let (landing, certain) = if f64::any(is_short::<f64, N>(track, launch)) {
+            short::landing::<f64, N>(track, launch)
         } else if f64::any(meets_once(track, launch)) {
-            Kind::Once
+            within::<f64, N>(track, launch, &before_next_hump::<f64, N>(track, launch))
         } else {
-            Kind::Low
+            within::<f64, N>(track, launch, &between_edges::<f64, N>(track, launch))
         };
-        let (landing, certain) = kind.landing::<f64, N>(track, launch);
         if f64::any(certain) {
             return Some((landing, false));
         }

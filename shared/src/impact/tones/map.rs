@@ -1,6 +1,5 @@
 //! The impact map in f64 on a track of several tones.
 
-use super::batch;
 use super::first::first_impact;
 use super::launch::Launch;
 #[cfg(any(test, feature = "unstable"))]
@@ -93,43 +92,23 @@ impl WaveMap {
     }
 
     #[inline(always)]
-    fn flown<const N: usize>(&self, state: PartState) -> Impact<PartState> {
+    fn flown<const N: usize>(&self, restitution: f64, state: PartState) -> Impact<PartState> {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
-        impact_of(
-            self.restitution,
-            state,
-            first_impact::<N>(&self.track, &launch),
-        )
+        impact_of(restitution, state, first_impact::<N>(&self.track, &launch))
     }
 
     /// The impact of a part that loses nothing: its velocity is the speed of arrival.
-    pub(in crate::impact) fn elastic_impact(&self, state: PartState) -> Impact<PartState> {
-        let mut impact = [Impact {
-            flight: 0.0,
-            next: state,
-            grazes: false,
-        }];
-        self.elastic_impacts(&[state], &mut impact);
-        let [impact] = impact;
-        impact
+    pub(crate) fn elastic_impact(&self, state: PartState) -> Impact<PartState> {
+        self.restituted(1.0, state)
     }
 
-    /// The impacts of parts that lose nothing, their velocities the speeds of arrival, from each of some states on this
-    /// track, as many as there is room for: side by side in the widest registers of this CPU, with the bits of each
-    /// alone.
-    pub fn elastic_impacts(&self, states: &[PartState], impacts: &mut [Impact<PartState>]) {
-        batch::impacts(&self.track, states, impacts);
-    }
-
-    /// [`WaveMap::elastic_impacts`] in registers of a width, where this CPU has them so wide; else in the widest it has.
-    #[cfg(feature = "unstable")]
-    pub fn elastic_impacts_in(
-        &self,
-        simd: crate::arithmetic::lane::simd::Simd,
-        states: &[PartState],
-        impacts: &mut [Impact<PartState>],
-    ) {
-        batch::impacts_in(simd, &self.track, states, impacts);
+    #[inline(always)]
+    fn restituted(&self, restitution: f64, state: PartState) -> Impact<PartState> {
+        if self.track.wave.is_of_two() {
+            self.flown::<2>(restitution, state)
+        } else {
+            self.flown::<3>(restitution, state)
+        }
     }
 
     /// The wait from `phase` in rad, where a part rests, to lift-off, and the phase of it; 0 and `phase` where the track
@@ -164,11 +143,7 @@ impl Kernel for WaveMap {
 
     #[inline]
     fn impact(&self, state: PartState) -> Impact<PartState> {
-        if self.track.wave.is_of_two() {
-            self.flown::<2>(state)
-        } else {
-            self.flown::<3>(state)
-        }
+        self.restituted(self.restitution, state)
     }
 }
 

@@ -3,20 +3,15 @@
 //! Everything of the map holds with S for the sine and S' for the cosine (docs/theory-real-parts.md#t10.3). What a sine gives in closed form,
 //! where the track's acceleration passes k, is found once per track: [`Wave`](super::Wave) knows every extremum of S and
 //! its derivatives, [`track`] the humps for one k, of which a turn may hold up to three. From there
-//! [`first`] finds the first impact over lanes, and [`search`] what closed forms leave open.
+//! [`first`] finds the first impact, and [`search`] what closed forms leave open.
 //!
 //! A track of one tone has its own kernel, [`Map`](super::Map), which pays nothing for this one.
 
-mod batch;
-mod exact;
 mod first;
 mod launch;
 mod map;
 mod search;
 mod short;
-#[cfg(target_arch = "x86_64")]
-mod sorted;
 pub(super) mod track;
 
-pub use exact::WaveExact;
 pub use map::WaveMap;

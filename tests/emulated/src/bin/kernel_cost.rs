@@ -14,7 +14,7 @@ fn run() {
 
 #[cfg(target_os = "none")]
 fn run() {
-    use kband::impact::{Hybrid, Integer, Single, WaveHybrid, WaveInteger, WaveSingle};
+    use kband::impact::{Hybrid, Integer, Single, WaveSingle};
 
     let counter = kband_emulated::Counter::start();
     let hybrid = cost::measure::<Hybrid>(&counter);
@@ -28,16 +28,12 @@ fn run() {
         let worst = single.worst.max(cost::sweep::<Single>(&counter));
         single.is_held("f32", [175, 457]);
         assert!(worst <= 289, "f32: {worst}");
-        let hybrid_on_tones = cost::measure_on_tones::<WaveHybrid>(&counter);
         let single_on_tones = cost::measure_on_tones::<WaveSingle>(&counter);
-        hybrid_on_tones.is_held_on_tones(&hybrid);
         single_on_tones.is_held_on_tones(&single);
     } else {
         let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
         integer.is_held("integer", [1770, 6952]);
         assert!(worst <= 2999, "integer: {worst}");
-        let integer_on_tones = cost::measure_on_tones::<WaveInteger>(&counter);
-        integer_on_tones.is_held_on_tones(&integer);
     }
 }
 

@@ -1,4 +1,4 @@
-//! The second and third harmonic of a track in f32 and in integers.
+//! The second and third harmonic of a track in f32.
 
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::SINGLE;
@@ -10,11 +10,11 @@ use crate::impact::wave::Tone;
 
 /// One harmonic, `e sin(n t + th)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::impact) struct Harmonic {
+pub(super) struct Harmonic {
     /// e.
-    pub amplitude: Fixed<32, u32>,
+    amplitude: Fixed<32, u32>,
     /// th.
-    pub angle: Phase,
+    angle: Phase,
     /// `e`, `e cos th` and `e sin th`.
     pub size: f32,
     mixed: [f32; 2],
@@ -62,14 +62,14 @@ impl Harmonic {
     }
 
     #[inline(always)]
-    pub fn turned(&self, phase: u32) -> Phase {
+    fn turned(&self, phase: u32) -> Phase {
         Phase::from_bits(phase.wrapping_add(self.angle.bits()))
     }
 }
 
 /// The harmonics of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::impact) struct Harmonics {
+pub(super) struct Harmonics {
     pub second: Harmonic,
     pub third: Harmonic,
     /// Whether there is a third.
@@ -78,7 +78,7 @@ pub(in crate::impact) struct Harmonics {
 
 /// Displacement and velocity of each tone over its frequency.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::impact) struct Parts(pub [[f32; 2]; 3]);
+pub(super) struct Parts(pub [[f32; 2]; 3]);
 
 impl Harmonics {
     /// Those of a wave; the refusal names the one out of range.

@@ -2,9 +2,9 @@
 
 use core::f32::consts::TAU;
 
+use super::flight::Ballistic;
 use super::launch::{Launch, Short};
 use super::track::{Edge, Hump, Limit, Track};
-use crate::arithmetic::fixed::Fixed;
 use crate::impact::anchor::approach::{Approach, approach, householder};
 use crate::impact::anchor::candidate::{LEAST, NEARLY_REAL};
 use crate::impact::anchor::flight::{
@@ -14,19 +14,13 @@ use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::short::{LAST, QUADRATIC};
 use crate::impact::anchor::solve::{Bracket, Found, LaunchPoint, solve};
 
-/// A flight that knows its height over an edge to the precision of its kernel.
-pub(super) trait Edged: Flight {
-    /// Height over `edge` at `steps` after launch, where f32 makes it `nearly` 0.
-    fn above(&self, steps: i64, edge: Fixed<30>, nearly: f32) -> f32;
-}
-
 /// The longest flight in the deflated form: its terms left out are below the rounding of f32.
 #[inline(always)]
-fn longest<F: Flight>(track: &Track) -> f32 {
+fn longest(track: &Track) -> f32 {
     if track.tones.is_of_three {
-        F::SHORT * (2.0 / 3.0)
+        Ballistic::SHORT * (2.0 / 3.0)
     } else {
-        F::SHORT
+        Ballistic::SHORT
     }
 }
 
@@ -62,7 +56,7 @@ pub(super) enum Candidate {
 /// the first impact: not so soon that it may be launch itself or is settled with more digits as a short hop, and within
 /// [`Track::limit`] or as far as [`Limits::hold`] sees.
 #[inline(always)]
-pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
+pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let Launch {
         phase,
         velocity,
@@ -72,7 +66,7 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
     } = *launch;
     let limit = track.limit(phase, rise)?;
     let mut limits = Limits {
-        first: (F::SHORT * STEPS_PER_RADIAN) as i64,
+        first: (Ballistic::SHORT * STEPS_PER_RADIAN) as i64,
         limit,
     };
     let a1 = 0.5 * launch.pull;
@@ -86,7 +80,7 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
         near = (a1 - root(discriminant)) / (a2 + a2);
     }
     if near < FAR {
-        let short = longest::<F>(track);
+        let short = longest(track);
         if near < short {
             if a1 < LEVEL {
                 return None;
@@ -95,10 +89,10 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
             let (flight, arrival) = simple_hop(launch, near, short)?;
             return Some((Candidate::Hop { flight, arrival }, limits));
         }
-        let (node, offset) = F::node_of(phase, near);
+        let (node, offset) = Ballistic::node_of(phase, near);
         let late = near - offset;
-        if let Some(approach) = approach::<F>(track, node, late, -rise, height)
-            && (!F::FINAL || approach.has_kept(node, late))
+        if let Some(approach) = approach::<Ballistic<'_>>(track, node, late, -rise, height)
+            && approach.has_kept(node, late)
         {
             return Some((Candidate::Near(approach), limits));
         }
@@ -118,13 +112,12 @@ pub(super) fn candidate<F: Flight>(track: &Track, launch: &Launch) -> Option<(Ca
         let fall = origin * flight::Track::inverse(track);
         (fall, fall, speed, 0.0)
     };
-    let (node, offset) = F::node_of(phase, near);
+    let (node, offset) = Ballistic::node_of(phase, near);
     let late = (near - start) - offset;
-    let approach = approach::<F>(track, node, late, speed, base)?;
-    if F::FINAL && !approach.has_kept(node, late) {
-        return None;
-    }
-    Some((Candidate::Near(approach), limits))
+    let approach = approach::<Ballistic<'_>>(track, node, late, speed, base)?;
+    approach
+        .has_kept(node, late)
+        .then_some((Candidate::Near(approach), limits))
 }
 
 /// Between which steps after launch a down-crossing is the first impact.
@@ -223,13 +216,13 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
 
 /// The first impact of any flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(super) fn search<F: Edged>(
+pub(super) fn search(
     track: &Track,
     launch: &Launch,
-    flight: &F,
+    flight: &Ballistic<'_>,
 ) -> (Found, bool, Bracket) {
     let (mut bracket, grazes) = stretch(track, launch, flight);
-    let short = longest::<F>(track);
+    let short = longest(track);
     if bracket.low < short {
         let high = smaller(bracket.high, short);
         if launch.short(high).value <= 0.0 {
@@ -262,17 +255,17 @@ pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
 
 /// The root in a bracket by halving it alone: time in rad and arrival speed, both as f32 has them.
 #[inline(never)]
-pub(super) fn halved<F: Edged>(
+pub(super) fn halved(
     track: &Track,
     launch: &Launch,
-    flight: &F,
+    flight: &Ballistic<'_>,
     bracket: &Bracket,
 ) -> (f32, f32) {
     let edges = Edges {
         track,
         launch,
         flight,
-        short: longest::<F>(track),
+        short: longest(track),
     };
     let (mut low, mut high) = (bracket.low, bracket.high);
     for _ in 0..40 {
@@ -295,7 +288,7 @@ pub(super) fn halved<F: Edged>(
 /// at launch: it has a root if it is below 0 at the end, and one. Over a hump it is convex: below 0 at its
 /// end it has one root; else none, or two around its minimum.
 #[inline(always)]
-fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bool) {
+fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, bool) {
     let Launch {
         phase,
         height,
@@ -320,7 +313,7 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
         track,
         launch,
         flight,
-        short: longest::<F>(track),
+        short: longest(track),
     };
     // While the ball is above the reach of the track no hump meets it.
     let (from, to) = track.above(height, rise);
@@ -344,9 +337,8 @@ fn stretch<F: Edged>(track: &Track, launch: &Launch, flight: &F) -> (Bracket, bo
                 low = end;
                 continue;
             }
-            let steps = i64::from(wait) + 1 + (i64::from(turn) << 32);
-            let over_begin = edges.gap(begin, steps, &hump.begin);
-            let over_end = || edges.gap(end, steps + i64::from(hump.length), &hump.end);
+            let over_begin = edges.gap(begin, &hump.begin);
+            let over_end = || edges.gap(end, &hump.end);
             // A launch one step before the hump is at its begin: above the track from there on.
             if over_begin.height <= 0.0 && begin > 0.0 {
                 // Rounding alone may have put the begin there.
@@ -457,17 +449,17 @@ struct Gap {
 }
 
 /// The flight at the edges and over the humps.
-struct Edges<'a, F> {
+struct Edges<'a> {
     track: &'a Track,
     launch: &'a Launch,
-    flight: &'a F,
+    flight: &'a Ballistic<'a>,
     short: f32,
 }
 
-impl<F: Edged> Edges<'_, F> {
-    /// The gap at an edge `x` rad and `steps` after launch.
+impl Edges<'_> {
+    /// The gap at an edge `x` rad after launch.
     #[inline(always)]
-    fn gap(&self, x: f32, steps: i64, edge: &Edge) -> Gap {
+    fn gap(&self, x: f32, edge: &Edge) -> Gap {
         let (track, launch) = (self.track, self.launch);
         if x < self.short {
             let Short { value, slope, .. } = launch.short(x);
@@ -477,14 +469,8 @@ impl<F: Edged> Edges<'_, F> {
             };
         }
         let fall = track.k * x;
-        let nearly = x * (launch.rise - 0.5 * fall) + (launch.height - edge.height);
-        let height = if abs(nearly) < NOISE + DRIFT * x {
-            self.flight.above(steps, edge.fixed, nearly)
-        } else {
-            nearly
-        };
         Gap {
-            height,
+            height: x * (launch.rise - 0.5 * fall) + (launch.height - edge.height),
             slope: launch.rise - fall - edge.speed,
         }
     }
@@ -553,13 +539,13 @@ impl<F: Edged> Edges<'_, F> {
     /// What rounding may take from the gap after `x`.
     fn rounding(&self, x: f32) -> f32 {
         if x >= self.short {
-            return F::ROUNDING + F::DRIFT * x;
+            return Ballistic::ROUNDING + Ballistic::DRIFT * x;
         }
         // Some roundings of f32 and of the pull: of each of its tones where it is a sum in f32.
         let pull = if self.launch.is_near_level() {
-            F::PULL
+            Ballistic::PULL
         } else {
-            larger(F::PULL, 6e-8 * self.track.tones.bound(2))
+            larger(Ballistic::PULL, 6e-8 * self.track.tones.bound(2))
         };
         x * (4e-7 * self.launch.velocity + pull * x)
     }

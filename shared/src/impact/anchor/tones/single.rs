@@ -1,18 +1,16 @@
 //! The impact map in f32 on a track of several tones.
 
+use super::flight::Ballistic;
 use super::harmonics::{Harmonics, Parts};
 use super::launch::Launch;
-use super::search::{Candidate, Edged, candidate, halved, has_left, search};
+use super::search::{Candidate, candidate, halved, has_left, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
-use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::approach::fall;
-use crate::impact::anchor::flight::{
-    self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, node_from_near, smaller,
-};
+use crate::impact::anchor::flight::{STEPS_PER_RADIAN, smaller};
 use crate::impact::anchor::single::Single;
-use crate::impact::anchor::single::{self, SingleState, TOP, settled, steps_after, steps_to};
+use crate::impact::anchor::single::{self, SingleState, TOP, settled, steps_after};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{Impact, Kernel, Landing, PartState, WaveKernel};
 use crate::impact::wave::Tone;
@@ -131,7 +129,7 @@ fn low(
     }
     let launch = Launch::new(track, phase, velocity, parts, throws);
     if !launch.is_level()
-        && let Some((candidate, limits)) = candidate::<Ballistic<'_>>(track, &launch)
+        && let Some((candidate, limits)) = candidate(track, &launch)
     {
         match candidate {
             Candidate::Hop { flight, arrival } => {
@@ -165,55 +163,6 @@ fn searched(flight: &Ballistic<'_>, launch: &Launch, restitution: f32) -> Landin
         return single::landing(phase, steps, speed, restitution, true);
     }
     landing
-}
-
-/// A flight in f32.
-#[derive(Clone, Copy)]
-struct Ballistic<'a> {
-    track: &'a Track,
-    phase: u32,
-    height: f32,
-    rise: f32,
-}
-
-impl Flight for Ballistic<'_> {
-    const SHORT: f32 = 0.2;
-    const LEAP: f32 = 0.02;
-    const SLOW: f32 = 0.015;
-    const FINAL: bool = true;
-    const NEAR: f32 = 3e-3;
-    const PULL: f32 = 4e-9;
-    const ROUNDING: f32 = 1e-5;
-    const DRIFT: f32 = 2e-6;
-
-    #[inline(always)]
-    fn node_of(phase: u32, x: f32) -> (i32, f32) {
-        node_from_near(phase, x)
-    }
-
-    #[inline(always)]
-    fn local(&self, node: i32) -> Local {
-        let steps = steps_to(self.phase, node);
-        // Whole turns and the rest, each rounded once.
-        let turns = ((steps + (1 << 31)) >> 32) as i32;
-        let time = steps as i32 as f32 * RADIANS_PER_STEP + turns as f32 * core::f32::consts::TAU;
-        let at = flight::Track::at(self.track, node);
-        let fall = self.track.k * time;
-        Local {
-            height: (self.height - at.height) + time * (self.rise - 0.5 * fall),
-            slope: self.rise - fall - at.speed,
-            push: at.push,
-            surge: at.surge,
-            bend: at.bend,
-        }
-    }
-}
-
-impl Edged for Ballistic<'_> {
-    #[inline(always)]
-    fn above(&self, _: i64, _: Fixed<30>, nearly: f32) -> f32 {
-        nearly
-    }
 }
 
 impl Kernel for WaveSingle {

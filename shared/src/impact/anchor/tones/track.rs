@@ -13,11 +13,9 @@ use crate::impact::wave::Tone;
 
 /// Where the push passes k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(in crate::impact) struct Edge {
+pub(super) struct Edge {
     /// S there.
     pub height: f32,
-    /// The same, modulo 4.
-    pub fixed: Fixed<30>,
     /// S' there.
     pub speed: f32,
     /// A' there.
@@ -26,7 +24,7 @@ pub(in crate::impact) struct Edge {
 
 /// A stretch on which the track pushes harder than k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(in crate::impact) struct Hump {
+pub(super) struct Hump {
     /// Where it begins: a resting part is thrown off here.
     pub phase: u32,
     /// Its length in steps of a phase and in rad.
@@ -41,7 +39,7 @@ const HUMPS: usize = 3;
 
 /// Until when a flight is told without a search, in steps after launch.
 #[derive(Clone, Copy)]
-pub(in crate::impact) struct Limit {
+pub(super) struct Limit {
     /// A ball that is above the reach of the track at this time or before has met none of it.
     pub clear: i64,
     /// A down-crossing up to this time is the first impact.
@@ -55,7 +53,7 @@ pub(in crate::impact) struct Limit {
 
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::impact) struct Track {
+pub(super) struct Track {
     pub tones: Harmonics,
     pub k: f32,
     half_k: f32,
@@ -296,11 +294,9 @@ impl Track {
         if let Some(place) = self.humps.get_mut(self.count) {
             let length = phase.wrapping_sub(begin);
             let edge = |phase: u32| {
-                let height = self.tones.sines(Phase::from_bits(phase), [1, 1]);
                 let parts = self.tones.at(phase);
                 Edge {
                     height: parts.sines(1.0, 1.0),
-                    fixed: Fixed(height.to::<30>().0 as i32),
                     speed: parts.cosines(2.0, 3.0),
                     surge: parts.cosines(8.0, 27.0),
                 }

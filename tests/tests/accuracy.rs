@@ -1,13 +1,9 @@
 //! The kernels for microcontrollers against the f64 map, over whole sets of states.
 
-use core::f64::consts::TAU;
-use std::vec::Vec;
+use std::f64::consts::{PI, TAU};
 
-use super::{
-    Exact, Hybrid, Integer, Kernel, Map, PartState, Single, Tone, WaveExact, WaveHybrid,
-    WaveInteger, WaveKernel, WaveMap, WaveSingle,
-};
-use crate::arithmetic::Phase;
+use kband::arithmetic::Phase;
+use kband::impact::{Hybrid, Integer, Kernel, Map, PartState, Single, WaveMap, WaveSingle};
 
 /// Uniform numbers in 0..1 (splitmix64).
 struct Random(u64);
@@ -40,18 +36,18 @@ fn low(random: &mut Random) -> Case {
 }
 
 fn logarithmic(random: &mut Random) -> Case {
-    wide(random, |x| 3.0 * libm::pow(10.0, -7.0 * x))
+    wide(random, |x| 3.0 * 10_f64.powf(-7.0 * x))
 }
 
 /// Around the phase where the track begins to throw, from rest or nearly.
 fn launch(random: &mut Random) -> Case {
     let k = 0.02 + 0.96 * random.uniform();
     let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
-    let phase = libm::asin(k) + side * libm::pow(10.0, -15.0 + 14.0 * random.uniform());
+    let phase = k.asin() + side * 10_f64.powf(-15.0 + 14.0 * random.uniform());
     let velocity = if random.uniform() < 0.5 {
         0.0
     } else {
-        libm::pow(10.0, -14.0 + 13.0 * random.uniform())
+        10_f64.powf(-14.0 + 13.0 * random.uniform())
     };
     (k, phase, velocity)
 }
@@ -66,16 +62,13 @@ struct Errors {
     wrong: usize,
 }
 
-fn measure<K: Kernel, M: Kernel<State = PartState>>(
-    count: usize,
-    mut case: impl FnMut(&mut Random) -> Case,
-    build: impl Fn(f64) -> (K, M),
-) -> Errors {
+fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -> Errors {
     let mut random = Random(1);
     let (mut flights, mut velocities, mut wrong) = (Vec::new(), Vec::new(), 0);
     for _ in 0..count {
         let (k, phase, velocity) = case(&mut random);
-        let (kernel, map) = build(k);
+        let kernel = K::build(k, 0.8).unwrap();
+        let map = Map::build(k, 0.8).unwrap();
         let state = K::state(phase, velocity).unwrap();
         // The same start for both: what the kernel can hold.
         let held = K::observe(state);
@@ -94,7 +87,7 @@ fn measure<K: Kernel, M: Kernel<State = PartState>>(
         if error > 1e-3 {
             wrong += 1;
             if wrong < 5 {
-                std::println!("{}: k {k:e} {held:?}: {impact:?} {expected:?}", K::NAME);
+                println!("{}: k {k:e} {held:?}: {impact:?} {expected:?}", K::NAME);
             }
             continue;
         }
@@ -115,45 +108,19 @@ fn measure<K: Kernel, M: Kernel<State = PartState>>(
 
 /// From rest within one step of a phase around `arcsin k` the rounded phase decides.
 fn resting_by_rounding(k: f64, state: PartState) -> bool {
-    state.velocity == 0.0 && (libm::sin(state.phase) - k).abs() < 1.5e-9
+    state.velocity == 0.0 && (state.phase.sin() - k).abs() < 1.5e-9
 }
 
 /// Checks a set: median, p99 and largest error of the phase in rad, the largest of the velocity, and
 /// no wrong root.
 fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
-    let on_the_sine = |k| (K::build(k, 0.8).unwrap(), Map::build(k, 0.8).unwrap());
-    judge(&measure(20_000, case, on_the_sine), K::NAME, limits);
-}
-
-/// The same on two tones, against the map of a wave.
-fn holds_on_tones<K: WaveKernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
-    let second = Tone {
-        // 5/32.
-        amplitude: 0.156_25,
-        angle: Phase::from_radians(2.487).radians(),
-    };
-    let tones = [second, Tone::default()];
-    let on_tones = |k| {
-        let kernel = K::on_tones(tones, k, 0.8).unwrap();
-        (kernel, WaveMap::on_tones(tones, k, 0.8).unwrap())
-    };
-    judge(&measure(20_000, case, on_tones), K::NAME, limits);
-}
-
-fn judge(errors: &Errors, name: &str, limits: [f64; 4]) {
-    std::println!("{name}: {errors:?}");
+    let errors = measure::<K>(20_000, case);
+    println!("{}: {errors:?}", K::NAME);
     let measured = [errors.median, errors.p99, errors.max, errors.velocity_max];
     assert_eq!(errors.wrong, 0);
     for (error, limit) in measured.iter().zip(limits) {
         assert!(*error <= limit, "{measured:?} against {limits:?}");
     }
-}
-
-#[test]
-fn integer_on_tones_holds_its_errors() {
-    holds_on_tones::<WaveInteger>(high, [8e-9, 1.5e-7, 6e-7, 6e-7]);
-    holds_on_tones::<WaveInteger>(low, [8e-9, 1.5e-7, 3e-6, 2e-6]);
-    holds_on_tones::<WaveInteger>(logarithmic, [4e-9, 4e-7, 1e-5, 1.2e-6]);
 }
 
 // Medians: one phase step (1.463e-9 rad) for the hybrid kernel, where two are promised, and 2e-6 rad for
@@ -195,27 +162,21 @@ fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64,
                 &[0.005, 0.02, 0.1, 0.5, 0.999, 1.0, 1.001, 2.0, 4.0],
             ),
             1 => 1.0 + 1e-3 * (random.uniform() - 0.5),
-            _ => 0.005 * libm::pow(800.0, random.uniform()),
+            _ => 0.005 * 800_f64.powf(random.uniform()),
         };
         let restitution = corner(&mut random, &[0.0, 0.2, 0.9, 1.0]);
-        let lift_off = if k < 1.0 {
-            libm::asin(k)
-        } else {
-            0.5 * core::f64::consts::PI
-        };
-        let step = Phase::RADIANS_PER_STEP;
+        let lift_off = if k < 1.0 { k.asin() } else { 0.5 * PI };
+        let step = Phase::from_bits(1).radians();
         let phase = match i % 5 {
-            0 => lift_off + step * libm::round(6.0 * random.uniform() - 3.0),
-            1 => {
-                core::f64::consts::PI - lift_off + step * libm::round(6.0 * random.uniform() - 3.0)
-            }
-            2 => step * libm::round(6.0 * random.uniform() - 3.0),
+            0 => lift_off + step * (6.0 * random.uniform() - 3.0).round(),
+            1 => PI - lift_off + step * (6.0 * random.uniform() - 3.0).round(),
+            2 => step * (6.0 * random.uniform() - 3.0).round(),
             _ => TAU * random.uniform(),
         };
         let velocity = match i % 7 {
             0 => corner(&mut random, &[0.0, 1e-12, 1.5e-8, 3e-8, 1e-6, top]),
             1 => top * random.uniform(),
-            2 => libm::pow(10.0, -12.0 * random.uniform()),
+            2 => 10_f64.powf(-12.0 * random.uniform()),
             _ => 5.0 * random.uniform(),
         };
         let kernel = K::build(k, restitution).unwrap();
@@ -240,7 +201,7 @@ fn survives<K: Kernel>(top: f64, tolerance: f64) {
         if error > limit && !impact.grazes && !expected.grazes && !resting_by_rounding(k, held) {
             wrong += 1;
             if wrong < 20 {
-                std::println!("{} {k:e} {held:?} {impact:?} {expected:?}", K::NAME);
+                println!("{} {k:e} {held:?} {impact:?} {expected:?}", K::NAME);
             }
         }
     });
@@ -258,11 +219,11 @@ fn kernels_survive_their_whole_range() {
 /// `None` where the backward flight starts outside 0..20.
 fn touch(random: &mut Random) -> Option<(Case, f64)> {
     let k = 0.02 + 0.96 * random.uniform();
-    let lift_off = libm::asin(k);
-    let phase = lift_off + (core::f64::consts::PI - 2.0 * lift_off) * random.uniform();
+    let lift_off = k.asin();
+    let phase = lift_off + (PI - 2.0 * lift_off) * random.uniform();
     // Backwards along the parabola that touches the track at `phase`, down to the launch.
-    let (s, c) = (libm::sin(phase), libm::cos(phase));
-    let height = |back: f64| s - c * back - 0.5 * k * back * back - libm::sin(phase - back);
+    let (s, c) = (phase.sin(), phase.cos());
+    let height = |back: f64| s - c * back - 0.5 * k * back * back - (phase - back).sin();
     let mut far = 0.05;
     while height(far) > 0.0 {
         far += 0.05;
@@ -276,8 +237,8 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
             far = middle;
         }
     }
-    let velocity = c + k * near - libm::cos(phase - near);
-    let gap = libm::pow(10.0, -9.5 + 5.0 * random.uniform());
+    let velocity = c + k * near - (phase - near).cos();
+    let gap = 10_f64.powf(-9.5 + 5.0 * random.uniform());
     let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
     let velocity = velocity + side * gap / near;
     (near < 60.0 && (0.0..20.0).contains(&velocity)).then_some(((k, phase - near, velocity), near))
@@ -296,13 +257,13 @@ fn decides<K: Kernel>(limit: fn(f64) -> f64) {
         let state = K::state(phase, velocity).unwrap();
         let held = K::observe(state);
         // The least height near the touch, of the state that the kernel holds.
-        let (s, c) = (libm::sin(held.phase), libm::cos(held.phase));
+        let (s, c) = (held.phase.sin(), held.phase.cos());
         let mut d = time;
         for _ in 0..6 {
-            let slope = held.velocity - k * d + c - libm::cos(held.phase + d);
-            d -= slope / (libm::sin(held.phase + d) - k);
+            let slope = held.velocity - k * d + c - (held.phase + d).cos();
+            d -= slope / ((held.phase + d).sin() - k);
         }
-        let gap = (c + held.velocity) * d - 0.5 * k * d * d - libm::sin(held.phase + d) + s;
+        let gap = (c + held.velocity) * d - 0.5 * k * d * d - (held.phase + d).sin() + s;
         let limit = limit(d);
         if !((d - time).abs() < 0.1 && gap.abs() < 10.0 * limit) {
             continue;
@@ -411,7 +372,6 @@ fn every_arithmetic_takes_a_phase_for_the_same_part_of_the_track() {
             let phase = turns * TAU + part;
             let places = [
                 place::<Map>(phase),
-                place::<Exact>(phase),
                 place::<Hybrid>(phase),
                 place::<Single>(phase),
                 place::<Integer>(phase),
@@ -429,16 +389,12 @@ fn a_phase_too_large_to_mean_a_place_is_refused_by_every_arithmetic() {
     for phase in [1.32e7, -1.32e7, 1e12, 1e16, 1e300, f64::INFINITY, f64::NAN] {
         let places = [
             place::<Map>(phase),
-            place::<Exact>(phase),
             place::<Hybrid>(phase),
             place::<Single>(phase),
             place::<Integer>(phase),
             place::<WaveMap>(phase),
-            place::<WaveExact>(phase),
-            place::<WaveHybrid>(phase),
             place::<WaveSingle>(phase),
-            place::<WaveInteger>(phase),
         ];
-        assert_eq!(places, [None; 10], "{phase}");
+        assert_eq!(places, [None; 6], "{phase}");
     }
 }
