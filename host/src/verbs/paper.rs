@@ -23,7 +23,8 @@ use crate::report::{Printout, Table, columns};
 
 use engine::{Check, Row};
 
-/// Every equation, number and claim of the paper (Hongler & Figour 1989): printed, recomputed, verdict.
+/// Every equation, number and claim of the paper (Hongler & Figour 1989): printed, recomputed,
+/// verdict.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband paper
@@ -183,7 +184,7 @@ mod tests {
         let numbered: Vec<_> = rows()
             .iter()
             .filter(|row| row.equation.starts_with('('))
-            .map(|row| [&*row.equation, &row.printed, row.verdict])
+            .map(|row| vec![&*row.equation, &row.printed, row.verdict])
             .collect();
         let printed: Vec<Vec<&str>> = PRINTED
             .lines()
@@ -196,7 +197,7 @@ mod tests {
                 let digits = equation[1..].chars().take_while(char::is_ascii_digit);
                 digits.collect::<String>() == number.to_string()
             };
-            let found = numbered.iter().any(|[equation, ..]| bare(equation));
+            let found = numbered.iter().any(|row| bare(row[0]));
             assert!(found, "({number}) is missing");
         }
     }
