@@ -124,7 +124,7 @@ fn the_board_says_who_and_how_it_is() {
 }
 
 #[test]
-fn settings_are_those_of_the_controller_and_a_change_outlasts_the_board_once_it_is_saved() {
+fn a_saved_change_of_settings_outlasts_a_restart() {
     let folder = folder();
     let words = "settings list --format json";
     let list = json(kband(folder.path(), words));
@@ -219,7 +219,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
 }
 
 #[test]
-fn what_a_board_does_not_take_is_refused_with_cause_range_and_next_step() {
+fn a_refusal_names_cause_range_and_next_step() {
     let folder = folder();
     for (words, expected) in [
         (
@@ -296,7 +296,7 @@ fn a_board_is_monitored_recorded_and_replayed() {
 }
 
 #[test]
-fn the_log_is_refused_where_it_is_not_built_in_and_for_an_image_that_has_none() {
+fn the_log_is_refused_without_the_feature_or_the_image() {
     let folder = folder();
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let image = image.to_str().unwrap();
@@ -416,10 +416,10 @@ fn an_identification_that_has_no_result_yet_changes_nothing() {
     assert_eq!(flash(), saved);
 }
 
-/// The emulated board's drive is one resonance of 1 mm and Q 25 at 50 Hz, which answers at n times its frequency with `1 mm / 25 /
-/// (n^2 - 1)` against the output; told is another drive.
+/// The emulated board's drive is one resonance of 1 mm and Q 25 at 50 Hz, which answers at n times
+/// its frequency with `1 mm / 25 / (n^2 - 1)` against the output; told is another drive.
 #[test]
-fn what_the_drive_answers_at_its_multiples_is_measured_taken_and_kept() {
+fn the_drive_response_at_multiples_is_measured_and_saved() {
     let folder = folder();
     let told = "second_tone = 0.05\nthird_tone = 0.02\nsecond_gain = 0.02\nsecond_lag = 150.0\n\
                 third_gain = 0.0065\nthird_lag = 160.0\n";
@@ -614,7 +614,7 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
 
 #[cfg(unix)]
 #[test]
-fn a_commissioning_leaves_a_record_with_settings_before_and_after_readings_and_pictures() {
+fn commissioning_writes_a_record_with_settings_and_pictures() {
     use kband_machines::browser::{Browser, keys};
 
     let board = Standing::start();
@@ -704,7 +704,8 @@ fn a_commissioning_leaves_a_record_with_settings_before_and_after_readings_and_p
     );
 }
 
-/// A pseudo-terminal that takes and gives bytes as they are: its far end, its near end that stays open, and its name.
+/// A pseudo-terminal that takes and gives bytes as they are: its far end, its near end that stays
+/// open, and its name.
 #[cfg(unix)]
 fn port() -> (File, File, String) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -755,7 +756,7 @@ struct Keeps {
     target: kband::wire::Target,
 }
 
-/// A board that has just heard its parts: what it holds, what it saved, and whether its drive runs.
+/// A board after it measured its parts: setpoint, saved settings, and whether its drive runs.
 #[cfg(unix)]
 struct Commissioned {
     holds: Keeps,
@@ -871,7 +872,7 @@ impl Commissioned {
 
 #[cfg(unix)]
 #[test]
-fn what_commissioning_found_is_kept_with_the_target_that_the_board_had() {
+fn commissioning_saves_its_result_with_the_old_target() {
     use kband::control::Settings;
     use kband::wire::Target;
 
@@ -916,7 +917,7 @@ fn what_commissioning_found_is_kept_with_the_target_that_the_board_had() {
 
 #[cfg(unix)]
 #[test]
-fn a_port_with_garbage_and_a_board_of_another_version_are_told_apart() {
+fn garbage_and_another_version_give_different_messages() {
     use kband::wire::{FRAME_MOST, Identity, write_identity};
 
     // Another baud rate, or another program's device.
@@ -934,7 +935,7 @@ fn a_port_with_garbage_and_a_board_of_another_version_are_told_apart() {
     let mut buffer = [0; FRAME_MOST];
     let frame = write_identity(&mut buffer, 0, &identity).unwrap();
     on_a_port_that_says(words, frame).refused(&["0.0.9+old", "0badcafe", "kband flash"]);
-    // Who it is may be asked of any board.
+    // Any board answers a request of its identity.
     let words = "identify --format json";
     let came = on_a_port_that_says(words, frame);
     assert_eq!(came.status, Some(1), "{}", came.said);

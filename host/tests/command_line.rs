@@ -141,7 +141,7 @@ const GIVEN: [(&str, &str); 3] = [
     ("empty.csv", ""),
 ];
 
-/// Each line of `wrong_inputs.txt` is refused by the message that stands below it.
+/// Each line of `wrong_inputs.txt` is refused by the message below it.
 #[test]
 fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/wrong_inputs.txt");
@@ -186,9 +186,10 @@ fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
     }
 }
 
-/// An output that is named takes the place of an older one, one that nobody named only of kband's own.
+/// An output that is named takes the place of an older one, one that nobody named only of kband's
+/// own.
 #[test]
-fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
+fn a_foreign_file_is_replaced_only_where_it_is_named() {
     let folder = Folder::new("existing");
     let replaces = |verb: &str, name: &str| {
         std::fs::write(folder.0.join(name), "mine").unwrap();
@@ -223,8 +224,8 @@ fn a_file_that_kband_did_not_write_is_only_replaced_where_it_is_named() {
         assert!(message.contains("wrote new.json"), "{verb}: {message}");
         std::fs::remove_file(folder.0.join("new.json")).unwrap();
     }
-    // What takes seconds in a build for tests, once: times, and the page of the paper. That of a feeder replaces one in the test that looks
-    // at it.
+    // What takes seconds in a build for tests, once: times, and the page of the paper. That of a
+    // feeder replaces one in the test that looks at it.
     for (verb, name) in [
         ("bench --rounds 1 --launches 512", "old.svg"),
         ("paper", "old.html"),
@@ -461,7 +462,7 @@ fn an_input_is_never_written_over_by_whatever_name() {
 }
 
 #[test]
-fn a_scene_of_megabytes_is_refused_in_a_message_that_can_be_read() {
+fn a_scene_of_megabytes_is_refused_in_a_short_message() {
     let folder = Folder::new("long");
     let mut scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
     for _ in 0..20_000 {
@@ -533,7 +534,8 @@ fn what_parts_in_gear_are_compared_with_is_a_run_of_its_own() {
         provenance::without(serde_json::from_slice(&ended.stdout).unwrap())
     };
     let share = |row: &serde_json::Value| row["in_gear"].as_f64().unwrap();
-    // The middle of the lock's band holds parts of scatter 0.04 for half of the time that the choice for gear does.
+    // The middle of the lock's band holds parts of scatter 0.04 for half of the time that the
+    // choice for gear does.
     let runs = printed("simulate --runs 4 --duration 20 --format json");
     assert!(share(&runs[0]) > share(&runs[1]) + 0.2, "{runs}");
 
@@ -554,8 +556,8 @@ fn what_parts_in_gear_are_compared_with_is_a_run_of_its_own() {
     assert!(share(all) > share(one) + 0.3, "{tones}");
 }
 
-/// Tones that cannot be, scatter that no part has, a drive that cannot, a lot that nothing serves: one message each, with the range
-/// and what would work.
+/// Tones that cannot be, scatter that no part has, a drive that cannot, a lot that nothing serves:
+/// one message each, with the range and what would work.
 #[test]
 fn tones_and_lots_that_cannot_be_served_say_what_would_work() {
     let folder = Folder::new("served");
@@ -631,7 +633,7 @@ fn tones_and_lots_that_cannot_be_served_say_what_would_work() {
 }
 
 #[test]
-fn a_scene_comes_from_standard_input_and_manual_pages_are_printed() {
+fn a_scene_from_stdin_runs_and_manual_pages_print() {
     let folder = Folder::new("input");
     let scene = kband(&folder.0, &["simulate", "--print-scene"]).stdout;
     let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))

@@ -154,7 +154,7 @@ impl Drop for Dashboard {
 }
 
 #[test]
-fn parts_go_into_gear_the_keys_work_and_the_terminal_is_restored() {
+fn live_keys_work_and_the_terminal_is_restored() {
     let mut dashboard = Dashboard::start(&["--speed", "10"]);
     dashboard.wait_for(" HOLDING ");
     for words in [
@@ -167,7 +167,7 @@ fn parts_go_into_gear_the_keys_work_and_the_terminal_is_restored() {
         dashboard.wait_for(words);
     }
     assert!(dashboard.screen.screen().alternate_screen() && !dashboard.is_restored());
-    // From the setpoint of the gear: for chaos this lot has none, once that is known.
+    // From the setpoint of the gear: the search finds no chaos for this lot.
     dashboard.press("+");
     dashboard.wait_for("target k = 0.");
     dashboard.press("x");
@@ -208,7 +208,7 @@ fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
 fn the_emulated_board_is_looked_at_and_obeys_the_keys() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let mut dashboard = Dashboard::start(&["--on", "qemu", "--image", image.to_str().unwrap()]);
-    // The soft start, heard over the link and read from the event log.
+    // The soft start, over the link and from the event log.
     for words in ["qemu", "target lock of order 1", "started", "no fault"] {
         dashboard.wait_for(words);
     }

@@ -40,8 +40,8 @@ fn feeder() -> PathBuf {
     images::build("kband-firmware", "feeder", Machine::CortexM4F)
 }
 
-/// Time in s after power-on within which a board whose sectors hold no records has erased the one that its first fault
-/// goes to: 2 s at most.
+/// Time in s after power-on within which a board whose sectors hold no records has erased the one
+/// that its first fault goes to: 2 s at most.
 const ERASED: f64 = 2.5;
 
 /// A board in operation: an older image drives the bridge, settings are kept.
@@ -102,8 +102,8 @@ fn what_was_written_boots_answers_the_desk_and_logs() {
     let chip = probe.chip().clone();
     let mut rig = Rig::with(chip, &Scene::default());
     rig.chip.power_on();
-    // What lay in the memory of the faults is no record: it is erased before the first one, and meanwhile the
-    // board hears nothing.
+    // What lay in the memory of the faults is no record: it is erased before the first one, and
+    // meanwhile the board receives nothing.
     rig.run(ERASED);
     assert_eq!(rig.resets().len(), 1);
     rig.ask(&Request::SelfTest, |response| {
@@ -112,7 +112,7 @@ fn what_was_written_boots_answers_the_desk_and_logs() {
 }
 
 #[test]
-fn option_bytes_are_set_where_they_are_asked_for_and_never_on_a_protected_chip() {
+fn option_bytes_are_never_set_on_a_protected_chip() {
     let (folder, path) = (folder(), feeder());
     let flash = |chip: Chip, more: &[&str]| {
         let probe = Probe::before(chip);
@@ -144,8 +144,8 @@ fn option_bytes_are_set_where_they_are_asked_for_and_never_on_a_protected_chip()
     // The board reports them, and starts with the watchdog that runs already.
     let mut rig = Rig::with(chip.clone(), &Scene::default());
     rig.chip.power_on();
-    // What lay in the memory of the faults is no record: it is erased before the first one, and meanwhile the
-    // board hears nothing.
+    // What lay in the memory of the faults is no record: it is erased before the first one, and
+    // meanwhile the board receives nothing.
     rig.run(ERASED);
     assert_eq!(rig.resets().len(), 1);
     rig.ask(&Request::SelfTest, |response| {
@@ -168,7 +168,7 @@ fn option_bytes_are_set_where_they_are_asked_for_and_never_on_a_protected_chip()
 }
 
 #[test]
-fn a_board_that_was_cut_off_does_not_start_until_it_is_written_again() {
+fn a_half_written_board_does_not_start() {
     let (folder, path) = (folder(), feeder());
     let image = Image::read(&path).unwrap();
     let flash = |probe: &Probe| {
@@ -259,7 +259,7 @@ fn a_flash_that_does_not_take_the_image_is_found_out() {
 }
 
 #[test]
-fn a_probe_that_is_gone_or_says_nothing_is_told_in_one_message() {
+fn a_lost_or_silent_probe_gives_one_message() {
     let (folder, path) = (folder(), feeder());
     let image = path.to_str().unwrap();
     // A port that nobody listens on.

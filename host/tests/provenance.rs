@@ -102,7 +102,7 @@ fn every_kind_of_file_says_what_it_came_from() {
 }
 
 #[test]
-fn a_scene_stands_whole_in_what_it_gave() {
+fn outputs_contain_their_whole_scene() {
     let folder = tempfile::tempdir().unwrap();
     let out = kband(
         folder.path(),
@@ -123,8 +123,8 @@ fn a_scene_stands_whole_in_what_it_gave() {
     assert!(svg.contains("track.frequency"));
 }
 
-/// Every CSV is read by a reader that knows of comments, with the units from the file itself: those of the header are those
-/// of its comments, and every number parses.
+/// Every CSV is read by a reader that knows of comments, with the units from the file itself: those
+/// of the header are those of its comments, and every number parses.
 #[test]
 fn a_csv_is_read_with_its_units_by_another_program() {
     let folder = tempfile::tempdir().unwrap();

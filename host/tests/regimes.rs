@@ -121,8 +121,9 @@ fn an_exponent_has_its_error_and_rest_is_no_chaos() {
     assert_eq!(rest[0]["motion"], "rest");
 }
 
-/// The same question, asked of each verb that answers it: where a part ends that starts from rest, and one that starts
-/// in flight. A diagram follows a part no longer than it is flown for its column, and says so where that does not tell.
+/// The same question, asked of each verb that answers it: where a part ends that starts from rest,
+/// and one that starts in flight. A diagram follows a part no longer than it is flown for its
+/// column, and says so where that does not tell.
 #[test]
 fn every_verb_gives_the_same_answer() {
     for (k, restitution, expected, untold) in [
@@ -183,10 +184,10 @@ fn every_verb_gives_the_same_answer() {
     }
 }
 
-/// A simulation ends as `basins` has it of the same part from rest, at a few k; what is irregular for thousands of impacts before it
-/// rests is undecided after those that there were, and no chaos.
+/// A simulation ends as `basins` has it of the same part from rest, at a few k; what is irregular
+/// for thousands of impacts before it rests is undecided after those that there were, and no chaos.
 #[test]
-fn a_simulation_gives_that_answer_too_or_says_that_it_is_undecided() {
+fn a_simulation_agrees_on_the_regime_or_is_undecided() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = folder.path().join("scene.toml");
     let (picture, trace) = (
@@ -230,7 +231,7 @@ fn a_simulation_gives_that_answer_too_or_says_that_it_is_undecided() {
 }
 
 #[test]
-fn what_has_not_settled_is_undecided_with_how_long_it_was_followed() {
+fn an_unsettled_orbit_is_undecided_with_its_length() {
     let few = [
         "basins",
         "--k",
@@ -369,7 +370,7 @@ fn scatter_is_seeded_and_refused_where_nothing_is_left_to_tell() {
 }
 
 #[test]
-fn a_capture_prints_what_it_cost_and_is_the_same_for_any_number_of_threads() {
+fn a_capture_prints_its_cost_and_ignores_threads() {
     let arguments = [
         "capture",
         "--restitution",

@@ -1,4 +1,5 @@
-//! The page of a feeder in a real browser: its sliders moved, its values compared with what the verbs say.
+//! The page of a feeder in a real browser: its sliders moved, its values compared with what the
+//! verbs say.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -73,7 +74,7 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
         assert_eq!(browser.complaints(), [""; 0], "{when}");
     };
     whole("opened");
-    // Of one file: nothing else was asked for.
+    // Of one file: nothing else was requested.
     let asked = browser.script("return performance.getEntriesByType('resource').filter((one) => !one.name.startsWith('data:')).map((one) => one.name)");
     assert_eq!(asked, serde_json::json!([]));
     assert_eq!(
@@ -81,7 +82,8 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
         7
     );
 
-    // The lot's slider, by its keys as a user has them, four steps of 0.005 to the left; then the drive's frequency.
+    // The lot's slider, by its keys as a user has them, four steps of 0.005 to the left; then the
+    // drive's frequency.
     let verdict = || numbers(&browser.text("#bands .verdict"));
     let agree = |lot: &str, frequency: &str| {
         let said = verdict();
@@ -183,7 +185,7 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let under = browser.text("#basins .reading:not(.verdict)");
     assert!(under.starts_with("phase 3."), "{under}");
     browser.click("#bands summary");
-    // A browser tells that it was unfolded a moment later.
+    // A browser reports the unfolding a moment later.
     browser.wait_for("document.querySelectorAll('#bands .numbers tbody tr').length === 141");
 
     // Dark and light, a telephone's width, and paper.

@@ -1,6 +1,8 @@
-//! The JSON that kband prints keeps to the schemas in docs/schemas, and has no other names than those of the list of columns.
+//! The JSON that kband prints keeps to the schemas in docs/schemas, and has no other names than
+//! those of the list of columns.
 //!
-//! `KBAND_ACCEPT=1 cargo test -p kband-host --test schemas` writes the schemas from what the commands print.
+//! `KBAND_ACCEPT=1 cargo test -p kband-host --test schemas` writes the schemas from what the
+//! commands print.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -14,7 +14,8 @@ const FLASH: usize = 16_384;
 /// The board that a verb talks to.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct Address {
-    /// The board: qemu (the emulated CPU) or its serial port; without it, the only serial port there is.
+    /// The board: qemu (the emulated CPU) or its serial port; without it, the only serial port
+    /// there is.
     #[arg(long, value_name = "qemu or /dev/PORT", global = true)]
     pub on: Option<String>,
 

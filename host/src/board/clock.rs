@@ -2,14 +2,14 @@
 
 /// Cycles of a board since it started.
 ///
-/// The board counts in 32 bits, which begin anew after 99 days at 500 Hz and 2.7 years at 50 Hz; this
-/// count goes on from where it was first heard.
+/// The board counts in 32 bits, which begin anew after 99 days at 500 Hz and 2.7 years at 50 Hz;
+/// this count goes on from the first reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Clock {
     last: Option<(u32, u64)>,
 }
 
-/// Cycles by which an event may be ahead of the telemetry that was heard last.
+/// Most cycles by which an event may be ahead of the last telemetry.
 const AHEAD: u32 = 100_000;
 
 impl Clock {
@@ -23,7 +23,8 @@ impl Clock {
         total
     }
 
-    /// The cycles at the board's count `cycle` of an event, which lies in the past or a little ahead.
+    /// The cycles at the board's count `cycle` of an event, which lies in the past or a little
+    /// ahead.
     #[must_use]
     pub fn then(&self, cycle: u32) -> u64 {
         let Some((last, total)) = self.last else {

@@ -8,14 +8,14 @@ use super::link::Link;
 use super::settings::tell;
 use crate::refusal::Refusal;
 
-/// Readings go to the board once so many bytes of them wait.
+/// Bytes of readings that are sent to the board at once.
 const PIECE: usize = 240;
 
 /// The closed loop of a scene with its controller on a board.
 ///
 /// The board gets every reading and runs its own signal path and controller on them. What the drive
-/// does within a cycle was decided when the cycle began, so that the desk computes the outputs along
-/// and the board confirms them, bit for bit, at the end of each cycle with its next decision.
+/// does within a cycle was decided when the cycle began, so that the desk computes the outputs
+/// along and the board confirms them, bit for bit, at the end of each cycle with its next decision.
 pub struct BoardLoop {
     link: Link,
     bench: Bench,
@@ -24,7 +24,7 @@ pub struct BoardLoop {
     scene: Scene,
 }
 
-/// The readings of a cycle that are not told yet, and its outputs, folded.
+/// Readings of a cycle that are not sent yet, and its outputs, folded.
 struct Run {
     bytes: [u8; PIECE + 8],
     used: usize,
@@ -83,7 +83,7 @@ impl BoardLoop {
         })
     }
 
-    /// The samples of one cycle, all but the last of them told.
+    /// Samples of one cycle, all but the last of them sent.
     fn samples(&mut self) -> Result<Run, Refusal> {
         let mut run = Run {
             bytes: [0; PIECE + 8],

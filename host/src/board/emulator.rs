@@ -22,8 +22,8 @@ pub enum Emulated {
 pub(super) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
     --target thumbv7em-none-eabihf --bin virtual_feeder";
 
-/// Starts the emulator with its serial port on pipes, its settings kept in the file `flash` and its log
-/// written into the file `log`.
+/// Starts the emulator with its serial port on pipes, its settings kept in the file `flash` and its
+/// log written into the file `log`.
 pub fn start(
     image: Option<&Path>,
     emulated: Emulated,

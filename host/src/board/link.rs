@@ -21,9 +21,9 @@ const KNOCK: Duration = Duration::from_millis(500);
 /// Most of what came unasked that is kept until somebody looks: over a minute at 50 Hz.
 const UNASKED: usize = 4096;
 
-/// What a board says without being asked.
+/// Message that a board sends without a request.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Unasked {
+pub enum Unsolicited {
     /// A drive cycle.
     Telemetry(Telemetry),
     /// It started anew, running this image.
@@ -44,7 +44,7 @@ pub struct Link {
     image: String,
     heard: usize,
     unreadable: u32,
-    unasked: VecDeque<Unasked>,
+    unasked: VecDeque<Unsolicited>,
     record: Option<Box<dyn Write + Send>>,
 }
 
@@ -138,7 +138,8 @@ impl Link {
         ))
     }
 
-    /// From now on writes every byte of the board to `record`, behind the frame that says who it is.
+    /// From now on writes every byte of the board to `record`, behind the frame that says who it
+    /// is.
     pub fn record(&mut self, mut record: impl Write + Send + 'static) -> Result<(), Refusal> {
         let (version, schema) = self.speaks;
         let identity = Identity {
@@ -160,7 +161,7 @@ impl Link {
     }
 
     /// Waits and keeps what comes unasked; then what came, the oldest first.
-    pub fn listen(&mut self, time: Duration) -> Result<Vec<Unasked>, Refusal> {
+    pub fn listen(&mut self, time: Duration) -> Result<Vec<Unsolicited>, Refusal> {
         self.receive(Instant::now() + time, |_| None::<()>)?;
         Ok(self.unasked.drain(..).collect())
     }
@@ -177,8 +178,8 @@ impl Link {
         let mut buffer = [0; FRAME_MOST];
         let frame = write_request(&mut buffer, wanted, request)
             .map_err(|_| Refusal::new("a request is too long for a frame", "shorten its text"))?;
-        // A board drops what is beyond its allowance for a drive cycle, and a link may lose a frame. What
-        // is the same done twice is asked again.
+        // A board drops what is beyond its allowance for a drive cycle, and a link may lose a
+        // frame. What is the same done twice is requested again.
         let again = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
         let end = Instant::now() + self.patience;
         let mut look = Some(look);
@@ -211,7 +212,7 @@ impl Link {
         })?
     }
 
-    /// Begins telemetry every so many drive cycles, or as often as the line carries it.
+    /// Begins telemetry with a period in drive cycles, or as often as the line carries it.
     pub fn begin_telemetry(&mut self, every: u16) -> Result<(), Refusal> {
         let fewest = self.ask(&Request::Telemetry(every), |response| match response {
             Response::Refused(Refused::Faster(fewest)) => Some(fewest),
@@ -288,13 +289,13 @@ impl Link {
                     Outgoing::Response {
                         sequence: 0,
                         response: Response::Telemetry(telemetry),
-                    } => self.unasked.push_back(Unasked::Telemetry(telemetry)),
+                    } => self.unasked.push_back(Unsolicited::Telemetry(telemetry)),
                     Outgoing::Identity {
                         sequence: 0,
                         identity,
                     } => {
                         let image = identity.image.to_string();
-                        self.unasked.push_back(Unasked::Started(image));
+                        self.unasked.push_back(Unsolicited::Started(image));
                     }
                     _ => {}
                 }

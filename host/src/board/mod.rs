@@ -14,6 +14,6 @@ pub use address::Address;
 pub use clock::Clock;
 pub use closed_loop::BoardLoop;
 pub use emulator::Emulated;
-pub use link::{Link, Unasked};
+pub use link::{Link, Unsolicited};
 pub use record::{Remains, Said, replay};
 pub use settings::{BoardSetting, BoardSettings};

@@ -1,8 +1,8 @@
 //! What a board said, kept in a file and read again.
 //!
-//! A record is the bytes of the line as they came, behind the frame that says which board it was. The
-//! next frame is found again after any bytes that are none, so that a record that ends or is damaged anywhere
-//! loses what was there and nothing else.
+//! A record is the bytes of the line as they came, behind the frame that says which board it was.
+//! The next frame is found again after any bytes that are none, so that a record that ends or is
+//! damaged anywhere loses what was there and nothing else.
 
 use std::io::Read;
 

@@ -6,7 +6,7 @@ use kband::control::Event;
 use kband::wire::{Record, Request, Response, Telemetry};
 
 use super::source::{Assignment, Seen, Source, Wish};
-use crate::board::{BoardSettings, Clock, Link, Unasked};
+use crate::board::{BoardSettings, Clock, Link, Unsolicited};
 use crate::refusal::Refusal;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
@@ -92,8 +92,8 @@ impl Source for Board {
         let mut cycles = Vec::new();
         for said in self.link.listen(Duration::ZERO)? {
             match said {
-                Unasked::Telemetry(telemetry) => cycles.push(self.seen(telemetry)),
-                Unasked::Started(_) => {
+                Unsolicited::Telemetry(telemetry) => cycles.push(self.seen(telemetry)),
+                Unsolicited::Started(_) => {
                     self.next = 0;
                     self.clock = Clock::default();
                     self.assignment.settings = BoardSettings::read(&mut self.link)?.known();

@@ -34,8 +34,8 @@ pub struct Pace {
     pub limit: Option<Duration>,
 }
 
-/// The terminal as it was, restored whichever way the dashboard ends; after a panic by the hook that
-/// [`ratatui::try_init`] installs.
+/// The terminal as it was, restored whichever way the dashboard ends; after a panic by the hook
+/// that [`ratatui::try_init`] installs.
 struct Restored;
 
 impl Drop for Restored {
@@ -65,7 +65,7 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
         // A desk that was asleep does not catch up.
         let passed = (now - last).min(4 * FRAME).as_secs_f64();
         last = now;
-        // A board is listened to while the picture stands, or it would take the link for lost.
+        // While the picture is paused the link is still read, or the board would take it for lost.
         let seconds = if shown.paused {
             0.0
         } else {

@@ -15,10 +15,10 @@ use super::history::{History, WINDOW};
 use super::source::{Assignment, Seen};
 use crate::simulate::describe;
 
-/// What the user has asked the screen for.
+/// Request of the user to the screen.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shown {
-    /// The picture stands.
+    /// The picture is paused.
     pub paused: bool,
     /// Keys and signs are explained.
     pub help: bool,
@@ -72,7 +72,7 @@ pub(super) fn draw(
     }
 }
 
-/// What to do where the drive stands still, else the keys.
+/// Advice where the drive is off, else the keys.
 fn foot(history: &History, assignment: &Assignment) -> Line<'static> {
     match history.now().and_then(|seen| advice(seen, assignment)) {
         Some(advice) => Line::from(vec![
@@ -343,8 +343,8 @@ fn legend(history: &History, width: u16) -> String {
     }
 }
 
-/// Half of the width and half of the height of a canvas in which a circle is round and has room for its words: a
-/// character is about twice as high as it is wide.
+/// Half of the width and half of the height of a canvas in which a circle is round and has room for
+/// its words: a character is about twice as high as it is wide.
 fn round(inner: Rect) -> (f64, f64) {
     let ratio = f64::from(inner.width.max(1)) / (2.0 * f64::from(inner.height.max(1)));
     let high = f64::max(1.4, 1.7 / ratio);
@@ -581,7 +581,7 @@ mod tests {
     }
 
     #[test]
-    fn the_legend_is_whole_where_there_is_room_and_else_of_what_is_seen() {
+    fn the_legend_is_cut_to_visible_curves_where_room_is_short() {
         let (source, history) = ran(3.0);
         let wide = shown(160, 40, &history, &source.assignment());
         for state in STATES {
@@ -598,7 +598,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_that_is_off_or_has_nowhere_to_go_is_told_what_to_do() {
+    fn the_screen_says_how_to_start_an_idle_drive() {
         use super::super::Wish;
         let (mut source, mut history) = ran(3.0);
         source.obey(Wish::Enable(false)).unwrap();
@@ -617,7 +617,7 @@ mod tests {
     }
 
     #[test]
-    fn the_circle_is_round_and_the_events_take_the_room_that_is_there() {
+    fn the_circle_is_round_and_events_fill_the_rest() {
         let (source, _) = ran(0.1);
         for (width, height) in [(80, 24), (100, 24), (80, 50), (160, 50)] {
             let screen = shown(width, height, &History::default(), &source.assignment());

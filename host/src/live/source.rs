@@ -19,7 +19,7 @@ pub struct Seen {
     pub telemetry: Telemetry,
     /// Phases of the track at the impacts of this cycle, in rad.
     pub strikes: Vec<f64>,
-    /// Mean way of the parts so far in m, where it is known.
+    /// Mean way of the parts so far in m, where the source measures it.
     pub way: Option<f64>,
     /// What happened in this cycle.
     pub events: Vec<Event>,
@@ -46,7 +46,7 @@ impl Seen {
     }
 }
 
-/// What the controller was told, and what is wanted of it.
+/// Settings and target of the controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Assignment {
     /// Its settings.
@@ -73,7 +73,7 @@ impl Assignment {
         Band::common(self.restitution()?, self.order()).ok()
     }
 
-    /// Why no amplitude serves the target, where that is known at once.
+    /// Reason why no amplitude serves the target, where the settings alone show it.
     #[must_use]
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
         let controller =
@@ -112,7 +112,7 @@ pub trait Source {
     /// Its name, for the headline.
     fn name(&self) -> String;
 
-    /// What its controller was told.
+    /// Settings and target of its controller.
     fn assignment(&self) -> Assignment;
 
     /// The cycles of the next `seconds` of its time.
@@ -127,7 +127,7 @@ pub trait Source {
 pub struct Simulation {
     name: String,
     closed: ClosedLoop,
-    /// Time up to which it was asked to run, in s.
+    /// Requested end of the run in s.
     due: f64,
     time: f64,
 }
@@ -233,7 +233,7 @@ mod tests {
         let mut source = Simulation::build("the default scene", &file).unwrap();
         let cycles = source.advance(1.0).unwrap();
         assert!((49..=51).contains(&cycles.len()), "{}", cycles.len());
-        // The drive stands still until the plan for gear has a first choice.
+        // The drive is off until the plan for gear has a first choice.
         assert_eq!(cycles[0].state(), State::Off);
         assert!(cycles.iter().any(|seen| seen.state() == State::Starting));
         // Below the band of constant restitution, where scattering parts stay in gear.

@@ -1,8 +1,9 @@
-//! Every column and every field of kband's outputs, with its unit: one name for one quantity in all verbs.
+//! Every column and every field of kband's outputs, with its unit: one name for one quantity in all
+//! verbs.
 //!
-//! A verb has no other columns than these; a number in a JSON document has no other name than these and [`FIELDS`], which a
-//! test holds. No name says its unit: that stands beside it, in a CSV's header, in a Parquet's `units` and in the
-//! `units` of the provenance.
+//! A verb has no other columns than these; a number in a JSON document has no other name than these
+//! and [`FIELDS`], which a test holds. No name says its unit: that stands beside it, in a CSV's
+//! header, in a Parquet's `units` and in the `units` of the provenance.
 
 use serde_json::{Map, Value as Json};
 

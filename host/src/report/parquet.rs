@@ -1,4 +1,5 @@
-//! Rows as a Parquet file: a column for each, numbers as doubles and words as text, units beside them.
+//! Rows as a Parquet file: a column for each, numbers as doubles and words as text, units beside
+//! them.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -24,8 +25,8 @@ enum Waiting {
     Words(Vec<ByteArray>, Vec<i16>),
 }
 
-/// Rows that go out as Parquet. Missing values are null; the file's metadata has `units` as a JSON object
-/// of the columns that have one, and `provenance` as one of what the rows came from.
+/// Rows that go out as Parquet. Missing values are null; the file's metadata has `units` as a JSON
+/// object of the columns that have one, and `provenance` as one of what the rows came from.
 pub(super) struct ParquetRows<'a> {
     writer: SerializedFileWriter<&'a mut (dyn Write + Send)>,
     waiting: Vec<Waiting>,

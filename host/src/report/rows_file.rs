@@ -24,7 +24,8 @@ pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
     }
 }
 
-/// Does `work` with rows of these columns that go into `target`, or with none where there is no target.
+/// Does `work` with rows of these columns that go into `target`, or with none where there is no
+/// target.
 pub fn write<T>(
     target: Option<&Destination>,
     columns: &[Column],

@@ -39,7 +39,7 @@ impl Column {
         Self::new(key, unit)
     }
 
-    /// The column in a unit that depends on what is asked for.
+    /// The column in a unit that depends on the request.
     #[must_use]
     pub const fn in_unit(self, unit: &'static str) -> Self {
         Self { unit, ..self }
@@ -148,7 +148,7 @@ impl Table {
         self.push_row(row.into());
     }
 
-    /// Adds a row of a length known at run time.
+    /// Adds a row; cells missing at its end stay empty.
     pub fn push_row(&mut self, mut row: Vec<Value>) {
         row.resize(self.columns.len(), Value::Missing);
         self.rows.push(row);

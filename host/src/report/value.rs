@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn singles_are_told_as_they_were_typed() {
+    fn single_floats_print_as_typed() {
         for value in [0.18_f32, 50.0, 9.806_65, 1e-3, -60.0, 1e-7] {
             assert_eq!(shortest(value).to_string(), value.to_string());
             assert_eq!(shortest(value) as f32, value);

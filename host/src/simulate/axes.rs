@@ -103,7 +103,7 @@ fn set_in_list(
     }
 }
 
-/// Puts a number at a key; `None` where a table stands there.
+/// Puts a number at a key; `None` where the key is a table.
 fn put(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
     if matches!(table.get(key), Some(Value::Table(_))) {
         return None;

@@ -49,7 +49,7 @@ pub(super) struct Glance {
     pub reference: f32,
     /// Measured k.
     pub k: f32,
-    /// Share of time in gear as heard, and its error; infinite where it is only a least.
+    /// Estimated share of time in gear and its error, infinite for a lower bound.
     pub in_gear: f32,
     pub error: f32,
     /// The parts on the track as weighed.
@@ -57,7 +57,8 @@ pub(super) struct Glance {
 }
 
 impl Glance {
-    /// Refused where a number is not finite: it came of an error of this program, and nothing after it is worth anything.
+    /// Refused where a number is not finite: it came of an error of this program, and nothing after
+    /// it is worth anything.
     fn checked(self) -> Result<Self, Refusal> {
         let numbers = [self.amplitude, self.reference, self.in_gear];
         if numbers.iter().all(|number| number.is_finite()) && !self.k.is_nan() {
@@ -173,14 +174,15 @@ impl Engine<'_> {
         }
     }
 
-    /// Whether what only whole moments tell is watched from now on.
+    /// Whether quantities that need whole moments are recorded from now on.
     pub fn watch(&mut self, watched: bool) {
         if let Self::Envelope(closed) = self {
             closed.watch(watched);
         }
     }
 
-    /// Whether the parts' displacement along the track is watched from now on, and nothing else of the moments.
+    /// Whether the parts' displacement along the track is watched from now on, and nothing else of
+    /// the moments.
     pub fn watch_displacement(&mut self) {
         if let Self::Envelope(closed) = self {
             closed.watch_displacement(true);
@@ -196,7 +198,8 @@ impl Engine<'_> {
         }
     }
 
-    /// The lot that gear is planned for; `None` while it is not, for another target, and where that is not known here.
+    /// The lot that gear is planned for; `None` while it is not, for another target, and where that
+    /// is not known here.
     pub fn planned_for(&self) -> Option<Lot> {
         let controller = match self {
             Self::Envelope(closed) => closed.controller(),
@@ -245,8 +248,9 @@ impl Whole<'_> {
 /// Most plans of a kind that are kept.
 const KEPT: usize = 256;
 
-/// What the controllers of this process have searched for: one search for each distinct question. What
-/// comes of it depends on the question alone, so that who asked, and when, changes no bit of a run.
+/// What the controllers of this process have searched for: one search for each distinct question.
+/// What comes of it depends on the question alone, so that who asked, and when, changes no bit of a
+/// run.
 pub(super) struct Plans {
     kicks: Vec<Planned>,
     chaos: Vec<Chaos>,
@@ -280,7 +284,8 @@ impl Plans {
         }
     }
 
-    /// Tells a controller of the strikes that it is counting. They are counted here once for each question, whoever asks.
+    /// Tells a controller of the strikes that it is counting. They are counted here once for each
+    /// question, whoever asks.
     #[cold]
     fn count(controller: &mut Controller) {
         let Some(asked) = controller.strikes_asked().copied() else {

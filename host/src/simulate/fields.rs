@@ -1,5 +1,5 @@
-//! The numbers and flags of a scene that are not settings of the controller: one table for the parser
-//! and for the schema.
+//! The numbers and flags of a scene that are not settings of the controller: one table for the
+//! parser and for the schema.
 
 use kband::plant::{Change, Scene};
 
@@ -39,7 +39,7 @@ impl Field {
     }
 }
 
-/// A number of a scene's plant, and where in the scene it stands.
+/// A number of a scene's plant, and its key in the scene.
 pub type Model = (Field, fn(&mut Scene) -> &mut f32);
 
 /// What `[sensor]` says of the accelerometer as it is, beside the settings.

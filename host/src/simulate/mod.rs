@@ -1,7 +1,7 @@
 //! Scenes at the desk: read, run, drawn and judged.
 //!
-//! A file of these uses those before it only: fields, section; timeline; engine; parts, expect, scene; record, outcome;
-//! unmet, picture, trace, runs, axes, sweep, schema.
+//! A file of these uses those before it only: fields, section; timeline; engine; parts, expect,
+//! scene; record, outcome; unmet, picture, trace, runs, axes, sweep, schema.
 
 pub mod axes;
 mod engine;

@@ -59,8 +59,8 @@ impl Outcome {
         Self::shown(file, Engine::build(&file.scene, fidelity)?, watch, desk)
     }
 
-    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it; every cycle is
-    /// kept.
+    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it; every
+    /// cycle is kept.
     pub fn of(
         file: &SceneFile,
         mut cycle: impl FnMut() -> (Moment, Vec<Strike>),
@@ -69,7 +69,8 @@ impl Outcome {
         Self::gather(file, given.into(), Watch::KEPT, &mut |_| Ok(()))
     }
 
-    /// Runs a scene to its end with its controller on the board at the end of `link`, with progress.
+    /// Runs a scene to its end with its controller on the board at the end of `link`, with
+    /// progress.
     pub fn run_on(
         link: Link,
         file: &SceneFile,
@@ -226,8 +227,8 @@ impl Outcome {
         sum / f64::max(count, 1.0)
     }
 
-    /// k at the end: of the mean acceleration, so that it stands where the frequency moves, and infinite
-    /// at rest.
+    /// k at the end: of the mean acceleration, so that it stands where the frequency moves, and
+    /// infinite at rest.
     #[must_use]
     pub fn k(&self) -> f64 {
         let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
@@ -236,7 +237,7 @@ impl Outcome {
         f64::max(count, 1.0) / sum
     }
 
-    /// Mass of the parts on the track: from each time on (s) so much (g), in the order of time.
+    /// Mass of the parts on the track in g, from each time in s on, in the order of time.
     #[must_use]
     pub fn masses(&self) -> Vec<(f64, f64)> {
         let file = self.file();
@@ -286,8 +287,8 @@ impl Outcome {
         }
     }
 
-    /// The share of time that the parts were in gear from [`SETTLED`](super::SETTLED) on, mean over the parts, 0..=1;
-    /// `None` without parts or where the run was shorter.
+    /// The share of time that the parts were in gear from [`SETTLED`](super::SETTLED) on, mean over
+    /// the parts, 0..=1; `None` without parts or where the run was shorter.
     #[must_use]
     pub fn in_gear(&self) -> Option<f64> {
         let (sum, count) = self
@@ -374,8 +375,9 @@ impl Outcome {
         told(Regime::Undecided, impacts)
     }
 
-    /// Whether the irregular flights that a part makes at the end stay what they are, by the rule of every verb
-    /// ([`Endings::holds`]); a long transient does not, and on two tones it is not known.
+    /// Whether the irregular flights that a part makes at the end stay what they are, by the rule
+    /// of every verb ([`Endings::holds`]); a long transient does not, and on two tones it is not
+    /// known.
     fn stays_chaotic(&self, part: u8) -> bool {
         let (mut time, mut flights) = (0.0, 0.0);
         for strike in self.late(part, HEARD[0]) {
@@ -397,8 +399,8 @@ impl Outcome {
             .is_ok_and(|endings| endings.holds(order))
     }
 
-    /// What one part really does at the end, told from its impacts alone: over the longest of some windows
-    /// that tells it, as a part may have come to it only just now.
+    /// What one part really does at the end, told from its impacts alone: over the longest of some
+    /// windows that tells it, as a part may have come to it only just now.
     fn regime_of(&self, part: u8) -> Regime {
         for window in HEARD {
             let Ok(mut classifier) = Classifier::<256>::build(JITTER) else {
@@ -421,7 +423,7 @@ impl Outcome {
         Regime::Undecided
     }
 
-    /// Whether every part is locked at the end, told from its impacts alone.
+    /// Whether every part is locked at the end, decided from its impacts alone.
     #[must_use]
     pub fn is_locked(&self) -> bool {
         let parts = self.file.scene.parts.len() as u8;
@@ -456,7 +458,7 @@ impl Outcome {
         self.file.scene.settings.capture_attempts as u32
     }
 
-    /// Restitutions of the simulated parts that lie outside the lot which the controller is told.
+    /// Restitutions of the simulated parts outside the configured lot.
     #[must_use]
     pub fn strays(&self) -> Vec<f32> {
         let scene = &self.file.scene;
@@ -499,7 +501,7 @@ impl Outcome {
     #[must_use]
     pub fn no_setpoint(&self) -> Option<String> {
         let held = self.last().limits.contains(Limits::NO_SETPOINT);
-        // That a lot has no chaos of its own is only known once it was searched for.
+        // Only a search shows that a lot has no chaos of its own.
         let why = self.controller.no_setpoint().unwrap_or(NoSetpoint::Chaos);
         let far = match why {
             NoSetpoint::Gear { .. } | NoSetpoint::Output { .. } => {

@@ -62,11 +62,11 @@ pub struct Kin {
     pub parts: Vec<u8>,
 }
 
-/// Most kinds of parts that a picture tells apart.
+/// Most kinds of parts with a colour of their own in a picture.
 const KINDS: usize = 4;
 
-/// Parts told apart for a picture: each by itself where they are few, else by their restitution, from the deadest to the
-/// liveliest.
+/// Groups of parts in a picture: each by itself where they are few, else by their restitution,
+/// from the deadest to the liveliest.
 #[must_use]
 pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
     let mut numbers: Vec<u8> = (0..restitutions.len() as u8).collect();
@@ -253,7 +253,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_are_told_apart_one_by_one_or_by_their_restitution() {
+    fn a_few_parts_have_own_colours_many_share_by_restitution() {
         let names =
             |parts: &[f32]| -> Vec<String> { kin(parts).into_iter().map(|kin| kin.name).collect() };
         assert_eq!(names(&[0.2]), ["impacts of the part"]);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_normal_draw_has_its_mean_and_deviation_and_stays_within_0_and_1() {
+    fn a_normal_draw_has_its_moments_and_stays_within_0_and_1() {
         let normal = Distribution::Normal {
             mean: 0.2,
             deviation: 0.02,

@@ -129,13 +129,14 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         );
     }
     throw = throw.line("k measured", 0, k);
-    // The short hops of a chatter say nothing that its first ones do not; of the rest, an even choice.
+    // The short hops of a chatter say nothing that its first ones do not; of the rest, an even
+    // choice.
     let impacts = sketch.impacts().iter();
     let fastest = impacts
         .clone()
         .map(|impact| impact.speed)
         .fold(0.0, f64::max);
-    let told: Vec<&Struck> = impacts
+    let marked: Vec<&Struck> = impacts
         .filter(|impact| impact.speed > 0.05 * fastest)
         .collect();
     let mut phases = Panel::new(
@@ -149,11 +150,11 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .in_pi(),
     )
     .height(190.0);
-    let stride = told.len().div_ceil(MARKERS).max(1);
+    let stride = marked.len().div_ceil(MARKERS).max(1);
     for (series, kin) in kin(&outcome.file().scene.parts).into_iter().enumerate() {
         // An even choice of each part's own: parts that strike in turn are drawn alike.
         let mut seen = [0_usize; PARTS];
-        let chosen = told.iter().filter(|impact| {
+        let chosen = marked.iter().filter(|impact| {
             let seen = &mut seen[usize::from(impact.part)];
             *seen += 1;
             kin.parts.contains(&impact.part) && (*seen - 1).is_multiple_of(stride)

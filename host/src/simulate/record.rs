@@ -10,15 +10,15 @@ use kband::regime::gear::{GearWatch, Share};
 use super::engine::{Glance, Lot};
 use crate::refusal::Refusal;
 
-/// Time from which on it counts how long the parts are in gear and how fast they are, in s: by then a drive has
-/// come to its setpoint and the first kicks are over.
+/// Time from which on it counts how long the parts are in gear and how fast they are, in s: by then
+/// a drive has come to its setpoint and the first kicks are over.
 pub const SETTLED: f64 = 5.0;
 
 /// Time over which the end of a scene is judged, in s.
 pub(super) const END: f64 = 1.0;
 /// Times over which the parts' impacts are listened to, in s: the last three seconds tell rest from
-/// silence at the slowest hopping, six hold enough impacts to tell chaos, and in one and a half a lock of
-/// order 8 repeats often enough.
+/// silence at the slowest hopping, six hold enough impacts to tell chaos, and in one and a half a
+/// lock of order 8 repeats often enough.
 pub(super) const HEARD: [f64; 3] = [6.0, 3.0, 1.5];
 
 /// Takes what it is shown, or refuses to go on.
@@ -29,7 +29,8 @@ pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
 pub struct Watch<'a> {
     /// Whether it is to be drawn.
     pub drawn: bool,
-    /// Whether the regime that the controller hears at the end is told, also where it does not act on it.
+    /// Whether the regime that the controller hears at the end is told, also where it does not act
+    /// on it.
     pub regime: bool,
     /// Whether every cycle is kept.
     pub kept: bool,
@@ -40,7 +41,7 @@ pub struct Watch<'a> {
 }
 
 impl Watch<'_> {
-    /// It is drawn, and told.
+    /// It is drawn and reported.
     pub const DRAWN: Self = Self {
         drawn: true,
         regime: true,
@@ -83,10 +84,11 @@ pub struct Record {
     /// Time in gear of each part, and the cycle that ended as that began to count.
     gear: Vec<GearWatch>,
     settled: Option<Settled>,
-    /// Sum of the shares of time in gear that were told since then, and of their errors, and the cycles in which one was.
-    heard: f64,
-    error: f64,
-    told: u32,
+    /// Sums of the estimated shares of time in gear since then, and of their errors, and the
+    /// number of cycles with an estimate.
+    shares: f64,
+    errors: f64,
+    estimated_cycles: u32,
     /// The lot that gear was planned for at the end.
     planned_for: Option<Lot>,
     late: Vec<(f64, Strike)>,
@@ -103,7 +105,7 @@ struct Settled {
 }
 
 impl Record {
-    /// The record of a run of so many cycles with `parts`, which are in gear of an order.
+    /// The record of a run with `parts`, which are in gear of an order.
     pub(super) fn new(
         duration: f64,
         cycles: usize,
@@ -118,9 +120,9 @@ impl Record {
                 .flat_map(|gear| std::iter::repeat_n(gear, parts))
                 .collect(),
             settled: None,
-            heard: 0.0,
-            error: 0.0,
-            told: 0,
+            shares: 0.0,
+            errors: 0.0,
+            estimated_cycles: 0,
             planned_for: None,
             duration,
             cycles: 0,
@@ -134,8 +136,8 @@ impl Record {
         }
     }
 
-    /// Whether the end is near enough that the way of the parts is wanted: two windows of the end, in
-    /// the first of which the speed along the track settles.
+    /// Whether the end is near enough that the way of the parts is wanted: two windows of the end,
+    /// in the first of which the speed along the track settles.
     pub(super) fn ends(&self, time: f64) -> bool {
         time > self.duration - 2.0 * END
     }
@@ -166,9 +168,9 @@ impl Record {
         }
         if self.settled.is_some() {
             if glance.error.is_finite() {
-                self.heard += f64::from(glance.in_gear);
-                self.error += f64::from(glance.error);
-                self.told += 1;
+                self.shares += f64::from(glance.in_gear);
+                self.errors += f64::from(glance.error);
+                self.estimated_cycles += 1;
             }
         } else if time >= SETTLED && time < self.duration {
             let displacement = moment().map_or(0.0, |moment| moment.displacement);
@@ -245,33 +247,34 @@ impl Record {
         self.held
     }
 
-    /// Whether the displacement has to be known from this time on for the speed from [`SETTLED`] on: a second before, in
-    /// which the speed along the track settles.
+    /// Whether the displacement has to be known from this time on for the speed from [`SETTLED`]
+    /// on: a second before, in which the speed along the track settles.
     pub(super) fn settles(&self, time: f64) -> bool {
         self.duration > SETTLED && time >= SETTLED - END
     }
 
-    /// How much of the time from [`SETTLED`] on each part was in gear; empty where the run was shorter.
+    /// How much of the time from [`SETTLED`] on each part was in gear; empty where the run was
+    /// shorter.
     pub fn shares(&self) -> impl Iterator<Item = Share> + '_ {
         let now = f64::from(self.cycles) * TAU;
         let counted = self.settled.map_or(0, |_| self.gear.len());
         self.gear[..counted].iter().map(move |gear| gear.share(now))
     }
 
-    /// The share of time in gear as the controller heard it, mean over the cycles from [`SETTLED`] on in which it told one;
-    /// `None` where there is none.
+    /// Estimated share of time in gear, mean over the cycles with an estimate from [`SETTLED`] on;
+    /// `None` without one.
     #[must_use]
     pub fn in_gear_heard(&self) -> Option<f64> {
-        (self.told > 0).then(|| self.heard / f64::from(self.told))
+        (self.estimated_cycles > 0).then(|| self.shares / f64::from(self.estimated_cycles))
     }
 
-    /// The mean of its standard errors as they were told.
+    /// Mean of its reported standard errors.
     #[must_use]
     pub fn in_gear_error(&self) -> Option<f64> {
-        (self.told > 0).then(|| self.error / f64::from(self.told))
+        (self.estimated_cycles > 0).then(|| self.errors / f64::from(self.estimated_cycles))
     }
 
-    /// The lot that gear was planned for at the end: of parts that changed, as they were heard.
+    /// Lot of the last plan for gear: of parts that changed, the estimated one.
     #[must_use]
     pub fn planned_for(&self) -> Option<Lot> {
         self.planned_for
@@ -281,14 +284,15 @@ impl Record {
         self.planned_for = lot.or(self.planned_for);
     }
 
-    /// The share of the cycles from [`SETTLED`] on in which it told one; `None` where the run was shorter.
+    /// Share of the cycles from [`SETTLED`] on with an estimate; `None` where the run was shorter.
     #[must_use]
     pub fn in_gear_told(&self) -> Option<f64> {
         let cycles = self.cycles - self.settled?.cycles;
-        (cycles > 0).then(|| f64::from(self.told) / f64::from(cycles))
+        (cycles > 0).then(|| f64::from(self.estimated_cycles) / f64::from(cycles))
     }
 
-    /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was shorter.
+    /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was
+    /// shorter.
     #[must_use]
     pub fn speed(&self) -> Option<f64> {
         let (from, to) = (self.settled?, self.last()?);
@@ -395,7 +399,8 @@ pub struct Sketch {
     /// An even choice of the impacts, every `stride`-th of them.
     impacts: Vec<Struck>,
     stride: usize,
-    /// Impacts left out since the last that was kept, part by part: parts that strike in turn are drawn alike.
+    /// Impacts left out since the last that was kept, part by part: parts that strike in turn are
+    /// drawn alike.
     skipped: [usize; PARTS],
 }
 
@@ -506,7 +511,7 @@ impl Sketch {
         self.k.drawn()
     }
 
-    /// Share of time in gear as heard, over time.
+    /// Estimated share of time in gear, over time.
     #[must_use]
     pub fn in_gear(&self) -> Vec<(f64, f64)> {
         self.in_gear.drawn()

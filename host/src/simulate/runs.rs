@@ -17,7 +17,7 @@ use crate::report::{Column, Table, Value, columns};
 pub struct Run {
     /// Restitution drawn for the first part.
     pub restitution: f32,
-    /// Sensitivity of the accelerometer drawn, over the one told.
+    /// True sensitivity of the accelerometer over the configured one.
     pub sensitivity: f32,
     /// Kicks that it took.
     pub attempts: u8,
@@ -31,13 +31,15 @@ pub struct Run {
     pub amplitude: f64,
     /// k at the end.
     pub k: f64,
-    /// Share of time in gear from [`SETTLED`](super::SETTLED) on, mean over the parts; `None` where it was shorter.
+    /// Share of time in gear from [`SETTLED`](super::SETTLED) on, mean over the parts; `None` where
+    /// it was shorter.
     pub in_gear: Option<f64>,
-    /// The same as the controller heard it, mean over the cycles in which it told one; `None` where it told none.
+    /// Estimated share of time in gear, mean over the cycles with an estimate; `None` without one.
     pub in_gear_heard: Option<f64>,
-    /// The share of the cycles in which it told one.
+    /// Share of the cycles with an estimate.
     pub in_gear_told: Option<f64>,
-    /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter run.
+    /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter
+    /// run.
     pub speed: f64,
 }
 
@@ -122,13 +124,13 @@ impl Runs {
         times
     }
 
-    /// Share of time in gear, mean over the runs; `None` where they were too short to tell.
+    /// Share of time in gear, mean over the runs; `None` where they were too short.
     #[must_use]
     pub fn in_gear(&self) -> Option<f64> {
         self.mean(|run| run.in_gear)
     }
 
-    /// The same as it was heard, over the time in which a share was told; `None` where none was.
+    /// Estimated share of time in gear, over the time with an estimate; `None` without one.
     #[must_use]
     pub fn in_gear_heard(&self) -> Option<f64> {
         let (mut heard, mut told) = (0.0, 0.0);
@@ -141,7 +143,7 @@ impl Runs {
         (told > 0.0).then(|| heard / told)
     }
 
-    /// The share of the time from 5 s on in which one was told.
+    /// Share of the time from 5 s on with an estimate.
     #[must_use]
     pub fn in_gear_told(&self) -> Option<f64> {
         self.mean(|run| run.in_gear_told)
@@ -159,7 +161,8 @@ impl Runs {
         (!self.runs.is_empty()).then(|| sum / self.runs.len() as f64)
     }
 
-    /// Share of runs that reached it, and the interval that holds the true share with 95 % (Wilson).
+    /// Share of runs that reached it, and the interval that holds the true share with 95 %
+    /// (Wilson).
     #[must_use]
     pub fn share(&self) -> (f64, f64, f64) {
         let n = self.runs.len().max(1) as f64;
@@ -347,10 +350,11 @@ mod tests {
         assert_ne!(one.runs[0], large.runs[0]);
     }
 
-    /// R = 0.3, s = 0.05 at k = 0.45: in gear for 0.811 of the time by an independent program (regime/gear.rs), in the
-    /// plant of either fidelity, and the same bits for any number of threads.
+    /// R = 0.3, s = 0.05 at k = 0.45: in gear for 0.811 of the time by an independent program
+    /// (regime/gear.rs), in the plant of either fidelity, and the same bits for any number of
+    /// threads.
     #[test]
-    fn parts_that_scatter_are_in_gear_as_the_map_says_in_both_fidelities() {
+    fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
         let text = super::super::DEFAULT
             .replace("restitution = [0.18, 0.22]", "restitution = 0.3")
             .replace(
@@ -367,7 +371,8 @@ mod tests {
             };
             let runs = run(1);
             assert_eq!(runs, run(3));
-            // 18 parts for 2750 periods each, gear lost every 27 of them: the error of the mean is 0.01.
+            // 18 parts for 2750 periods each, gear lost every 27 of them: the error of the mean is
+            // 0.01.
             let share = runs.in_gear().unwrap();
             assert!((share - 0.811).abs() < 0.03, "{fidelity:?}: {share}");
             assert!(runs.runs[0].in_gear != runs.runs[1].in_gear);

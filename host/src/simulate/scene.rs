@@ -36,7 +36,8 @@ pub struct SceneFile {
 }
 
 impl SceneFile {
-    /// The scene of a text; one refusal that names the key, the value, what is accepted and what to do.
+    /// The scene of a text; one refusal that names the key, the value, what is accepted and what to
+    /// do.
     pub fn parse(text: &str) -> Result<Self, Refusal> {
         Self::from_table(table(text)?).map_err(|refusal| at_line(refusal, text))
     }
@@ -110,7 +111,7 @@ impl SceneFile {
         };
         if let Some(value) = part.take(SCATTER.key) {
             parts::read_scatter(&part, &value, &mut scene)?;
-            settings.scatter = told_scatter(&scene.scatter);
+            settings.scatter = configured_scatter(&scene.scatter);
         }
         if let Some(value) = part.take(MASS.key) {
             parts::read_masses(&part, &value, &mut scene)?;
@@ -195,8 +196,8 @@ impl SceneFile {
             || changes.any(|change| matches!(change, Change::Scatter(s) if s > 0.0))
     }
 
-    /// Refuses what only shows once controller and drive are put together: a target that no amplitude
-    /// of this drive can reach.
+    /// Refuses what only shows once controller and drive are put together: a target that no
+    /// amplitude of this drive can reach.
     pub fn check(&self) -> Result<(), Refusal> {
         let named = |refused: OutOfRange| {
             Refusal::value(
@@ -219,7 +220,7 @@ impl SceneFile {
                 "say drive.second_tone too, for example 0.25, or leave drive.third_tone out",
             ));
         }
-        let told = [
+        let configured = [
             (
                 "drive.second_tone",
                 settings.second_tone,
@@ -227,7 +228,9 @@ impl SceneFile {
             ),
             ("drive.third_tone", settings.third_tone, "drive.third_gain"),
         ];
-        for ((key, tone, gain), affords) in told.into_iter().zip(affordable_tones(settings, 1.0)) {
+        for ((key, tone, gain), affords) in
+            configured.into_iter().zip(affordable_tones(settings, 1.0))
+        {
             if tone > affords {
                 return Err(Refusal::value(
                     key,
@@ -280,7 +283,8 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
     ))
 }
 
-/// What to do about a drive that runs so far beside its resonance that a tenth of its amplitude there is left.
+/// What to do about a drive that runs so far beside its resonance that a tenth of its amplitude
+/// there is left.
 pub(super) fn beside_resonance(settings: &Settings) -> Option<String> {
     let x = f64::from(settings.frequency / settings.resonance);
     let q = f64::from(settings.quality);
@@ -304,8 +308,8 @@ pub fn at_line(refusal: Refusal, text: &str) -> Refusal {
     }
 }
 
-/// What the controller is told of the scatter of parts: that of all of them, else the root of their mean square.
-fn told_scatter(parts: &[f32]) -> f32 {
+/// Configured scatter of the parts: their common one, else the root mean square.
+fn configured_scatter(parts: &[f32]) -> f32 {
     match parts {
         [first, rest @ ..] if rest.iter().all(|s| s == first) => *first,
         _ => {
@@ -398,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_far_beside_its_resonance_is_told_so() {
+    fn a_drive_far_from_its_resonance_is_refused() {
         let locked = DEFAULT.replace("\ngear = 1", "\nlocked = 1");
         assert!(SceneFile::parse(&locked).is_ok());
         let fast = locked.replace("frequency = 50.0", "frequency = 100.0");

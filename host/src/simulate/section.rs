@@ -34,7 +34,7 @@ impl Section {
         }
     }
 
-    /// The keys asked for so far, each once.
+    /// Requested keys so far, each once.
     pub fn names(&self) -> Vec<&'static str> {
         let mut names = Vec::new();
         for &key in &self.known {
@@ -215,7 +215,8 @@ impl Section {
     }
 }
 
-/// The line of a scene's text on which a key stands, counted from 1; tables in a row are `disturbance 1`, `disturbance 2`.
+/// The line of a scene's text on which a key stands, counted from 1; tables in a row are
+/// `disturbance 1`, `disturbance 2`.
 pub(super) fn line_of(text: &str, key: &str) -> Option<usize> {
     let whole = toml::de::DeTable::parse(text).ok()?;
     let mut table = whole.get_ref();
@@ -245,7 +246,8 @@ pub(super) fn line_of(text: &str, key: &str) -> Option<usize> {
     Some(before.matches('\n').count() + 1)
 }
 
-/// Whether two keys differ by at most two letters changed, added or left out, and are not as short as that.
+/// Whether two keys differ by at most two letters changed, added or left out, and are not as short
+/// as that.
 fn alike(a: &str, b: &str) -> bool {
     if a.len().min(b.len()) < 4 {
         return false;

@@ -43,9 +43,9 @@ pub struct Sweep {
 }
 
 impl Sweep {
-    /// Runs the scene of `table` `count` times at each point, changed by `prepare` before it is checked.
-    /// Where it is `drawn`, parts and noise of each run are drawn anew; a run depends on its point, its
-    /// number and the scene's seed alone.
+    /// Runs the scene of `table` `count` times at each point, changed by `prepare` before it is
+    /// checked. Where it is `drawn`, parts and noise of each run are drawn anew; a run depends on
+    /// its point, its number and the scene's seed alone.
     pub fn run(
         table: &Table,
         axes: &[Axes],
@@ -117,7 +117,8 @@ impl Sweep {
         &self.points
     }
 
-    /// One row for each point: the share of runs in the wanted state, and the middle of what they came to.
+    /// One row for each point: the share of runs in the wanted state, and the middle of what they
+    /// came to.
     #[must_use]
     pub fn summary(&self) -> Rows {
         let mut columns = self.key_columns();
@@ -267,7 +268,7 @@ impl Sweep {
     }
 }
 
-/// Unit of a key of a scene, as far as its last part tells it.
+/// Unit of a key of a scene, by its last part.
 fn unit(key: &str) -> &'static str {
     let last = key.rsplit('.').next().unwrap_or_default();
     super::schema::unit(key.split('.').next().unwrap_or_default(), last)
@@ -311,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn the_product_of_two_keys_has_the_same_bits_for_any_number_of_threads() {
+    fn a_sweep_of_two_keys_does_not_depend_on_threads() {
         let keys = ["part.restitution=0.15..0.25:2", "plant.gain=0.8..1.2:3"];
         let one = sweep(&keys, 2, 1).unwrap();
         assert_eq!(one, sweep(&keys, 2, 3).unwrap());

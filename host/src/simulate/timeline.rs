@@ -1,4 +1,4 @@
-//! What is asked of a feeder, and what happens to it in time.
+//! Requests to a feeder and disturbances, over time.
 
 use kband::control::{Shape, Target, UpperTone};
 use kband::plant::{Change, DISTURBANCES, Disturbance, Disturbances};
@@ -101,7 +101,8 @@ pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     })
 }
 
-/// A track of two tones or three: k of the first, amplitude of each other over it (e), and its phase (th) in degrees.
+/// A track of two tones or three: k of the first, amplitude of each other over it (e), and its
+/// phase (th) in degrees.
 fn read_tones(value: &Value) -> Result<Target, String> {
     let accepted = "[k, e, degrees] or [k, e, degrees, e3, degrees]: k 0.02..10, e 0..0.5, and the tone's phase, -360..360 degrees";
     let numbers: Option<Vec<f64>> = value

@@ -111,7 +111,7 @@ pub fn scope_row(sample: &Sample) -> [Value; SCOPE.len()] {
     ]
 }
 
-/// A quantity that is told only where it is heard.
+/// A quantity that is reported only where it is measured.
 fn heard(value: Option<f32>) -> Value {
     value.map_or(Value::Missing, single)
 }

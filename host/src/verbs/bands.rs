@@ -53,8 +53,8 @@ pub struct Arguments {
     drawn: Drawn,
 }
 
-/// Restitution along the track (symbol Rt), and amplitude along it over that normal to it (symbol eta), of the built-in
-/// scene: with these speeds are told.
+/// Restitution along the track (symbol Rt), and amplitude along it over that normal to it (symbol
+/// eta), of the built-in scene: with these speeds are told.
 const TANGENTIAL_RESTITUTION: f64 = 0.3;
 const AMPLITUDE_RATIO: f64 = 1.5;
 
@@ -174,7 +174,8 @@ const READ: [Column; 9] = [
     columns::PEAK.digits(4),
 ];
 
-/// The setpoint of a band: its k, its margin in per cent of b, and the track's largest acceleration there in g.
+/// The setpoint of a band: its k, its margin in per cent of b, and the track's largest acceleration
+/// there in g.
 struct Middle {
     k: f64,
     margin: f64,

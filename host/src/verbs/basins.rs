@@ -154,7 +154,8 @@ impl Starts {
     }
 }
 
-/// Where parts end that start in the middles of `side * side` cells of phase 0..2 pi and velocity 0..`top`, row by row.
+/// Where parts end that start in the middles of `side * side` cells of phase 0..2 pi and velocity
+/// 0..`top`, row by row.
 pub(super) fn ends(
     endings: &Endings,
     side: usize,
@@ -163,8 +164,8 @@ pub(super) fn ends(
 ) -> Result<Vec<Regime>, Refusal> {
     Map::state(0.0, top)?;
     let starts = Starts { side, top };
-    // Long enough that the last orbits, which fly in registers that are not full, are few; and short enough for any number
-    // of threads.
+    // Long enough that the last orbits, which fly in registers that are not full, are few; and
+    // short enough for any number of threads.
     let rows = (side * side / 64).max(TOGETHER).div_ceil(side);
     let ends = desk.map("basins", side.div_ceil(rows), |task| {
         let all = task * rows..side.min((task + 1) * rows);

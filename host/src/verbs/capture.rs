@@ -22,7 +22,8 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
 
-/// Which kick of the amplitude brings parts from rest onto the locked orbit, for a whole lot of parts.
+/// Which kick of the amplitude brings parts from rest onto the locked orbit, for a whole lot of
+/// parts.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband capture --restitution 0.28..0.32 --out capture.svg

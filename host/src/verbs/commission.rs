@@ -11,17 +11,19 @@ use serde_json::{Value as Json, json};
 
 use super::status::BoardStatus;
 use crate::arguments::{self, Printed};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
 use crate::desk::{Desk, Progress};
 use crate::file::Destination;
 use crate::refusal::{Exit, Refusal};
 use crate::report::shortest;
 use record::Record;
 
-/// Write down a step of a board's commissioning: its settings, its readings, and some seconds of its telemetry.
+/// Write down a step of a board's commissioning: its settings, its readings, and some seconds of
+/// its telemetry.
 ///
-/// Each call adds a step to the record; the first says how the board was found, the last how it is left. The record is one page
-/// for the browser, with a picture for each step and the settings before and after, or the same as JSON.
+/// Each call adds a step to the record; the first says how the board was found, the last how it is
+/// left. The record is one page for the browser, with a picture for each step and the settings
+/// before and after, or the same as JSON.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband commission line3.html --step 'as found'
@@ -53,7 +55,7 @@ pub struct Arguments {
     printed: Printed,
 }
 
-/// Most rows of telemetry that a step keeps, about so many.
+/// Most rows of telemetry that a step keeps, approximately.
 const ROWS: f64 = 600.0;
 
 /// Asks the board and writes.
@@ -93,7 +95,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// What the board sends in so many seconds, each `every`-th cycle.
+/// Telemetry of `seconds`, each `every`-th cycle.
 fn telemetry(
     link: &mut Link,
     every: u16,
@@ -108,7 +110,7 @@ fn telemetry(
         while begun.elapsed().as_secs_f64() < seconds {
             desk.go_on()?;
             for said in link.listen(Duration::from_millis(100))? {
-                if let Unasked::Telemetry(row) = said {
+                if let Unsolicited::Telemetry(row) = said {
                     rows.push(row);
                 }
             }

@@ -47,8 +47,8 @@ fn script(shell: Shell) -> String {
     script
 }
 
-/// The command line as a shell is to complete it. Which keys there are is said here alone: what a user types is read by its
-/// verb, which says more of a key that it does not know.
+/// The command line as a shell is to complete it. Which keys there are is said here alone: what a
+/// user types is read by its verb, which says more of a key that it does not know.
 fn with_keys() -> clap::Command {
     let settings = || PossibleValuesParser::new(Settings::KEYS.iter().map(|key| key.name));
     let scenes = SCENE_KEYS.iter().map(String::as_str);
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_shell_is_told_the_keys_of_settings_and_scenes() {
+    fn every_shell_completes_keys_of_settings_and_scenes() {
         for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
             let script = script(shell);
             for key in ["restitution_low", "soft_start", "third_lag"] {

@@ -7,7 +7,8 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use kband::wire::Request;
 
-/// Give the drive of a board back the enable that the desk withdrew; the enable input has to be given too.
+/// Give the drive of a board back the enable that the desk withdrew; the enable input has to be
+/// given too.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband enable

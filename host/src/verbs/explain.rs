@@ -14,7 +14,8 @@ use crate::report::{self, columns};
 use manual::Word;
 use number::Example;
 
-/// Print what the manual says on a word, a state, an event, a fault or a limit, with its formula and a number in mm.
+/// Print what the manual says on a word, a state, an event, a fault or a limit, with its formula
+/// and a number in mm.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband explain k
@@ -204,7 +205,7 @@ impl TypedValueParser for Topics {
     }
 }
 
-/// Prints what is known of the word.
+/// Prints the explanation of the word.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     if arguments.words.is_empty() {
         report::print(&topics())?;
@@ -214,8 +215,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         track: arguments.drive.track()?,
         lot: arguments.restitution,
     };
-    let told = text(&arguments.words, &example)?;
-    report::print(&plain::plain(&told))?;
+    let explained = text(&arguments.words, &example)?;
+    report::print(&plain::plain(&explained))?;
     Ok(Exit::Done)
 }
 
@@ -293,7 +294,8 @@ fn output(name: &str) -> Option<String> {
     Some(format!("**{name}**: {meaning}{unit}\n"))
 }
 
-/// The words of the glossary that are written so: a symbol as it stands, a term or name in any case.
+/// The words of the glossary that are written so: a symbol as it stands, a term or name in any
+/// case.
 fn glossary(asked: &str, name: &str) -> Vec<Word> {
     let symbols: Vec<Word> = manual::words()
         .filter(|word| word.symbols.iter().any(|symbol| symbol == asked))
@@ -380,7 +382,7 @@ mod tests {
 
     use super::*;
 
-    fn told(words: &str) -> Result<String, Refusal> {
+    fn explanation(words: &str) -> Result<String, Refusal> {
         let example = Example {
             track: DriveArguments {
                 frequency: 50.0,
@@ -408,7 +410,7 @@ mod tests {
                 assert!(!found.is_empty(), "{name}: {page} {heading}");
             }
             for name in others.iter().chain([&name]) {
-                let text = told(name).unwrap();
+                let text = explanation(name).unwrap();
                 assert!(text.len() > 200, "{name}: {text}");
                 for raw in ["**", "](", "`", "<a id"] {
                     assert!(!text.contains(raw), "{name}: {raw} in {text}");
@@ -418,27 +420,27 @@ mod tests {
     }
 
     #[test]
-    fn every_word_of_the_glossary_is_explained_by_term_symbol_and_name() {
+    fn each_glossary_word_is_found_by_term_symbol_and_name() {
         for word in manual::words() {
             let names = word.symbols.iter().chain(&word.names).chain([&word.term]);
             for name in names.filter(|name| !name.is_empty()) {
-                let text = told(name);
+                let text = explanation(name);
                 assert!(text.is_ok_and(|text| text.len() > 15), "{name}");
             }
         }
     }
 
     #[test]
-    fn every_fault_and_limit_has_its_paragraph_with_cause_and_remedy() {
+    fn each_fault_and_limit_has_a_cause_and_a_remedy() {
         let titled = |kind: &str, number: u8, name: &str| {
-            let text = told(&format!("{kind} {number}")).unwrap();
+            let text = explanation(&format!("{kind} {number}")).unwrap();
             let title = text.lines().next().unwrap_or_default().to_string();
             assert!(title.ends_with(&format!(" {number}: {name}")), "{title}");
             assert!(
                 text.contains("Cause.") && text.contains("Remedy."),
                 "{title}"
             );
-            assert!(told(name).unwrap().contains(&title), "{title}");
+            assert!(explanation(name).unwrap().contains(&title), "{title}");
         };
         for fault in Fault::ALL {
             titled("fault", fault.number(), fault.name());
@@ -491,15 +493,15 @@ mod tests {
             .chain(printed)
             .chain(written)
         {
-            assert!(told(name).is_ok(), "{name}");
+            assert!(explanation(name).is_ok(), "{name}");
         }
     }
 
     #[test]
     fn a_word_comes_with_its_formula_and_a_number_in_mm() {
         // b = g cos(3 degrees)/(k w^2) = 9.80665 x 0.998630/(0.431391 x 98696.04) = 0.230013 mm.
-        let told = |word: &str| told(word).unwrap().replace('\n', " ");
-        let k = told("k");
+        let explanation = |word: &str| explanation(word).unwrap().replace('\n', " ");
+        let k = explanation("k");
         assert!(k.contains("k = g cos(alpha)/(b w^2)"), "{k}");
         assert!(
             k.contains("At 50 Hz, 3 degrees, R = 0.18..0.22: k = 0.4314 is b = 0.2300 mm"),
@@ -517,17 +519,17 @@ mod tests {
             "cascade",
             "lot",
         ] {
-            assert!(told(word).contains(" mm"), "{word}");
+            assert!(explanation(word).contains(" mm"), "{word}");
         }
-        assert!(told("V").contains(" mm/s in lock"));
+        assert!(explanation("V").contains(" mm/s in lock"));
     }
 
     #[test]
     fn an_unknown_word_or_number_is_refused_with_the_known_ones() {
-        let message = told("fault 7").unwrap_err().to_string();
+        let message = explanation("fault 7").unwrap_err().to_string();
         assert!(message.contains("1, 2, 3, 4, 5, 6, 8, 9, 10"), "{message}");
-        assert!(told("k 1").is_err());
-        let message = told("restituton").unwrap_err().to_string();
+        assert!(explanation("k 1").is_err());
+        let message = explanation("restituton").unwrap_err().to_string();
         assert!(message.contains("did you mean 'restitution'"), "{message}");
     }
 }

@@ -149,9 +149,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 /// Orbits among which the impacts are divided where the user gives no start.
 const ORBITS: u32 = 8;
 
-/// The exponent of several orbits that begin beside each other. One alone may stay for some 100 000 impacts where it is
-/// not what it is in the long run, and its own scatter does not tell (k = 0.34, R = 0.2); the scatter of several does. Where
-/// one comes to rest, that is told of the first.
+/// The exponent of several orbits that begin beside each other. One alone may stay for some 100 000
+/// impacts where it is not what it is in the long run, and its own scatter does not tell (k = 0.34,
+/// R = 0.2); the scatter of several does. Where one comes to rest, that is reported of the first.
 fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent, Refusal> {
     let share = ExponentSettings {
         impacts: settings.impacts / ORBITS,
@@ -202,15 +202,16 @@ struct Found {
     multipliers: Option<Multipliers>,
 }
 
-/// The smaller exponent: both add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope along an orbit.
+/// The smaller exponent: both add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope
+/// along an orbit.
 fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
     let rests = matches!(exponent.dynamics, Dynamics::Rest { .. });
     let value = 2.0 * restitution.ln() - exponent.per_impact.value;
     (!rests && value.is_finite()).then_some(value)
 }
 
-/// What the orbit was seen to be. A positive exponent is that of chaos where the orbit ends in chaos; a transient has one
-/// too, until it comes to rest.
+/// What the orbit was seen to be. A positive exponent is that of chaos where the orbit ends in
+/// chaos; a transient has one too, until it comes to rest.
 fn words(found: &Found) -> &'static str {
     match found.exponent.dynamics {
         Dynamics::Regular => "regular",
@@ -433,7 +434,8 @@ fn picture(
         .panels(multipliers_of(values, &multipliers))
 }
 
-/// The real parts of both Floquet multipliers of the period-1 orbit over k, where it exists at several.
+/// The real parts of both Floquet multipliers of the period-1 orbit over k, where it exists at
+/// several.
 fn multipliers_of(values: &[f64], found: &[(f64, [f64; 2])]) -> Option<Panel> {
     if found.len() < 2 {
         return None;

@@ -17,9 +17,10 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
 
 /// Write the firmware onto the board through a debug probe, verify it and start it.
 ///
-/// The image is checked first: for which chip it is, whether it fits into flash and RAM, whether its vector table is sound. Then
-/// the chip on the probe is, while its program runs on. Then the drive is switched off, the core is stopped, and only then is
-/// anything erased, never the sectors of the settings. Cut at any moment, the board does not start until it is written again.
+/// The image is checked first: for which chip it is, whether it fits into flash and RAM, whether
+/// its vector table is sound. Then the chip on the probe is, while its program runs on. Then the
+/// drive is switched off, the core is stopped, and only then is anything erased, never the sectors
+/// of the settings. Cut at any moment, the board does not start until it is written again.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband flash --dry-run
@@ -37,8 +38,8 @@ pub struct Arguments {
 
     /// Also set the option bytes: brown-out reset at its highest level, the watchdog from reset on.
     ///
-    /// All others stay as they are; a chip that is read-protected is refused. Keep the supply on meanwhile: a chip whose option bytes
-    /// are cut short protects itself.
+    /// All others stay as they are; a chip that is read-protected is refused. Keep the supply on
+    /// meanwhile: a chip whose option bytes are cut short protects itself.
     #[arg(long)]
     option_bytes: bool,
 

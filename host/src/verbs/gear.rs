@@ -1,4 +1,5 @@
-//! `kband gear`: at which amplitude, and with which second tone, parts of scattering restitution stay in gear.
+//! `kband gear`: at which amplitude, and with which second tone, parts of scattering restitution
+//! stay in gear.
 
 mod page;
 mod survey;
@@ -39,7 +40,8 @@ pub struct Arguments {
     #[arg(long, value_name = "R|LO..HI", default_value = "0.3", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Standard deviation of a part's restitution from impact to impact; that of bodies that tumble is 0.05 to 0.15.
+    /// Standard deviation of a part's restitution from impact to impact; that of bodies that tumble
+    /// is 0.05 to 0.15.
     #[arg(long, value_name = "S", default_value = "0.05", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: f64,
 
@@ -47,7 +49,8 @@ pub struct Arguments {
     #[arg(long, value_name = "R", default_value = "1", value_parser = arguments::count(1, 10))]
     order: usize,
 
-    /// k, or a range of it [default: up to where the lock of the liveliest part is born, at most 1/R].
+    /// k, or a range of it [default: up to where the lock of the liveliest part is born, at most
+    /// 1/R].
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
     k: Option<Range>,
 
@@ -67,14 +70,15 @@ pub struct Arguments {
     #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
     largest_second_tone: f64,
 
-    /// Instead, runs the built-in feeder's controller N times on each of seven lots for 60 s, with one tone and with two, and
-    /// says how much of the time the parts were in gear.
+    /// Instead, runs the built-in feeder's controller N times on each of seven lots for 60 s, with
+    /// one tone and with two, and says how much of the time the parts were in gear.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "200", value_parser = arguments::count(1, 10_000),
         conflicts_with_all = ["restitution", "scatter", "order", "k", "b", "second_tone", "third_tone", "largest_second_tone",
             "quality", "parts", "runs", "periods", "seed"])]
     table: Option<usize>,
 
-    /// The table of this lot alone: its restitution, and the standard deviation of it from impact to impact.
+    /// The table of this lot alone: its restitution, and the standard deviation of it from impact
+    /// to impact.
     #[arg(long, value_name = "R|LO..HI,S", value_parser = arguments::lot, requires = "table")]
     lot: Option<Lot>,
 
@@ -82,7 +86,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t, requires = "table")]
     fidelity: Fidelity,
 
-    /// Quality of the drive's resonance: it says how much more force at twice the frequency the second tone takes.
+    /// Quality of the drive's resonance: it says how much more force at twice the frequency the
+    /// second tone takes.
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
     quality: f64,
 
@@ -117,8 +122,8 @@ const AMPLITUDES: u32 = 5;
 
 /// Angles of the second tone that a search tries, from and to in rad, and how many.
 ///
-/// Of order 1 and with two tones the best of 32 angles around the circle lay at 2.2 to 2.9 rad for every R (0.2, 0.3,
-/// 0.5) and e (0.15, 0.25) that was asked; else the whole circle is tried.
+/// Of order 1 and with two tones the best of 32 angles around the circle lay at 2.2 to 2.9 rad for
+/// every R (0.2, 0.3, 0.5) and e (0.15, 0.25) that was asked; else the whole circle is tried.
 fn angles(arguments: &Arguments) -> (f64, f64, u32) {
     if arguments.order == 1 && arguments.third_tone.is_none() {
         (1.9, 3.0, 12)

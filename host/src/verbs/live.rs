@@ -6,7 +6,8 @@ use crate::arguments;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// A dashboard in the terminal: k against the band, regime, impact phases, faults; keys change the target.
+/// A dashboard in the terminal: k against the band, regime, impact phases, faults; keys change the
+/// target.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband live
@@ -21,7 +22,8 @@ pub struct Arguments {
     #[arg(value_name = "SCENE.toml", conflicts_with = "on")]
     scene: Option<PathBuf>,
 
-    /// Look at a board instead: qemu (the emulated CPU, running the default scene) or a serial port.
+    /// Look at a board instead: qemu (the emulated CPU, running the default scene) or a serial
+    /// port.
     #[arg(long, value_name = "qemu or /dev/PORT")]
     on: Option<String>,
 

@@ -9,7 +9,8 @@ use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns};
 
-/// The margins of the loop that holds the track's amplitude, on drives at their resonance and beside it.
+/// The margins of the loop that holds the track's amplitude, on drives at their resonance and
+/// beside it.
 ///
 /// In cycles of the drive the loop is the same at every frequency.
 #[derive(Clone, Debug, clap::Args)]
@@ -31,7 +32,7 @@ pub struct Arguments {
 const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
 /// Those that are drawn.
 const DRAWN: [usize; 5] = [0, 2, 3, 4, 6];
-/// True gain over the one told.
+/// True gain over the configured one.
 const WRONG: [f32; 3] = [1.0, 0.5, 2.0];
 /// Margins beyond are drawn there.
 const HIGHEST: f64 = 100.0;
@@ -46,7 +47,7 @@ fn detunings() -> Vec<f32> {
         .collect()
 }
 
-/// The margins over the detuning, of a quality and a gain told wrong.
+/// Margins over the detuning, with wrong settings of quality and gain.
 struct Line {
     quality: f32,
     wrong: f32,

@@ -1,8 +1,8 @@
 //! The command line: one file per verb.
 //!
-//! A verb is a module with `Arguments` (clap's `Args`; its doc comment is the help, its `after_help`
-//! the example) and `run(arguments, desk) -> Result<Exit, Refusal>`; a line in the list below gives
-//! it its name.
+//! A verb is a module with `Arguments` (clap's `Args`; its doc comment is the help, its
+//! `after_help` the example) and `run(arguments, desk) -> Result<Exit, Refusal>`; a line in the
+//! list below gives it its name.
 
 pub mod bands;
 pub mod basins;
@@ -96,7 +96,8 @@ verbs! {
     Unlock => unlock,
 }
 
-/// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it there.
+/// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it
+/// there.
 #[derive(Debug, Parser)]
 #[command(
     name = "kband",

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use kband::wire::{Request, Response};
 
 use crate::arguments;
-use crate::board::{Address, Emulated, Link, Said, Unasked, replay};
+use crate::board::{Address, Emulated, Link, Said, Unsolicited, replay};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
@@ -25,8 +25,8 @@ const LOOK: Duration = Duration::from_millis(200);
 
 /// Print what a board tells: telemetry and event log, as it comes.
 ///
-/// Ends with Ctrl-C or after --duration or --rows. A record holds the bytes of the link as they came: cut or damaged anywhere, it loses
-/// what was there and nothing else.
+/// Ends with Ctrl-C or after --duration or --rows. A record holds the bytes of the link as they
+/// came: cut or damaged anywhere, it loses what was there and nothing else.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband monitor
@@ -60,16 +60,18 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows"])]
     replay: Option<PathBuf>,
 
-    /// Print the board's log as well: the image that runs there, which has the words. A board's log comes through --probe.
+    /// Print the board's log as well: the image that runs there, which has the words. A board's log
+    /// comes through --probe.
     #[arg(long, value_name = "IMAGE")]
     elf: Option<PathBuf>,
 
-    /// Read the log through a debug probe, which one where several are there; the board runs on. Without --on the log alone.
+    /// Read the log through a debug probe, which one where several are there; the board runs on.
+    /// Without --on the log alone.
     #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, requires = "elf", conflicts_with_all = ["replay", "log"])]
     probe: Option<Option<String>>,
 
-    /// Record the log as well, its bytes as the board writes them, to be printed with --log; a file that is there already is
-    /// refused.
+    /// Record the log as well, its bytes as the board writes them, to be printed with --log; a file
+    /// that is there already is refused.
     #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["replay", "log"])]
     record_log: Option<PathBuf>,
 
@@ -82,7 +84,7 @@ pub struct Arguments {
     format: Format,
 }
 
-/// Prints until it is told to stop.
+/// Prints until the user stops it.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut rows = Rows::new(arguments.format);
     match (&arguments.replay, &arguments.log, &arguments.elf) {
@@ -251,8 +253,8 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
                 break;
             }
             going &= match said {
-                Unasked::Telemetry(telemetry) => rows.take(Said::Telemetry(telemetry))?,
-                Unasked::Started(image) => {
+                Unsolicited::Telemetry(telemetry) => rows.take(Said::Telemetry(telemetry))?,
+                Unsolicited::Started(image) => {
                     // A board that starts has its telemetry off.
                     link.tell(&Request::Telemetry(arguments.every as u16))?;
                     rows.take(Said::Started(image))?

@@ -18,7 +18,8 @@ use crate::simulate::schema;
 use crate::simulate::{DEFAULT, Outcome, SceneFile, at_line, scene_table};
 use data::Feeder;
 
-/// One self-contained page for the browser: bands, gear, basins, speed and a run of one feeder, with sliders.
+/// One self-contained page for the browser: bands, gear, basins, speed and a run of one feeder,
+/// with sliders.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband report
@@ -48,8 +49,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DEG", value_parser = arguments::within(-60.0, 60.0, "degrees"))]
     incline: Option<f64>,
 
-    /// Page to write, .html [default: kband-report.html]. A file that is named takes the place of an older one; one that is
-    /// not, only of what kband wrote itself.
+    /// Page to write, .html [default: kband-report.html]. A file that is named takes the place of
+    /// an older one; one that is not, only of what kband wrote itself.
     #[arg(long, value_name = "FILE.html")]
     out: Option<PathBuf>,
 }

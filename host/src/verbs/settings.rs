@@ -23,11 +23,12 @@ use crate::report::{Format, Printout, Table, Value, columns, shortest};
 
 /// List, change, keep, export and import the settings of a board.
 ///
-/// The board checks every value; what it does not accept is refused and nothing is changed. A changed setting counts at once
-/// and until the board's next reset, a saved one for good. Both need the drive at rest.
+/// The board checks every value; what it does not accept is refused and nothing is changed. A
+/// changed setting counts at once and until the board's next reset, a saved one for good. Both need
+/// the drive at rest.
 ///
-/// --on qemu is a board that starts anew with each command. Its settings outlast the command where --flash-image names the
-/// file of its flash and they are saved.
+/// --on qemu is a board that starts anew with each command. Its settings outlast the command where
+/// --flash-image names the file of its flash and they are saved.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     arg_required_else_help = false,
@@ -99,8 +100,9 @@ enum Action {
     },
     /// Have the board listen to its parts, and print the interval of restitution that it offers.
     ///
-    /// With parts of one kind on the track and the enable input given, the board shakes them so that they chatter and hears their
-    /// restitution; it needs about a minute. Nothing is changed without --apply.
+    /// With parts of one kind on the track and the enable input given, the board shakes them so
+    /// that they chatter and hears their restitution; it needs about a minute. Nothing is changed
+    /// without --apply.
     #[command(
         after_help = "Examples:\n  kband settings commission --on /dev/ttyACM0\n  kband settings commission --sensor --on /dev/ttyACM0\n  kband settings commission --second-tone --on /dev/ttyACM0"
     )]
@@ -108,10 +110,12 @@ enum Action {
         /// Take and keep the interval; the drive is brought to rest for it.
         #[arg(long)]
         apply: bool,
-        /// Measure the accelerometer at rest and at the present target instead, and offer sensor_rest, gain and their tolerances.
+        /// Measure the accelerometer at rest and at the present target instead, and offer
+        /// sensor_rest, gain and their tolerances.
         #[arg(long, conflicts_with_all = ["second_tone", "third_tone"])]
         sensor: bool,
-        /// Measure what the track answers at twice the drive's frequency instead, and offer second_gain and second_lag.
+        /// Measure what the track answers at twice the drive's frequency instead, and offer
+        /// second_gain and second_lag.
         #[arg(long)]
         second_tone: bool,
         /// The same at three times the drive's frequency: third_gain and third_lag.
@@ -346,7 +350,7 @@ impl Imported {
         Ok(Self(all))
     }
 
-    /// What the board is to be given: every key known to it, every value within its range.
+    /// Settings for the board: every key exists, every value is within its range.
     fn wanted(&self, settings: &BoardSettings, file: &Path) -> Result<Vec<(String, f32)>, Refusal> {
         let accept = |(key, value): &(String, f64)| {
             let setting = settings.get(key)?;

@@ -1,8 +1,8 @@
 //! `kband simulate`: the controller against the impact map, for one scene.
 
 mod compare;
+mod sentences;
 mod summary;
-mod told;
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,6 @@ use crate::simulate::{
     DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, at_line, draw, runs, scene_table, schema,
     trace,
 };
-use told::{Written, told};
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
 ///
@@ -53,8 +52,8 @@ pub struct Arguments {
     #[arg(long)]
     schema: bool,
 
-    /// How finely it is simulated, instead of what the scene says [default: envelope, or waveform where
-    /// a scope or a board is asked for].
+    /// How finely it is simulated, instead of what the scene says [default: envelope, or waveform
+    /// where a scope or a board is asked for].
     #[arg(long, value_enum)]
     fidelity: Option<Fidelity>,
 
@@ -79,13 +78,14 @@ pub struct Arguments {
     #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
     sweep: Vec<Axes>,
 
-    /// Run it with one tone and with a second one of up to E of the first (0.01..0.5), and draw both side by side.
+    /// Run it with one tone and with a second one of up to E of the first (0.01..0.5), and draw
+    /// both side by side.
     #[arg(long, value_name = "E", value_parser = arguments::within(0.01, 0.5, "of the first tone"),
         conflicts_with_all = ["runs", "sweep", "on", "trace", "scope"])]
     compare_second_tone: Option<f64>,
 
-    /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated CPU)
-    /// or a serial port; its drive stays off.
+    /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated
+    /// CPU) or a serial port; its drive stays off.
     #[arg(long, value_name = "qemu or /dev/PORT", conflicts_with_all = ["runs", "sweep"])]
     on: Option<String>,
 
@@ -93,8 +93,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
 
-    /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A file that is named takes the place of an older
-    /// one; one that is not, only of what kband wrote itself.
+    /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A file that is named
+    /// takes the place of an older one; one that is not, only of what kband wrote itself.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
@@ -160,7 +160,7 @@ fn own_rows(begin: &str) -> bool {
 
 /// Where a trace goes that nobody named.
 const TRACE: &str = "kband-simulate.csv";
-/// Longest single run in s whose trace is written without being asked for: 30 000 rows at 50 Hz.
+/// Longest single run in s whose trace is written by default: 30 000 rows at 50 Hz.
 const TRACED: f64 = 600.0;
 
 impl Arguments {
@@ -317,12 +317,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Some(_) => "processor in the loop",
         None => fidelity.name(),
     };
-    let written = Written {
+    let written = sentences::Written {
         picture: picture.path(),
         trace: trace.map(Destination::path),
         scope: scope.as_ref().map(Destination::path),
     };
-    told(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
+    sentences::report(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
     Ok(match unmet {
         Some(unmet) if !unmet.is_empty() => Exit::CheckFailed,
         _ => Exit::Done,
@@ -372,8 +372,8 @@ fn tell_many(
     Ok(Exit::Done)
 }
 
-/// The controller's runs, and those of an amplitude set from the band alone: for parts in gear that of the lock, which
-/// asks nothing of the scatter.
+/// The controller's runs, and those of an amplitude set from the band alone: for parts in gear that
+/// of the lock, which asks nothing of the scatter.
 fn many_runs(
     file: &SceneFile,
     count: usize,

@@ -1,6 +1,6 @@
 //! `kband status`: how a board is just now.
 
-mod asked;
+mod board_status;
 
 use std::io::{IsTerminal, Write, stdout};
 use std::time::Duration;
@@ -9,9 +9,10 @@ use crate::arguments::Printed;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-pub(super) use asked::BoardStatus;
+pub(super) use board_status::BoardStatus;
 
-/// Print how a board is just now: inputs, readings, amplitude, margins, faults, and what to do next.
+/// Print how a board is just now: inputs, readings, amplitude, margins, faults, and what to do
+/// next.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband status
@@ -38,7 +39,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     loop {
         let printout = BoardStatus::ask(&mut link)?.printout()?;
         if arguments.live && stdout().is_terminal() {
-            // To the upper left, and what was there is gone; a terminal that is closed is noticed by the next line.
+            // To the upper left, and what was there is gone; a terminal that is closed is noticed
+            // by the next line.
             let _ = write!(stdout(), "\x1b[H\x1b[J");
         }
         printout.print(arguments.printed.format)?;

@@ -13,8 +13,8 @@ use crate::simulate::{describe, within_reach};
 
 /// Tell a board what it is to do with its parts, or, without a target, print how it is.
 ///
-/// The target counts at once; --save keeps it, with all settings, beyond a loss of power, for which the drive has to be at
-/// rest.
+/// The target counts at once; --save keeps it, with all settings, beyond a loss of power, for which
+/// the drive has to be at rest.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband target
@@ -32,7 +32,8 @@ pub struct Arguments {
     #[arg(value_enum)]
     kind: Option<Kind>,
 
-    /// Its number: drive cycles a flight for gear and order (1 where it is left out), k, mm, or mm/s.
+    /// Its number: drive cycles a flight for gear and order (1 where it is left out), k, mm, or
+    /// mm/s.
     #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
     value: Option<f64>,
 
@@ -137,8 +138,8 @@ fn in_range(target: Target) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Refused where the board would refuse it, or its drive does not reach what it needs; why there is nothing to choose for it,
-/// where that is known at once. `settings` are the board's.
+/// Refused where the board would refuse it, or its drive does not reach what it needs; why there is
+/// nothing to choose for it, where that is known at once. `settings` are the board's.
 fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
     let built = kband::control::Controller::build(settings, target, StartCause::Ordinary);
     let controller = built.map_err(|refused| match target {
@@ -160,7 +161,7 @@ fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refu
     Ok(controller.no_setpoint())
 }
 
-/// Tells it and says what came of it.
+/// Sends the target and prints the result.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let target = match arguments.kind {
         Some(kind) => Some(kind.target(arguments.value)?),

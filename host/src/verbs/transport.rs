@@ -40,7 +40,8 @@ pub struct Arguments {
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
     restitution: f64,
 
-    /// k = g cos(alpha) / (b w^2), one value or a range [default: from high bounces to beyond the first band].
+    /// k = g cos(alpha) / (b w^2), one value or a range [default: from high bounces to beyond the
+    /// first band].
     #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 121), conflicts_with = "b")]
     k: Option<Range>,
 
@@ -56,7 +57,8 @@ pub struct Arguments {
     #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "show", "scatter"])]
     friction: Option<(f64, f64)>,
 
-    /// Second tone of the drive, with --friction: E of the first one's amplitude at the angle TH in rad.
+    /// Second tone of the drive, with --friction: E of the first one's amplitude at the angle TH in
+    /// rad.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone, requires = "friction")]
     second_tone: Option<Tone>,
 
@@ -129,7 +131,7 @@ pub enum Show {
     Return,
 }
 
-/// Computes and prints what was asked for.
+/// Computes and prints the requested quantity.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output()?;
     let (report, picture) = computed(arguments, desk)?;
@@ -236,7 +238,7 @@ impl Feeder {
         arguments::k_of(&self.track, amplitude)
     }
 
-    /// The one k that was asked for.
+    /// The one requested k.
     fn single_k(&self, arguments: &Arguments) -> Result<f64, Refusal> {
         let given = arguments.k.or(arguments.b);
         match given {
@@ -269,9 +271,9 @@ fn locks(k: f64, restitution: f64) -> Vec<Lock> {
         .collect()
 }
 
-/// Where parts start at `k`: at rest, on each lock that attracts, and `count` starts that fill phase
-/// and velocity evenly (the additive recurrence of the plastic number), up to the launch velocity of the
-/// highest bounces, `2.5 R/(1-R)`, and a little more.
+/// Where parts start at `k`: at rest, on each lock that attracts, and `count` starts that fill
+/// phase and velocity evenly (the additive recurrence of the plastic number), up to the launch
+/// velocity of the highest bounces, `2.5 R/(1-R)`, and a little more.
 fn starts(k: f64, restitution: f64, count: usize) -> Vec<Origin> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
     let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);

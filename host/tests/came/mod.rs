@@ -12,7 +12,7 @@ pub struct Came {
     words: String,
 }
 
-/// Runs `kband` in `folder`; killed after so many seconds of wall-clock time.
+/// Runs `kband` in `folder`; killed after a limit of wall-clock time in s.
 pub fn run(folder: &Path, limit: &str, words: &[&str]) -> Came {
     let file = |name: &str| File::create(folder.join(name)).unwrap();
     let status = Command::new("timeout")
@@ -35,7 +35,7 @@ pub fn run(folder: &Path, limit: &str, words: &[&str]) -> Came {
 }
 
 impl Came {
-    /// What it printed, once it did what it was asked to.
+    /// Its output, after exit status 0.
     #[track_caller]
     pub fn done(self) -> String {
         assert_eq!(self.status, Some(0), "kband {}: {}", self.words, self.said);

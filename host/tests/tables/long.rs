@@ -115,7 +115,8 @@ fn under_scatter(restitutions: &[&str], more: &str) -> Vec<String> {
     restitutions.iter().map(row).collect()
 }
 
-/// What the controller plans for a lot in gear of order 2, with upper tones of at most so much: k, e and th.
+/// What the controller plans for a lot in gear of order 2, with upper tones of at most so much: k,
+/// e and th.
 fn planned(restitution: &str, scatter: &str, second_tone: f32) -> [f32; 3] {
     let mut settings = Scene::default().settings;
     let restitution = restitution.parse().expect("a restitution");
@@ -185,7 +186,8 @@ fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
         for _ in 0..250 {
             closed.cycle();
         }
-        // Flights in gear in a row and when the first of them began; when gear was lost; cycles in gear and out of it.
+        // Flights in gear in a row and when the first of them began; when gear was lost; cycles in
+        // gear and out of it.
         let (mut row, mut began, mut lost) = (0, 0.0, None);
         let (mut inside, mut outside) = (0.0, Vec::new());
         for _ in 0..cycles {

@@ -1,14 +1,17 @@
 //! The tables of the manual are what the commands say.
 //!
-//! A table after `<!-- table: NAME -->` is made here from runs of `kband`. The test makes it anew and compares every
-//! row; `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes what it finds into the pages.
+//! A table after `<!-- table: NAME -->` is made here from runs of `kband`. The test makes it anew
+//! and compares every row; `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes what it
+//! finds into the pages.
 //!
-//! One after `<!-- long: NAME, SUM -->` takes longer than a test run may, and is made by the ignored test of that name. SUM is of
-//! its text and of what a little of the same way comes to. A test run makes that little anew: where it has become another, so may
-//! have the table, and where a number of the table was changed by hand, that is seen, too.
+//! One after `<!-- long: NAME, SUM -->` takes longer than a test run may, and is made by the
+//! ignored test of that name. SUM is of its text and of what a little of the same way comes to. A
+//! test run makes that little anew: where it has become another, so may have the table, and where a
+//! number of the table was changed by hand, that is seen, too.
 //!
-//! One after `<!-- reference: WHERE -->` holds values that were computed apart from the code, which the tests there compare with
-//! it; one after `<!-- test: NAME -->` is compared by that unit test. `docs/numbers.sh` makes all of them anew, and the pictures.
+//! One after `<!-- reference: WHERE -->` holds values that were computed apart from the code, which
+//! the tests there compare with it; one after `<!-- test: NAME -->` is compared by that unit test.
+//! `docs/numbers.sh` makes all of them anew, and the pictures.
 
 mod long;
 mod short;
@@ -36,7 +39,7 @@ fn kband(words: &str) -> Value {
     let output = Command::new(env!("CARGO_BIN_EXE_kband"))
         .args(words.split_whitespace())
         .args(["--format", "json"])
-        // Where simulate puts the picture that nobody asked for.
+        // Default place of the picture of simulate.
         .current_dir(env!("CARGO_TARGET_TMPDIR"))
         .stdin(Stdio::null())
         .output()
@@ -59,7 +62,7 @@ fn words(value: &Value) -> String {
     value.as_str().expect("a text").replace('|', "\\|")
 }
 
-/// A number with so many significant digits.
+/// A number with `digits` significant digits.
 fn digits(value: &Value, digits: usize) -> String {
     let value = value.as_f64().expect("a number");
     if value == 0.0 {

@@ -3,6 +3,7 @@
 //! `KBAND_LOTS` and `KBAND_SEED` say how many random lots are run, and which.
 
 use core::f64::consts::TAU;
+use std::boxed::Box;
 use std::vec::Vec;
 
 use super::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Noise, Scene, Strike};
@@ -18,15 +19,15 @@ const OUT_OF_GEAR: f64 = 0.05;
 
 /// Either fidelity.
 enum Loop {
-    Envelope(EnvelopeLoop),
-    Waveform(ClosedLoop),
+    Envelope(Box<EnvelopeLoop>),
+    Waveform(Box<ClosedLoop>),
 }
 
 impl Loop {
     fn both(scene: &Scene) -> [Self; 2] {
         [
-            Self::Envelope(EnvelopeLoop::build(scene).unwrap()),
-            Self::Waveform(ClosedLoop::build(scene).unwrap()),
+            Self::Envelope(Box::new(EnvelopeLoop::build(scene).unwrap())),
+            Self::Waveform(Box::new(ClosedLoop::build(scene).unwrap())),
         ]
     }
 

@@ -238,7 +238,8 @@ mod tests {
         let found = rows(&wave, Restitution::single(0.2).unwrap(), 1).unwrap();
         let widest = found.first().unwrap();
         let band = widest.band.unwrap();
-        // docs/theory-real-parts.md#t10.3: the band, and where every start and the one from rest lock.
+        // docs/theory-real-parts.md#t10.3: the band, and where every start and the one from rest
+        // lock.
         assert!((band.low.k - 0.200).abs() < 6e-4 && (band.high.k - 0.452).abs() < 6e-4);
         let ([low, high], share) = widest.from_rest.unwrap();
         assert!(

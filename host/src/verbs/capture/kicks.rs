@@ -15,8 +15,8 @@ pub(super) struct Kicks {
     pub(super) factors: Vec<f64>,
     /// Cycles of hold, or of descent after `hold`.
     pub(super) lengths: Vec<u16>,
-    /// Shape of the kicks: where `Some`, lengths are descents after this hold that end at this share of
-    /// the way from the target to the factor.
+    /// Shape of the kicks: where `Some`, lengths are descents after this hold that end at this
+    /// share of the way from the target to the factor.
     pub(super) slow: Option<(u16, f32)>,
     pub(super) shares: Vec<f64>,
     pub(super) best: Option<Widest>,
@@ -27,7 +27,7 @@ pub(super) struct Kicks {
 pub(super) struct Widest {
     pub(super) kick: KickSettings,
     pub(super) share: f64,
-    /// The factor may be off by this fraction and the length by so many cycles, both at once.
+    /// Tolerated error of the factor, as a fraction, and of the length in cycles, both at once.
     pub(super) factor_margin: f64,
     pub(super) length_margin: f64,
 }
@@ -95,8 +95,8 @@ impl Kicks {
         })
     }
 
-    /// Every kick of the map with the share that it captures; one that the drive cannot give captures none, and is not
-    /// among them.
+    /// Every kick of the map with the share that it captures; one that the drive cannot give
+    /// captures none, and is not among them.
     pub(super) fn cells(&self) -> Vec<(KickSettings, f64)> {
         let shares = self.shares.iter().enumerate();
         shares
@@ -104,8 +104,8 @@ impl Kicks {
             .collect()
     }
 
-    /// The cell with most cells around it, as a square in steps of the map, that capture nine tenths of
-    /// what the best does; beyond the edge of the map nothing is known.
+    /// The cell with most cells around it, as a square in steps of the map, that capture nine
+    /// tenths of what the best does; beyond the edge of the map nothing is known.
     pub(super) fn widest(&self) -> Option<Widest> {
         let columns = self.lengths.len();
         let rows = self.factors.len();

@@ -20,9 +20,11 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// The record in a file, or a new one where there is none. A file that is no record is refused: it would be lost.
+    /// The record in a file, or a new one where there is none. A file that is no record is refused:
+    /// it would be lost.
     ///
-    /// It is read here and not by [`crate::file`], which forbids to write what was read: this file grows.
+    /// It is read here and not by [`crate::file`], which forbids to write what was read: this file
+    /// grows.
     pub fn open(target: &Destination) -> Result<Self, Refusal> {
         let path = target.path();
         if !["html", "htm", "json"].contains(&target.ending().as_str()) {

@@ -44,14 +44,15 @@ pub(super) struct Struck {
 /// What a column is.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Ending {
-    /// It is of a regime, told over so many impacts.
+    /// A regime, decided over a number of impacts.
     Regime(Regime, usize),
     /// Its restitution scatters, and it is in gear for a share of the time.
     InGear(Option<InGear>),
 }
 
 impl Ending {
-    /// Whether a column beside another is named with it: of one regime, or in gear within the same tenth.
+    /// Whether a column beside another is named with it: of one regime, or in gear within the same
+    /// tenth.
     fn is_one_with(self, other: Self) -> bool {
         let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
         match (self, other) {
@@ -102,8 +103,8 @@ impl Flown<'_> {
         Impacts::new(states, period, count, self.keep, height)
     }
 
-    /// All branches: a followed one is one task, as each column needs the one before it; those from rest
-    /// are a task each column.
+    /// All branches: a followed one is one task, as each column needs the one before it; those from
+    /// rest are a task each column.
     pub(super) fn follow(
         &self,
         starts: &[ColumnStart],

@@ -1,4 +1,5 @@
-//! The impacts of one column, and what of them is kept: no more than is printed or drawn, as columns may be many.
+//! The impacts of one column, and what of them is kept: no more than is printed or drawn, as
+//! columns may be many.
 
 use std::sync::Arc;
 
@@ -109,18 +110,19 @@ pub(super) struct Flown {
     pub(super) period: Option<usize>,
     /// How many all of them are.
     pub(super) count: usize,
-    /// The regime, told over [`told_over`] impacts.
+    /// Regime, decided over [`told_over`] impacts.
     pub(super) regime: Regime,
 }
 
-/// Impacts that the regime of a column is told over, where so many settle and are drawn.
+/// Impacts over which the regime of a column is decided, from those that settle and are drawn.
 pub(super) fn told_over(settle: usize, impacts: usize) -> usize {
     (settle + impacts).max(SEEN)
 }
 
-/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`; `state` is left where
-/// they end, `None` where the part rests for ever. An orbit that is back at a state to the last bit repeats what followed
-/// it, so that nothing is flown twice; what the column is is told from the same impacts.
+/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
+/// `state` is left where they end, `None` where the part rests for ever. An orbit that is back at a
+/// state to the last bit repeats what followed it, so that nothing is flown twice; what the column
+/// is is told from the same impacts.
 pub(super) fn flown(
     endings: &Endings,
     state: &mut Option<PartState>,
@@ -175,7 +177,7 @@ pub(super) fn flown(
             }
             seen.ending()
         }
-        // What is drawn may be less than what it takes to tell.
+        // Fewer impacts may be drawn than the decision needs.
         None => {
             while seen.ending().is_none()
                 && let Some(event) = orbit.next()

@@ -1,4 +1,4 @@
-//! What the columns of a diagram stand for.
+//! Quantity over which the columns of a diagram run.
 
 use kband::feeder::Track;
 
@@ -8,7 +8,7 @@ use crate::picture::{Axis, Unit};
 use crate::refusal::Refusal;
 use crate::report::{Column, columns, number};
 
-/// What the columns stand for.
+/// Quantity over which the columns run.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Over {
     K { restitution: f64 },

@@ -234,8 +234,8 @@ impl Diagram {
         ribbon
     }
 
-    /// The period-1 branch of an order over the columns: where it attracts, and where it repels below
-    /// its flip.
+    /// The period-1 branch of an order over the columns: where it attracts, and where it repels
+    /// below its flip.
     pub(super) fn period_one(&self, order: u32) -> [Vec<(f64, f64)>; 2] {
         if !self.bands.iter().any(|band| band.order == order) {
             return [Vec::new(), Vec::new()];

@@ -85,7 +85,7 @@ fn word(line: &str) -> Option<Word> {
     })
 }
 
-/// What stands between backquotes.
+/// Texts between backquotes.
 fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(Into::into).collect()
 }

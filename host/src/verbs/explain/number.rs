@@ -17,7 +17,8 @@ pub struct Example {
     pub lot: Restitution,
 }
 
-/// Amplitude ratio of the built-in scene, and the restitution along the track that its friction leaves a part in lock.
+/// Amplitude ratio of the built-in scene, and the restitution along the track that its friction
+/// leaves a part in lock.
 const RATIO: f64 = 1.5;
 const TANGENTIAL: f64 = 0.0;
 

@@ -9,7 +9,8 @@ pub const WIDTH: usize = 80;
 /// Least width of a table's last column beside the others; below it each row becomes a paragraph.
 const LEAST_COLUMN: usize = 24;
 
-/// The text of `markdown`: paragraphs wrapped, lists indented, tables aligned, links by their words.
+/// The text of `markdown`: paragraphs wrapped, lists indented, tables aligned, links by their
+/// words.
 pub fn plain(markdown: &str) -> String {
     let mut page = Page::default();
     for event in Parser::new_ext(markdown, Options::ENABLE_TABLES) {
@@ -177,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_aligned_or_told_row_by_row_within_the_width() {
+    fn a_table_is_aligned_or_listed_row_by_row_within_the_width() {
         let narrow = plain("| a | b |\n|---|---|\n| one | first |\n| seven | second |\n");
         assert_eq!(narrow, "a      b\none    first\nseven  second\n");
         let cell = "x".repeat(30);

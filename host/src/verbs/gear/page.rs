@@ -15,7 +15,8 @@ struct Price {
     amplitude: f64,
     /// Largest acceleration normal to the track in g.
     peak: f64,
-    /// Force at twice the frequency over that at it: on one resonance, and far below any; and at three times it.
+    /// Force at twice the frequency over that at it: on one resonance, and far below any; and at
+    /// three times it.
     force: [f64; 2],
     third: [f64; 2],
 }
@@ -27,7 +28,8 @@ fn price(arguments: &Arguments, point: &Point) -> Result<Price, Refusal> {
     Ok(Price {
         amplitude: 1e3 * amplitude,
         peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
-        // A resonator resists by |1 - (w/w0)^2|: 3 at twice its frequency, 8 at three times it, 1/Q at it. A mass by w^2.
+        // A resonator resists by |1 - (w/w0)^2|: 3 at twice its frequency, 8 at three times it, 1/Q
+        // at it. A mass by w^2.
         force: [3.0 * arguments.quality * e, 4.0 * e],
         third: [8.0 * arguments.quality * e3, 9.0 * e3],
     })

@@ -21,7 +21,8 @@ pub(super) struct Followed {
     middle: Option<f64>,
 }
 
-/// Stages of the search, each with runs of its own: of the whole map, of the best points of it, of those named.
+/// Stages of the search, each with runs of its own: of the whole map, of the best points of it, of
+/// those named.
 #[derive(Clone, Copy)]
 enum Stage {
     Map,
@@ -55,7 +56,8 @@ impl Shares {
         self.0.iter().map(Share::share).fold(1.0, f64::min)
     }
 
-    /// Mean time in gear until it is lost, in drive periods, over all parts; `None` where it was not.
+    /// Mean time in gear until it is lost, in drive periods, over all parts; `None` where it was
+    /// not.
     pub fn time_to_loss(&self) -> Option<f64> {
         let sum = self
             .0
@@ -137,8 +139,8 @@ impl Followed {
         })
     }
 
-    /// Follows every part at one point. A seed belongs to part, run and stage: points are compared under the
-    /// same draws.
+    /// Follows every part at one point. A seed belongs to part, run and stage: points are compared
+    /// under the same draws.
     fn follow(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares, Refusal> {
         let runs = self.runs * stage.effort();
         let mut scatters = Vec::with_capacity(runs * self.restitutions.len());

@@ -19,7 +19,8 @@ struct Row {
     scatter: f32,
     /// Parts on the track.
     parts: u8,
-    /// Largest second and third tones that the drive affords, and the hard limit of the acceleration in g; 0: none.
+    /// Largest second and third tones that the drive affords, and the hard limit of the
+    /// acceleration in g; 0: none.
     drives: &'static [[f32; 3]],
 }
 
@@ -74,8 +75,8 @@ const ROWS: [Row; 7] = [
 /// Time that each run lasts, in s.
 const DURATION: f64 = 60.0;
 
-/// Runs the built-in feeder with each lot, or one that is given, aiming for the middle of the band and for gear, `count` times
-/// each.
+/// Runs the built-in feeder with each lot, or one that is given, aiming for the middle of the band
+/// and for gear, `count` times each.
 pub(super) fn run(
     count: usize,
     lot: Option<Lot>,
@@ -201,7 +202,8 @@ fn planned(scene: &Scene) -> Result<Planned, Refusal> {
     })
 }
 
-/// Speed of the lot's parts in gear in mm/s, the mean over its interval (equation 21: the same at every k).
+/// Speed of the lot's parts in gear in mm/s, the mean over its interval (equation 21: the same at
+/// every k).
 fn lock_speed(scene: &Scene) -> Option<f64> {
     let (lot, track) = (scene.settings.lot().ok()?, scene.settings.track().ok()?);
     let along = TangentialSettings::on(&track, f64::from(scene.settings.tangential_restitution));
@@ -213,8 +215,9 @@ fn lock_speed(scene: &Scene) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// With 4 runs of 25 s (after 5 s) a part loses and regains gear some 4 * 1000 / 30 = 130 times; a share of 0.83 then
-    /// errs by 0.02 (the outages' mean and deviation are 4.4 periods of 28), one of 0.95 by less. Bounds are four times that.
+    /// With 4 runs of 25 s (after 5 s) a part loses and regains gear some 4 * 1000 / 30 = 130
+    /// times; a share of 0.83 then errs by 0.02 (the outages' mean and deviation are 4.4 periods of
+    /// 28), one of 0.95 by less. Bounds are four times that.
     #[test]
     fn a_few_runs_of_the_table_are_in_gear_as_it_says() {
         let desk = Desk::new(Some(2)).unwrap();

@@ -1,4 +1,4 @@
-//! What stands for the log of a board in a kband that was built without.
+//! Replacement of a board's log in a kband built without it.
 
 use std::convert::Infallible;
 use std::fs::File;

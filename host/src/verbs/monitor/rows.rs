@@ -14,7 +14,7 @@ use crate::stream::Stream;
 /// What is printed, row by row.
 pub(super) struct Rows {
     stream: Stream<Stdout>,
-    /// Drive frequency in Hz, once it is known.
+    /// Drive frequency in Hz, once received.
     frequency: Option<f64>,
     clock: Clock,
     /// Number of the next event.
@@ -85,7 +85,7 @@ impl Rows {
                 self.stream.row(&row)
             }
             Said::Event(event) => {
-                // Asked for twice where an answer was late.
+                // Requested twice where an answer was late.
                 if (event.number.wrapping_sub(self.next) as i32) < 0 {
                     return Ok(true);
                 }

@@ -37,7 +37,8 @@ impl Watch {
         ))
     }
 
-    /// A log that an emulated board is to write, running the image `elf`; and the file to write it into.
+    /// A log that an emulated board is to write, running the image `elf`; and the file to write it
+    /// into.
     pub(super) fn emulated(elf: &Path) -> Result<(Self, PathBuf), Refusal> {
         let name = format!("kband-{}.defmt", std::process::id());
         let file = std::env::temp_dir().join(name);

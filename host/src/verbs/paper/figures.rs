@@ -34,7 +34,8 @@ struct Way {
     impacts: Vec<f64>,
 }
 
-/// `flights` flights of a part near the lock in the middle of the first band, let settle from `apart` of its phase.
+/// `flights` flights of a part near the lock in the middle of the first band, let settle from
+/// `apart` of its phase.
 fn way(restitution: f64, apart: f64, flights: usize) -> Result<Way, Refusal> {
     const STEPS: u32 = 60;
     let k = 0.5 * (band::flip(restitution, 1)? + band::birth(restitution, 1)?);
@@ -77,7 +78,8 @@ fn way(restitution: f64, apart: f64, flights: usize) -> Result<Way, Refusal> {
     Ok(found)
 }
 
-/// Fig. 1: the model. The track at the ends of its stroke, the stroke, and the path of a part, in the laboratory.
+/// Fig. 1: the model. The track at the ends of its stroke, the stroke, and the path of a part, in
+/// the laboratory.
 pub(super) fn model(restitution: f64) -> Result<Picture, Refusal> {
     let way = way(restitution, 0.0, 4)?;
     let slope = TRACK.incline_tangent.atan();
@@ -189,8 +191,8 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal>
         let map = Map::build(k, restitution)?;
         let mut starts = vec![None];
         for order in 1..=3 {
-            // Below its band an orbit of the cascade or of the chaos behind it is met from the lock's phase.
-            // A little beside it, or the unstable orbit itself would be drawn.
+            // Below its band an orbit of the cascade or of the chaos behind it is met from the
+            // lock's phase. A little beside it, or the unstable orbit itself would be drawn.
             starts.extend(Lock::at(k, restitution, order)?.map(|lock| {
                 let PartState { phase, velocity } = lock.state();
                 Some(PartState {
@@ -254,7 +256,8 @@ struct Columns {
     resting: Vec<(f64, f64)>,
 }
 
-/// Whether the settled orbit from `start` (else from rest) rests, and the phases at which it strikes.
+/// Whether the settled orbit from `start` (else from rest) rests, and the phases at which it
+/// strikes.
 fn settled(map: &Map, start: Option<PartState>) -> (bool, Vec<f64>) {
     let mut orbit = match start {
         Some(state) => Orbit::new(map, state),

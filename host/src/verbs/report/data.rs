@@ -23,7 +23,8 @@ const RESTITUTIONS: usize = 141;
 const RESTITUTION_STEP: f64 = 0.005;
 /// Orders whose bands are shown.
 const ORDERS: u32 = 3;
-/// Amplitudes of the gear map, the lot's parts that are followed, their runs, drive periods of a run.
+/// Amplitudes of the gear map, the lot's parts that are followed, their runs, drive periods of a
+/// run.
 const GEAR_PLACES: usize = 41;
 const GEAR_PARTS: usize = 5;
 const GEAR_RUNS: usize = 8;
@@ -37,8 +38,8 @@ const SECOND_TONE: Tone = Tone {
 const BASINS: usize = 21;
 const BASIN_SIDE: usize = 80;
 const BASIN_VELOCITY: f64 = 3.0;
-/// Impacts after which a start counts as undecided: a twentieth of what `kband basins` waits for, as the page has
-/// 130 000 starts.
+/// Impacts after which a start counts as undecided: a twentieth of what `kband basins` waits for,
+/// as the page has 130 000 starts.
 const BASIN_IMPACTS: usize = FOLLOWED / 20;
 /// Throw numbers at which the speed is computed.
 const THROWS: &str = "0.3..3.5:81";
@@ -167,7 +168,8 @@ fn bands() -> Result<Json, Refusal> {
     for order in 1..=ORDERS {
         let (mut low, mut high) = (Vec::new(), Vec::new());
         for n in 0..RESTITUTIONS {
-            // Each edge by itself: a lot's band goes from the flip of its liveliest part to the birth of its deadest.
+            // Each edge by itself: a lot's band goes from the flip of its liveliest part to the
+            // birth of its deadest.
             low.push(band::flip(restitution(n), order)?);
             high.push(band::first_return_edge(restitution(n), order)?);
         }

@@ -5,15 +5,15 @@ use std::time::{Duration, Instant};
 use kband::control::State;
 use kband::wire::{Request, Telemetry};
 
-use crate::board::{Link, Unasked};
+use crate::board::{Link, Unsolicited};
 use crate::refusal::Refusal;
 
 /// Time between two questions how far it has come; the board takes them for a sign of life too.
 const LOOK: Duration = Duration::from_millis(300);
-/// Time in which a drive that was told so has come to rest.
+/// Time in which a drive comes to rest after the command.
 const REST: Duration = Duration::from_secs(120);
 
-/// Refused where the drive does not run, for then nothing will be heard.
+/// Refused where the drive does not run, for then no impact will be measured.
 pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
     let Some(last) = cycle(link)? else {
         return Ok(None);
@@ -34,8 +34,8 @@ fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
     let said = link.listen(LOOK)?;
     link.tell(&Request::Telemetry(0))?;
     Ok(said.into_iter().rev().find_map(|said| match said {
-        Unasked::Telemetry(telemetry) => Some(telemetry),
-        Unasked::Started(_) => None,
+        Unsolicited::Telemetry(telemetry) => Some(telemetry),
+        Unsolicited::Started(_) => None,
     }))
 }
 
@@ -48,7 +48,7 @@ pub(super) fn rest(link: &mut Link) -> Result<(), Refusal> {
             return Ok(());
         }
     }
-    // A drive that does not stop is not told to go on.
+    // A drive that does not stop gets no command to go on.
     Err(Refusal::new(
         format!(
             "{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed",

@@ -17,7 +17,8 @@ pub(super) struct Offer {
 }
 
 impl Offer {
-    /// With `apply` has the board take and keep them; what became of them, or how to take them by hand.
+    /// With `apply` has the board take and keep them; what became of them, or how to take them by
+    /// hand.
     pub fn conclude(
         &self,
         link: &mut Link,

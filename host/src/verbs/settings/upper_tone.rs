@@ -1,5 +1,5 @@
-//! `kband settings commission --second-tone`, `--third-tone`: what the track answers at twice or three times the drive's
-//! frequency, measured by the board.
+//! `kband settings commission --second-tone`, `--third-tone`: what the track answers at twice or
+//! three times the drive's frequency, measured by the board.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use kband::wire::{Request, Shape, Target, Telemetry, UpperTone};
 
 use super::drive::why_off;
 use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Table, columns};
@@ -21,7 +21,7 @@ const K: f32 = 1.3;
 const RATIO: f32 = 0.05;
 /// Phases of them in rad: where the map wants them.
 const PHASES: [f32; 2] = [2.356, 5.3];
-/// Cycles that the answer stands on.
+/// Cycles over which the response is averaged.
 const CYCLES: usize = 50;
 /// Cycles from an output to the reading that shows it.
 const LATE: usize = 2;
@@ -48,8 +48,8 @@ impl Upper {
         }
     }
 
-    /// What the output had of it in a cycle.
-    fn told(self, telemetry: &Telemetry) -> [f32; 2] {
+    /// The tone in the output in a cycle: cosine and sine part.
+    fn output(self, telemetry: &Telemetry) -> [f32; 2] {
         let [second, third] = telemetry.overtones;
         match self {
             Self::Second => second,
@@ -57,7 +57,7 @@ impl Upper {
         }
     }
 
-    /// What the track had of it in a cycle, against the output's phase, in m.
+    /// The tone of the track in a cycle, against the output's phase, in m.
     fn seen(self, telemetry: &Telemetry) -> Complex {
         let (tone, times) = match self {
             Self::Second => (telemetry.shape.second, 2.0),
@@ -85,10 +85,10 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     let pairs: Vec<(Complex, Complex)> = cycles
         .windows(LATE + 1)
         .filter_map(|window| {
-            let (told, seen) = (window.first()?, window.last()?);
-            let output = upper.told(told).map(f64::from);
+            let (early, late) = (window.first()?, window.last()?);
+            let output = upper.output(early).map(f64::from);
             let output = Complex::new(output[0], output[1]);
-            (output.norm_sqr() > 1e-6).then_some((output, upper.seen(seen)))
+            (output.norm_sqr() > 1e-6).then_some((output, upper.seen(late)))
         })
         .collect();
     let last = pairs.get(pairs.len().checked_sub(CYCLES)?..)?;
@@ -107,8 +107,8 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     })
 }
 
-/// Has the board make a small tone above the first and prints what the track answered; with `apply` the board takes and keeps
-/// it.
+/// Has the board make a small tone above the first and prints what the track answered; with `apply`
+/// the board takes and keeps it.
 pub(super) fn run(
     upper: Upper,
     address: &Address,
@@ -200,7 +200,7 @@ fn follow(
     let progress = Progress::new(name, SETTLED as u64);
     let begun = Instant::now();
     let mut cycles: Vec<Telemetry> = Vec::new();
-    let made = |cycle: &&Telemetry| upper.told(cycle) != [0.0; 2];
+    let made = |cycle: &&Telemetry| upper.output(cycle) != [0.0; 2];
     if let Some(off) = why_off(link)? {
         return Err(off);
     }
@@ -209,7 +209,7 @@ fn follow(
         desk.go_on()?;
         let before = cycles.len();
         for said in link.listen(LOOK)? {
-            if let Unasked::Telemetry(telemetry) = said {
+            if let Unsolicited::Telemetry(telemetry) = said {
                 cycles.push(telemetry);
             }
         }
@@ -234,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_answer_of_a_drive_is_measured_also_where_it_was_told_wrong() {
+    fn the_drive_response_is_measured_despite_wrong_settings() {
         let tone = |phase: f32| control::UpperTone {
             ratio: RATIO,
             phase,

@@ -15,7 +15,8 @@ use crate::simulate::{Outcome, SceneFile, Watch, draw};
 /// Smallest second tone that is one.
 pub(super) const LEAST: f64 = 0.01;
 
-/// Runs a scene without a second tone and with one of up to `most` of the first, and draws both side by side.
+/// Runs a scene without a second tone and with one of up to `most` of the first, and draws both
+/// side by side.
 pub(super) fn run(
     arguments: &Arguments,
     table: &Toml,
@@ -30,7 +31,7 @@ pub(super) fn run(
             .or_insert_with(|| Entry::Table(Toml::new()));
         if let Entry::Table(drive) = drive {
             drive.insert("second_tone".into(), Entry::Float(most));
-            // A third tone of the scene is one more of those compared: it stands on the second.
+            // A third tone of the scene counts as one of those compared: it needs the second.
             if most < LEAST {
                 drive.insert("third_tone".into(), Entry::Float(0.0));
             }

@@ -1,4 +1,5 @@
-//! A single run in plain words: what the track and the parts do, how far from losing it, and what to do next.
+//! A single run in plain words: what the track and the parts do, how far from losing it, and what
+//! to do next.
 
 use kband::control::{Fault, Identification, Limits, State, Target};
 use kband::regime::classify::Regime;
@@ -6,13 +7,14 @@ use kband::regime::classify::Regime;
 use crate::report::number;
 use crate::simulate::Outcome;
 
-/// Length of a part along the track, in mm, for which a rate of parts is told: they touch each other.
+/// Length of a part along the track in mm for a rate of parts: they touch each other.
 const PART: f64 = 15.0;
 
 /// Share of time in gear from which on parts are said to stay in it.
 const STAYS: f64 = 0.95;
 
-/// Margin in amplitude below which it is called thin: less than what a warm coil or a neighbour's hand on the bowl change.
+/// Margin in amplitude below which it is called thin: less than what a warm coil or a neighbour's
+/// hand on the bowl change.
 const THIN: f64 = 0.01;
 
 /// What the summary is made of.
@@ -35,7 +37,7 @@ pub(super) struct Seen {
     /// Seconds in gear until it is lost.
     loss: Option<f64>,
     locked: bool,
-    /// Whether the flights are heard to differ in turn.
+    /// Whether successive flights are measured to differ in turn.
     doubled: bool,
     regime: String,
     /// In mm/s, upwards positive.
@@ -275,7 +277,7 @@ impl Seen {
     }
 }
 
-/// A count of which two digits are known.
+/// A count with two significant digits.
 fn whole(value: f64) -> f64 {
     let step = 10_f64.powf((value.max(10.0).log10() - 1.0).floor());
     (value / step).round() * step
@@ -312,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_in_gear_are_told_in_millimetres_strokes_and_parts_a_minute() {
+    fn the_summary_of_gear_uses_mm_strokes_and_parts_a_minute() {
         assert_eq!(
             seen().lines(),
             [
@@ -327,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thin_margin_a_way_down_and_a_target_that_needs_longer_are_said() {
+    fn the_summary_warns_of_thin_margin_and_short_run() {
         let locked = Seen {
             state: State::Locked,
             target: Target::Locked { order: 1 },
@@ -361,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_outside_the_lot_doubled_flights_and_a_missing_setpoint_are_said() {
+    fn the_summary_names_strays_doubling_and_missing_setpoint() {
         for state in [State::Holding, State::Locked, State::Capturing, State::Lost] {
             let strays = Seen {
                 strays: true,

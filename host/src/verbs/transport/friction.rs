@@ -1,4 +1,5 @@
-//! Speed of parts that rub on the track: from contact all the time (S) over hop and slide (H-S) to hopping (H).
+//! Speed of parts that rub on the track: from contact all the time (S) over hop and slide (H-S) to
+//! hopping (H).
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{Friction, FrictionSettings, Kernel, Map, Tone, Wave, WaveMap};
@@ -50,7 +51,8 @@ impl Over {
         }
     }
 
-    /// What it runs over where nothing is said, at `amplitude` mm and so much for a throw number of 1.
+    /// What it runs over where nothing is said, at `amplitude` mm and so much for a throw number of
+    /// 1.
     fn range(self, unit: f64) -> Range {
         let (low, high, count) = match self {
             Self::Throw => (0.3, 3.5, 129),
@@ -113,7 +115,8 @@ const FILLS: [(Fill, &str); 3] = [
     (Fill::Locked, "H: hops on"),
 ];
 
-/// The track's motion, and on several tones the bands in which parts of a restitution may lock, each with its order.
+/// The track's motion, and on several tones the bands in which parts of a restitution may lock,
+/// each with its order.
 #[derive(Clone, Debug)]
 struct Shape {
     wave: Wave,
@@ -174,7 +177,7 @@ impl Shape {
     }
 }
 
-/// One feeder: what a value of the axis makes of the one that was asked for.
+/// One feeder: the requested one with a value of the axis.
 #[derive(Clone, Copy, Debug)]
 struct Point {
     track: Track,
@@ -302,7 +305,7 @@ pub(super) fn speeds(
     arguments: &Arguments,
     desk: &Desk,
 ) -> Result<Vec<Speed>, Refusal> {
-    let (range, amplitude) = asked(feeder, arguments, Over::Throw)?;
+    let (range, amplitude) = requested_range(feeder, arguments, Over::Throw)?;
     let shape = Shape::of(arguments)?;
     let values: Vec<f64> = range.values().collect();
     desk.try_map("conveying", values.len(), |n| {
@@ -327,7 +330,7 @@ pub(super) fn computed(
         (None, Some(_)) => Over::Amplitude,
         (None, None) => Over::Throw,
     };
-    let (range, amplitude) = asked(&feeder, arguments, over)?;
+    let (range, amplitude) = requested_range(&feeder, arguments, over)?;
     let shape = Shape::of(arguments)?;
     let values: Vec<f64> = range.values().collect();
     let found = desk.try_map("conveying", values.len(), |n| {
@@ -345,7 +348,11 @@ pub(super) fn computed(
 }
 
 /// The values that are shown, and the amplitude in mm where they are no amplitudes.
-fn asked(feeder: &Feeder, arguments: &Arguments, over: Over) -> Result<(Range, f64), Refusal> {
+fn requested_range(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    over: Over,
+) -> Result<(Range, f64), Refusal> {
     let unit = feeder.amplitude(1.0);
     let of_k = |range: Range, of: &dyn Fn(f64) -> f64| {
         let (one, other) = (of(range.low), of(range.high));
@@ -424,7 +431,7 @@ fn rows(
     Ok(rows)
 }
 
-/// What stands out: where sliding and hopping begin, the best phase lead, where the speed changes its sign.
+/// Notable points: onset of sliding and hopping, best phase lead, change of sign of the speed.
 fn notes(
     feeder: &Feeder,
     shape: &Shape,
@@ -690,7 +697,7 @@ mod tests {
         let line = <CommandLine as clap::Parser>::try_parse_from(words).unwrap();
         let feeder = Feeder::build(&line.arguments).unwrap();
         let over = line.arguments.over.unwrap_or(Over::Throw);
-        let (range, amplitude) = asked(&feeder, &line.arguments, over).unwrap();
+        let (range, amplitude) = requested_range(&feeder, &line.arguments, over).unwrap();
         let shape = Shape::of(&line.arguments).unwrap();
         let at = |value| {
             let point = Point::at(&feeder, &line.arguments, over, value, amplitude).unwrap();
@@ -741,23 +748,26 @@ mod tests {
         assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
     }
 
-    /// Speeds by small time steps and a contact that takes time, each with its own error: tests/reference/friction.py.
+    /// Speeds by small time steps and a contact that takes time, each with its own error:
+    /// tests/reference/friction.py.
     const STEPPED: &str = include_str!("../../../../tests/reference/friction.csv");
-    /// Speeds by Siconos, an engine for unilateral contacts, likewise: tests/reference/friction_siconos.py.
+    /// Speeds by Siconos, an engine for unilateral contacts, likewise:
+    /// tests/reference/friction_siconos.py.
     const SICONOS: &str = include_str!("../../../../tests/reference/friction-siconos.csv");
     /// Those of small time steps on several tones.
     const ON_TONES: &str = include_str!("../../../../tests/reference/friction-tones.csv");
 
     #[test]
     fn speeds_are_those_of_small_steps_and_of_another_engine() {
-        // What is of first order in the contact's time is as far from its limit as from its double; the engine's error is
-        // that of its limit.
+        // What is of first order in the contact's time is as far from its limit as from its double;
+        // the engine's error is that of its limit.
         assert_eq!(judged_by(STEPPED, 2.0), 6);
         assert_eq!(judged_by(SICONOS, 1.0), 8);
         assert_eq!(judged_by(ON_TONES, 2.0), 7);
     }
 
-    /// Compares with speeds that come with an error, of which so many are allowed; how many there were.
+    /// Compares with speeds that come with an error, of which so many are allowed; how many there
+    /// were.
     fn judged_by(speeds: &str, errors: f64) -> usize {
         let mut cases = 0;
         for line in speeds.lines().skip(1) {

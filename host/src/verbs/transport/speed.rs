@@ -256,7 +256,8 @@ fn measured(
         Origin::Rest => endings.from_rest(),
         Origin::Hop(state) => endings.of(state),
     };
-    // Every part that rests forgets how it started; from rest the period is measured without the way to it.
+    // Every part that rests forgets how it started; from rest the period is measured without the
+    // way to it.
     let start = match regime {
         Regime::HopAndRest { .. } if !hops_on(regime) => Origin::Rest,
         _ => start,
@@ -407,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lock_is_found_fast_or_slow_from_rest_or_not_and_does_not_feel_the_amplitude() {
+    fn the_speed_in_lock_does_not_depend_on_the_amplitude() {
         let line = "--restitution 0.2 --k 0.40..0.44:3 --impacts 400 --settle 400";
         let (feeder, _, rows) = rows_of(line, 2);
         let locked: Vec<&Row> = rows
@@ -421,7 +422,8 @@ mod tests {
             assert!(row.sensitivity.unwrap().value.abs() < 1e-6);
             assert!((row.interval.mean().unwrap() - std::f64::consts::TAU).abs() < 1e-9);
         }
-        // docs/theory-capture.md#t7.2: from rest the part locks below k = 0.41136 and never above 0.4178.
+        // docs/theory-capture.md#t7.2: from rest the part locks below k = 0.41136 and never above
+        // 0.4178.
         let from_rest: Vec<bool> = locked.iter().map(|row| row.from_rest).collect();
         assert_eq!(from_rest, [true, false, false]);
         let speeds: Vec<f64> = locked
@@ -435,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn wide_chaos_grows_like_the_amplitude_and_a_single_k_has_a_sensitivity() {
+    fn the_speed_in_wide_chaos_grows_like_the_amplitude() {
         let line =
             "--restitution 0.9 --k 0.03..0.08:6 --amplitude-ratio 2 --impacts 2500 --settle 300";
         let (_, over, rows) = rows_of(line, 2);

@@ -33,7 +33,7 @@ pub(super) fn fits(over: &Over, rows: &[Row]) -> Vec<Fit> {
         .collect()
 }
 
-/// What a fit stands for.
+/// Meaning of a fit.
 pub(super) fn kind(regime: Regime) -> String {
     let fill = ending::fill(regime);
     match regime {
@@ -64,8 +64,8 @@ pub(super) fn continues(one: Regime, other: Regime) -> bool {
     }
 }
 
-/// One slope for all stretches of neighbouring k in which the regime goes on; each stretch has a level
-/// of its own, as locks and what grows out of them have.
+/// One slope for all stretches of neighbouring k in which the regime goes on; each stretch has a
+/// level of its own, as locks and what grows out of them have.
 pub(super) fn fit(regime: Regime, over: &Over, rows: &[Row]) -> Option<Fit> {
     let mut stretches: Vec<(usize, Vec<&Row>)> = Vec::new();
     for (n, k) in over.k.iter().enumerate() {

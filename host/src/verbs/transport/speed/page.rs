@@ -101,7 +101,8 @@ pub(super) fn report(
             })
         })
         .collect();
-    // In phase it is one slope for every lock; with a lead it depends on where in the cycle the part strikes.
+    // In phase it is one slope for every lock; with a lead it depends on where in the cycle the
+    // part strikes.
     let critical: Vec<f64> = rows
         .iter()
         .filter_map(|row| critical_slope(feeder, row))
@@ -338,7 +339,8 @@ pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel
     panel
 }
 
-/// The regime of a part from rest, from half way to the left neighbour to half way to the right one.
+/// The regime of a part from rest, from half way to the left neighbour to half way to the right
+/// one.
 pub(super) fn ribbon(
     over: &Over,
     rows: &[Row],

@@ -1,4 +1,4 @@
-//! How a board is just now: inputs, readings, amplitude, margins, faults.
+//! Present state of a board: inputs, readings, amplitude, margins, faults.
 
 use std::time::{Duration, Instant};
 
@@ -6,7 +6,7 @@ use kband::control::{Fault, Limits, State, Target};
 use kband::wire::{Request, Response, Status, Telemetry};
 use serde_json::{Value as Json, json};
 
-use crate::board::{Link, Unasked};
+use crate::board::{Link, Unsolicited};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 use crate::simulate::describe;
@@ -14,7 +14,7 @@ use crate::simulate::describe;
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What a board tells when it is asked how it is.
+/// Answers of a board to a request of its state.
 #[derive(Clone, Debug)]
 pub(in crate::verbs) struct BoardStatus {
     name: String,
@@ -274,7 +274,7 @@ fn row(link: &mut Link) -> Result<Telemetry, Refusal> {
     let end = Instant::now() + PATIENCE;
     while Instant::now() < end {
         for said in link.listen(Duration::from_millis(50))? {
-            if let Unasked::Telemetry(telemetry) = said {
+            if let Unsolicited::Telemetry(telemetry) = said {
                 return Ok(telemetry);
             }
         }

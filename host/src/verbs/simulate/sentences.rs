@@ -1,0 +1,550 @@
+//! The result of a single run, in sentences and as JSON.
+
+use std::path::Path;
+
+use kband::control::{Event, Report, State, Target, UpperTone};
+use kband::regime::classify::Regime;
+use serde_json::{Value as Json, json};
+
+use super::compare::LEAST;
+use super::summary::Seen;
+use crate::refusal::Refusal;
+use crate::report::{Printout, Table, Value, columns, number};
+use crate::simulate::{Lot, Outcome, SETTLED, describe, words};
+
+/// Files of a single run.
+pub(super) struct Written<'a> {
+    pub picture: &'a Path,
+    pub trace: Option<&'a Path>,
+    pub scope: Option<&'a Path>,
+}
+
+/// Expected share of time in gear below which the report advises on the lot.
+const POOR_SHARE: f64 = 0.7;
+/// Widest spread of restitution in a lot that counts as one restitution.
+const NARROW_LOT: f32 = 0.045;
+
+/// The timeline, the result in sentences, and the same as JSON.
+pub(super) fn report(
+    outcome: &Outcome,
+    fidelity: &str,
+    unmet: Option<&[String]>,
+    written: &Written<'_>,
+) -> Result<Printout, Refusal> {
+    let summary = Seen::of(outcome).lines();
+    let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
+    let mut report = Printout::new(timeline(outcome)).heading(heading);
+    let sentences = [
+        describe_state(outcome),
+        describe_setpoint(outcome),
+        vec![describe_band(outcome)],
+        vec![format!("regime           {}", outcome.regime())],
+        describe_share_in_gear(outcome),
+        Vec::from_iter(describe_expected_share(outcome)),
+        advise_on_lot(outcome),
+        Vec::from_iter(describe_strays(outcome)),
+        Vec::from_iter(describe_measured_regime(outcome)),
+        Vec::from_iter(describe_identification(outcome)),
+        Vec::from_iter(describe_margin(outcome)),
+        describe_load(outcome),
+        describe_lock_phase(outcome),
+        vec![format!(
+            "conveying speed  {} mm/s",
+            number(outcome.speed() * 1e3, 3)
+        )],
+        describe_expectation(unmet),
+        list_files(written),
+        vec![format!(
+            "speed            {} times real time ({fidelity})",
+            number(outcome.times_real_time(), 3)
+        )],
+    ];
+    for sentence in sentences.into_iter().flatten() {
+        report = report.note(sentence);
+    }
+    report.json(&as_json(outcome, &summary, fidelity, unmet, written))
+}
+
+/// Events with the state, the drive and the measured regime after each.
+fn timeline(outcome: &Outcome) -> Table {
+    let upper = outcome.file().scene.settings.upper_tones();
+    let mut columns = vec![
+        columns::TIME.digits(4),
+        columns::EVENT,
+        columns::STATE,
+        columns::B.digits(3),
+        columns::K.digits(4),
+    ];
+    let tones = [(columns::E, columns::TH), (columns::E3, columns::TH3)];
+    for (e, th) in tones.into_iter().take(upper) {
+        columns.push(e.titled(e.name()).digits(3));
+        columns.push(th.digits(4));
+    }
+    columns.push(columns::IN_GEAR_HEARD.titled("in gear (heard)").digits(2));
+    columns.push(columns::FLIP_HEARD.titled("margin (to the flip)").digits(2));
+    let mut table = Table::new(&columns);
+    let mut row = |time: f64, event: String, report: &Report| {
+        let k = f64::from(report.k);
+        let mut row: Vec<Value> = vec![
+            time.into(),
+            event.into(),
+            report.state.name().into(),
+            (f64::from(report.amplitude) * 1e3).into(),
+            if k < 1e3 { k.into() } else { Value::Missing },
+        ];
+        for UpperTone { ratio, phase } in report.shape.tones().into_iter().take(upper) {
+            row.push(f64::from(ratio).into());
+            row.push(if ratio > 0.0 {
+                f64::from(phase).into()
+            } else {
+                Value::Missing
+            });
+        }
+        row.push(f64::from(report.in_gear).into());
+        row.push(report.margin.map(|margin| f64::from(margin.flip)).into());
+        table.push_row(row);
+    };
+    for happened in outcome.events() {
+        let report = happened.report;
+        let event = name_event(outcome, happened.event, &report);
+        row(happened.time, event, &report);
+    }
+    row(outcome.file().duration, "end".into(), &outcome.last());
+    table
+}
+
+/// Name of an event, with the number of the kick or of the fault.
+fn name_event(outcome: &Outcome, event: Event, report: &Report) -> String {
+    let name = event.name();
+    match (event, report.fault) {
+        (Event::KickBegun, _) => format!(
+            "{name} ({} of {})",
+            report.attempts,
+            outcome.attempts_allowed()
+        ),
+        (Event::Faulted, Some(fault)) => {
+            format!("{name}: {} (fault {})", fault.name(), fault.number())
+        }
+        _ => name.into(),
+    }
+}
+
+/// Target and settings of the scene.
+fn describe_scene(outcome: &Outcome) -> String {
+    let scene = &outcome.file().scene;
+    let settings = &scene.settings;
+    format!(
+        "target {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
+        describe(outcome.target()),
+        settings.frequency,
+        settings.incline,
+        settings.restitution_low,
+        settings.restitution_high,
+        if outcome.file().scatters() {
+            let widest = scene.scatter.iter().copied().fold(0.0, f32::max);
+            format!(" scattering by {widest}")
+        } else {
+            String::new()
+        },
+        settings.quality
+    )
+}
+
+/// State of the controller at the end, and the fault.
+fn describe_state(outcome: &Outcome) -> Vec<String> {
+    let last = outcome.last();
+    let mut lines = vec![format!(
+        "state            {}{}",
+        last.state.name(),
+        last.fault.map_or(String::new(), |fault| format!(
+            ": {} (fault {})",
+            fault.name(),
+            fault.number()
+        ))
+    )];
+    if last.state == State::Capturing {
+        lines.push(format!(
+            "                 the scene ended at kick {} of {}: --duration {} gives it time",
+            last.attempts,
+            outcome.attempts_allowed(),
+            number((3.0 * outcome.file().duration).min(86_400.0), 4)
+        ));
+    }
+    lines
+}
+
+/// Limits, amplitude and k.
+fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
+    let mut lines = Vec::new();
+    for limit in outcome.limits() {
+        lines.push(format!("held back by     {limit}"));
+    }
+    if let Some(why) = outcome.no_setpoint() {
+        lines.push(format!("no setpoint      {why}"));
+    }
+    lines.push(format!(
+        "amplitude b      {} mm",
+        number(outcome.amplitude() * 1e3, 4)
+    ));
+    let k = outcome.k();
+    if k.is_finite() {
+        lines.push(format!("k                {}", number(k, 4)));
+    }
+    lines
+}
+
+/// Band of the lock, and whether k is inside.
+fn describe_band(outcome: &Outcome) -> String {
+    match outcome.band() {
+        Some(band) => format!(
+            "band             k {} .. {} (order {}{}), {}",
+            number(band.low(), 4),
+            number(band.high(), 4),
+            band.order(),
+            if outcome.file().scatters() {
+                ", of a lock without scatter"
+            } else {
+                ""
+            },
+            if band.contains(outcome.k()) {
+                "k inside"
+            } else {
+                "k outside"
+            }
+        ),
+        None => format!(
+            "band             none: {}",
+            outcome.no_band().unwrap_or_default()
+        ),
+    }
+}
+
+/// Share of time in gear, simulated and measured.
+fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let Some(share) = outcome.in_gear() {
+        let lost = outcome
+            .time_to_loss()
+            .map_or("never lost".into(), |periods| {
+                format!("lost after {} cycles in the mean", number(periods, 3))
+            });
+        lines.push(format!(
+            "in gear          {} of the time from {SETTLED} s on (order {}), {lost}",
+            number(share, 3),
+            outcome.gear_order()
+        ));
+        let record = outcome.record();
+        if let (Some(heard), Some(error), Some(told)) = (
+            record.in_gear_heard(),
+            record.in_gear_error(),
+            record.in_gear_told(),
+        ) {
+            let told = match told {
+                1.0 => String::new(),
+                told => format!(", told for {} of that time", number(told, 3)),
+            };
+            lines.push(format!(
+                "                 heard {} +- {}{told}",
+                number(heard, 3),
+                number(error, 1)
+            ));
+        } else if record.in_gear_told().is_some() {
+            lines.push("                 heard: not told".into());
+        }
+    }
+    lines
+}
+
+/// Lot of the settings.
+fn configured_lot(outcome: &Outcome) -> Lot {
+    let settings = &outcome.file().scene.settings;
+    Lot {
+        restitution: [settings.restitution_low, settings.restitution_high],
+        scatter: settings.scatter,
+    }
+}
+
+/// Lot for which the controller planned: the measured one, else that of the settings.
+fn planned_lot(outcome: &Outcome) -> Lot {
+    let planned = outcome.record().planned_for();
+    planned.unwrap_or_else(|| configured_lot(outcome))
+}
+
+/// Share of time in gear that the plan predicts, for a target of gear.
+fn predicted_share(outcome: &Outcome) -> Option<f64> {
+    matches!(outcome.target(), Target::Gear { .. })
+        .then_some(f64::from(outcome.last().expected_in_gear))
+}
+
+/// Share of time in gear that the plan predicts.
+fn describe_expected_share(outcome: &Outcome) -> Option<String> {
+    let lot = planned_lot(outcome);
+    let expected = predicted_share(outcome)?;
+    let Lot {
+        restitution: [low, high],
+        scatter,
+    } = lot;
+    let source = if lot == configured_lot(outcome) {
+        ""
+    } else {
+        ", as it is heard"
+    };
+    Some(format!(
+        "                 {} expected of restitution {}..{} that scatters by {}{source}",
+        number(expected, 3),
+        number(f64::from(low), 3),
+        number(f64::from(high), 3),
+        number(f64::from(scatter), 2)
+    ))
+}
+
+/// Advice where no amplitude serves the lot well.
+fn advise_on_lot(outcome: &Outcome) -> Vec<String> {
+    let settings = &outcome.file().scene.settings;
+    let lot = planned_lot(outcome);
+    let mut lines = Vec::new();
+    if let Some(expected) = predicted_share(outcome)
+        && expected < POOR_SHARE
+        && outcome.last().reference > 0.0
+    {
+        let Lot {
+            restitution: [low, high],
+            scatter,
+        } = lot;
+        let wide = high - low > NARROW_LOT;
+        let (low, high) = (number(f64::from(low), 3), number(f64::from(high), 3));
+        let what = if wide {
+            format!("a lot of R {low}..{high} is wider than any amplitude of this drive serves")
+        } else {
+            format!(
+                "a scatter of {} is more than any amplitude of this drive bears",
+                number(f64::from(scatter), 2)
+            )
+        };
+        let more = if settings.second_tone < 0.15 {
+            "a second tone in the drive (drive.second_tone = 0.15), "
+        } else {
+            ""
+        };
+        lines.push(format!(
+            "lot              {what}: {} of the time in gear is the best there is, and held; {more}parts sorted \
+             into narrower lots, or less scatter would keep them in gear for longer: kband gear --restitution {low}..{high} \
+             --scatter {}",
+            number(expected, 2),
+            number(f64::from(scatter), 2)
+        ));
+    }
+    lines
+}
+
+/// Parts outside the lot of the settings.
+fn describe_strays(outcome: &Outcome) -> Option<String> {
+    let settings = &outcome.file().scene.settings;
+    let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
+    (!strays.is_empty()).then(|| {
+        format!(
+            "parts            R {} outside the lot {}..{} that the controller is told (part.actual)",
+            strays.join(", "),
+            settings.restitution_low,
+            settings.restitution_high
+        )
+    })
+}
+
+/// Regime as the controller measures it.
+fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
+    let last = outcome.last();
+    let measured = last.regime?;
+    // Scattering phases repeat nothing, in gear or not.
+    let unrepeated = matches!(measured.regime, Regime::Chaotic | Regime::Undecided);
+    Some(if unrepeated && last.in_gear >= 0.5 {
+        format!("heard            in gear, order {}", last.gear)
+    } else if let (State::Locked, Regime::Doubled { order, doublings }) =
+        (last.state, measured.regime)
+    {
+        // The phases stay where the lock has them, and take turns there.
+        format!(
+            "heard            at the lock of order {order}, {} phases in turn (confidence {})",
+            1_u64 << doublings,
+            number(f64::from(measured.confidence), 2)
+        )
+    } else {
+        format!(
+            "heard            {} (confidence {})",
+            words(measured.regime),
+            number(f64::from(measured.confidence), 2)
+        )
+    })
+}
+
+/// Identified restitution.
+fn describe_identification(outcome: &Outcome) -> Option<String> {
+    let found = outcome.identified()?;
+    Some(format!(
+        "restitution      {} identified{}, standard error {}, {} hops at k {}",
+        number(f64::from(found.restitution), 3),
+        if found.scatter > 0.0 {
+            format!(", scattering by {}", number(f64::from(found.scatter), 2))
+        } else {
+            String::new()
+        },
+        number(f64::from(found.deviation), 1),
+        found.hops,
+        number(f64::from(found.k), 3)
+    ))
+}
+
+/// Measured margin to the flip.
+fn describe_margin(outcome: &Outcome) -> Option<String> {
+    let margin = outcome.last().margin?;
+    Some(format!(
+        "margin heard     {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
+        number(f64::from(margin.flip), 2),
+        number(f64::from(margin.trace), 2),
+        number(f64::from(margin.restitution), 3),
+        number(f64::from(margin.error), 1),
+        number(f64::from(margin.scatter), 2),
+        margin.to_loss.round()
+    ))
+}
+
+/// Measured mass and flow.
+fn describe_load(outcome: &Outcome) -> Vec<String> {
+    let last = outcome.last();
+    let mut lines = Vec::new();
+    if let Some(load) = last.load {
+        let flow = if load.flow == 0.0 {
+            String::new()
+        } else {
+            format!(", {} g/s", number(f64::from(load.flow), 3))
+        };
+        lines.push(format!(
+            "weighed          {} g on the track ({} g are) at {} mm/s{flow}",
+            number(f64::from(load.mass), 3),
+            number(outcome.mass(), 3),
+            number(f64::from(load.speed), 3),
+        ));
+    } else if outcome.file().scene.settings.track_mass > 0.0
+        && f64::from(last.shape.second.ratio) >= LEAST
+    {
+        lines.push("weighed          nothing: a second tone takes a power of its own".into());
+    }
+    lines
+}
+
+/// Phase of the lock: simulated, measured, predicted.
+fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
+    let last = outcome.last();
+    let silent = last
+        .regime
+        .is_some_and(|found| found.regime == Regime::Rest);
+    // Impacts measured only now and then are no lock to the controller.
+    let faint = matches!(last.state, State::Holding | State::Capturing)
+        && last
+            .regime
+            .is_some_and(|found| found.regime == Regime::Undecided);
+    let mut lines = Vec::new();
+    if let Some(phase) = outcome.lock_phase() {
+        let expected = outcome.expected_phase().map_or(String::new(), |phase| {
+            format!(
+                " (the map says {} for the middle of the lot)",
+                number(phase, 3)
+            )
+        });
+        let measured = if silent {
+            "not heard".into()
+        } else {
+            format!("heard {} rad", number(f64::from(last.phase), 3))
+        };
+        lines.push(format!(
+            "lock phase       {} rad, {measured}{expected}",
+            number(phase, 3)
+        ));
+        if silent || faint {
+            lines.push(
+                "                 the parts are locked, but too quiet for the controller: \
+                 [sensor] ringing against noise"
+                    .into(),
+            );
+        }
+    }
+    lines
+}
+
+/// Expectations of the scene.
+fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
+    match unmet {
+        None => Vec::new(),
+        Some([]) => vec!["expectation      met".into()],
+        Some(unmet) => unmet
+            .iter()
+            .map(|line| format!("NOT AS EXPECTED  {line}"))
+            .collect(),
+    }
+}
+
+/// Files that were written.
+fn list_files(written: &Written<'_>) -> Vec<String> {
+    [
+        ("picture", Some(written.picture)),
+        ("trace", written.trace),
+        ("scope", written.scope),
+    ]
+    .into_iter()
+    .filter_map(|(name, file)| Some(format!("{name:<16} {}", file?.display())))
+    .collect()
+}
+
+/// The result for programs.
+fn as_json(
+    outcome: &Outcome,
+    summary: &[String],
+    fidelity: &str,
+    unmet: Option<&[String]>,
+    written: &Written<'_>,
+) -> Json {
+    let (last, k, lot) = (outcome.last(), outcome.k(), planned_lot(outcome));
+    let path = |path: &Path| path.display().to_string();
+    let events: Vec<_> = outcome
+        .events()
+        .map(|happened| json!({"time": happened.time, "event": happened.event.name(), "state": happened.report.state.name()}))
+        .collect();
+    json!({
+        "summary": summary,
+        "events": events,
+        "state": last.state.name(),
+        "fault": last.fault.map(|fault| fault.name()),
+        "limits": outcome.limits(),
+        "b": outcome.amplitude() * 1e3,
+        "k": k.is_finite().then_some(k),
+        "band": outcome.band().map(|band| [band.low(), band.high()]),
+        "regime": outcome.regime(),
+        "in_gear": outcome.in_gear(),
+        "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_error": outcome.record().in_gear_error(),
+        "in_gear_told": outcome.record().in_gear_told(),
+        "planned_for": json!({"restitution": lot.restitution, "scatter": lot.scatter}),
+        "margin_heard": last.margin.map(|margin| json!({
+            "flip_heard": margin.flip,
+            "trace_heard": margin.trace,
+            "restitution_heard": margin.restitution,
+            "restitution_error": margin.error,
+            "scatter_heard": margin.scatter,
+            "to_loss_heard": margin.to_loss,
+        })),
+        "in_gear_expected": predicted_share(outcome),
+        "to_loss": outcome.time_to_loss(),
+        "lock_phase": outcome.lock_phase(),
+        "speed": outcome.speed() * 1e3,
+        "mass": outcome.file().scene.masses.iter().any(|mass| *mass > 0.0).then(|| outcome.mass()),
+        "mass_weighed": last.load.map(|load| load.mass),
+        "flow_weighed": last.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
+        "restitution_identified": outcome.identified().map(|found| found.restitution),
+        "not_as_expected": unmet,
+        "picture": path(written.picture),
+        "trace": written.trace.map(path),
+        "scope": written.scope.map(path),
+        "fidelity": fidelity,
+        "times_real_time": outcome.times_real_time(),
+    })
+}
