@@ -220,7 +220,7 @@ fn ready_is_off_a_second_after_parts_fell_out_of_gear() {
         let changes = [Change::Restitution(restitution), Change::Scatter(scatter)];
         for seed in 100..124 {
             let scene = changing(parts, seed, &changes);
-            let mut closed = Loop::Waveform(ClosedLoop::build(&scene).unwrap());
+            let mut closed = Loop::Waveform(Box::new(ClosedLoop::build(&scene).unwrap()));
             let last = last_report(&mut closed, |_, ready| ready);
             assert!(last < 1.0, "{parts} of {restitution}, {seed}: {last} s");
         }

@@ -11,7 +11,7 @@ use kband::wire::{Request, Response, Target, Telemetry};
 
 use super::drive::{rest, why_off};
 use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unasked};
+use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Table};
@@ -216,7 +216,7 @@ fn follow(link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetr
     while begun.elapsed() < within && cycles.len() < wanted {
         desk.go_on()?;
         for said in link.listen(LOOK)? {
-            if let Unasked::Telemetry(telemetry) = said {
+            if let Unsolicited::Telemetry(telemetry) = said {
                 if is_steady(&telemetry) {
                     cycles.push(telemetry);
                 } else {
