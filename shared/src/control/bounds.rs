@@ -109,6 +109,12 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let mut settings = walk.step(200);
         let cycles = settings.quality / PI * settings.frequency / settings.resonance;
         settings.tracking = 0.0;
+        // The upper modes (Q 25) move the track at the drive's own frequency, too. The configured
+        // gain describes the drive only while each moves it by less than 1 %.
+        let strength = Scale::at(&settings, settings.frequency).strength;
+        let most = 1e3 * 0.01 * 0.75 * 25.0 * strength;
+        settings.second_gain = settings.second_gain.min(most);
+        settings.third_gain = settings.third_gain.min(most);
         settings.soft_start = 40.0 / settings.frequency;
         settings.soft_stop = 40.0 / settings.frequency;
         settings.link_timeout = 40.0 / settings.frequency;
@@ -117,6 +123,10 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         // The largest amplitude takes a third of the converter's range.
         let sensor = Settings::default();
         settings.sensor_zero = sensor.sensor_zero;
+        // Not commissioned: the tests of the sensor would keep a weak one from driving.
+        settings.sensor_rest = sensor.sensor_rest;
+        settings.gain_tolerance = sensor.gain_tolerance;
+        settings.load_tolerance = sensor.load_tolerance;
         settings.converter_reference = sensor.converter_reference;
         settings.converter_bits = sensor.converter_bits;
         let scale = Scale::at(&settings, settings.frequency);
