@@ -46,10 +46,11 @@ const NO_TOUCH: f64 = 0.03;
 /// Tangent of the largest launch phase t0 at which the flight touches the track before `r` cycles;
 /// negative if there is none.
 ///
-/// With `k = k1 cos t0` the height over the track, `s` rad after launch, is `sin t0 - sin(t0 + s) +
-/// k s (pi r - s/2)`. It is zero at `tan t0 = T(s)` with `T(s) = (sin s - k1 s (pi r - s/2)) / (1 -
-/// cos s)`. So the flight touches where `tan t0` is at most the maximum of `T`. Only `s < pi`
-/// matters: later the parabola is above the track's next crest.
+/// With `k = k1 cos t0` the height over the track, `s` rad after launch, is
+/// `sin t0 - sin(t0 + s) + k s (pi r - s/2)`. It is zero at `tan t0 = T(s)` with
+/// `T(s) = (sin s - k1 s (pi r - s/2)) / (1 - cos s)`. So the flight touches where `tan t0` is at
+/// most the maximum of `T`. Only `s < pi` matters: later the parabola is above the track's next
+/// crest.
 ///
 /// The maximum is found by fixed-point iteration.
 fn touching_slope(restitution: f64, birth: f64) -> f64 {

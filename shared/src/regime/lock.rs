@@ -96,8 +96,8 @@ pub struct Lock {
 }
 
 impl Lock {
-    /// Orbit of `order` with `0 <= t0 <= pi/2`: `cos t0 = pi r k (1-R)/(1+R)`, `psi = 2 pi r k
-    /// R/(1+R)` (docs/theory-bands.md#t5.1).
+    /// Orbit of `order` with `0 <= t0 <= pi/2`: `cos t0 = pi r k (1-R)/(1+R)`,
+    /// `psi = 2 pi r k R/(1+R)` (docs/theory-bands.md#t5.1).
     ///
     /// `None` above `k1`, where no such orbit exists. [`Lock::attracts`] and
     /// [`Lock::is_first_return`] decide whether a part can follow it.

@@ -3,8 +3,8 @@
 //!
 //! Near a lock the deviation x = (phase, velocity) is linear: `x' = J x + q`. The noise q has the
 //! velocity `s` times the arrival speed. Its stationary covariance solves a discrete Lyapunov
-//! equation. The phases alone follow the second-order autoregression `t'' = tr J t' - R^2 t + 2 pi
-//! r dR`.
+//! equation. The phases alone follow the second-order autoregression
+//! `t'' = tr J t' - R^2 t + 2 pi r dR`.
 
 use core::f64::consts::TAU;
 
@@ -65,8 +65,8 @@ impl Spread {
         self.jacobian
     }
 
-    /// Coefficients tr J and det J = R^2 of the autoregression `t'' = tr J t' - det J t + 2 pi r
-    /// dR`.
+    /// Coefficients tr J and det J = R^2 of the autoregression
+    /// `t'' = tr J t' - det J t + 2 pi r dR`.
     #[must_use]
     pub fn recursion(&self) -> [f64; 2] {
         let [[a, b], [c, d]] = self.jacobian;
@@ -86,8 +86,8 @@ impl Spread {
             .then(|| TAU * self.turns * scatter * libm::sqrt(sum / (rest * margin)))
     }
 
-    /// Covariance S of phase and velocity, from `S = J S J^T + Q` with `Q = diag(0, (s
-    /// arrival)^2)`. `None` if the lock does not attract.
+    /// Covariance S of phase and velocity, from `S = J S J^T + Q` with
+    /// `Q = diag(0, (s arrival)^2)`. `None` if the lock does not attract.
     #[must_use]
     pub fn covariance(&self, scatter: f64) -> Option<[[f64; 2]; 2]> {
         self.phase_deviation(scatter)?;

@@ -20,8 +20,8 @@ pub struct WaveLock {
 }
 
 impl WaveLock {
-    /// Orbit of `order` with impact phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`, `psi = 2 pi r
-    /// k R/(1+R)`.
+    /// Orbit of `order` with impact phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`,
+    /// `psi = 2 pi r k R/(1+R)`.
     ///
     /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
     /// [`WaveLock::is_first_return`] decide whether a part can follow it.

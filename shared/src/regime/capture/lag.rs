@@ -28,8 +28,8 @@ impl DriveLagSettings {
     };
 }
 
-/// A first-order drive: after a step of the command the error falls as `exp(-cycles / time
-/// constant)`.
+/// A first-order drive: after a step of the command the error falls as
+/// `exp(-cycles / time constant)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveLag {
     decay: f32,
