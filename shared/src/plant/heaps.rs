@@ -138,8 +138,8 @@ fn the_track_keeps_its_amplitude_while_its_load_grows() {
 }
 
 /// A hopper drops 24 parts onto the empty track. Control of the amplitude alone, without the phase,
-/// deviates far more. At a load of a fifth of the track's mass it gives 9 % in the waveform and 36 %
-/// in the envelope.
+/// deviates far more. At a load of a fifth of the track's mass it gives 9 % in the waveform and
+/// 36 % in the envelope.
 #[test]
 fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
     for (quality, most, held) in [

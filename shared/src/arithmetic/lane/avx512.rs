@@ -1,7 +1,8 @@
-//! Eight f64 side by side: AVX-512.
+//! Lanes of eight f64 in AVX-512 registers.
 //!
-//! Its methods are sound only where the CPU has AVX-512 F and DQ, which nothing here checks: the type is named in
-//! `batch` and `tones/batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the CPU.
+//! The methods are sound only on a CPU with AVX-512 F and DQ, which is not checked here. Only
+//! `batch` and `tones/batch` use the type, in functions called after a check by
+//! [`Simd`](super::simd::Simd).
 
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -14,7 +15,7 @@ use crate::arithmetic::node;
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512(__m512d);
 
-/// Eight decisions, one bit each.
+/// Eight conditions, one bit each.
 #[derive(Clone, Copy)]
 pub(crate) struct Mask(__mmask8);
 
@@ -72,7 +73,7 @@ impl Not for Mask {
 }
 
 impl Avx512 {
-    /// The number of the node in the low bits of each lane.
+    /// Index of the node in the low bits of each lane.
     #[inline(always)]
     fn index(self) -> __m512i {
         // SAFETY: the CPU has AVX-512, see the module.
@@ -141,7 +142,7 @@ impl Lane for Avx512 {
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
-        // By plain loads: the gather instruction takes several times as long on some CPUs.
+        // Plain loads: the gather instruction takes several times longer on some CPUs.
         Self::node_at(&rounded.to_array(), 0)
     }
     #[inline(always)]
@@ -220,10 +221,10 @@ impl Lane for Avx512 {
     }
 }
 
-/// Sine and cosine of the nodes that these [`ROUNDER`](super::ROUNDER) sums name.
+/// Sine and cosine of the nodes of these [`ROUNDER`](super::ROUNDER) sums.
 #[inline(always)]
 fn four([a, b, c, d]: [f64; 4]) -> __m512d {
-    // SAFETY: the CPU has AVX-512, see the module; a pair is as long as what is loaded from it.
+    // SAFETY: the CPU has AVX-512, see the module; a pair is as long as the loaded vector.
     unsafe {
         let a = _mm_loadu_pd(pair(a));
         let low = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), _mm_loadu_pd(pair(b)));

@@ -1,8 +1,8 @@
-//! Lanes that go the same way, in a row.
+//! Compaction of lanes that take the same branch.
 
 use super::{COLUMN, Lane, WIDEST};
 
-/// Lanes in a row, and room to fill the last register.
+/// Indices of lanes, with space to fill the last register.
 #[derive(Clone, Debug)]
 pub(crate) struct Queue {
     lanes: [u8; COLUMN + WIDEST],
@@ -19,7 +19,7 @@ impl Queue {
         self.count = 0;
     }
 
-    /// Adds those lanes of a register whose bits are set.
+    /// Adds the lanes of a register whose bits are set.
     #[inline(always)]
     pub fn push_chosen<L: Lane>(&mut self, lanes: [u8; WIDEST], bits: u32) {
         let chosen = L::choose(lanes, PLACES[bits as usize % PLACES.len()]);
@@ -39,7 +39,7 @@ impl Queue {
         }
     }
 
-    /// Leaves those out that are not kept.
+    /// Removes the lanes that are not kept.
     #[cfg(any(test, feature = "analysis"))]
     pub fn retain(&mut self, keeps: impl Fn(usize) -> bool) {
         let mut kept = 0;
@@ -51,8 +51,8 @@ impl Queue {
         self.count = kept;
     }
 
-    /// Takes over the last lanes of another queue, which fill no register of `width` there, where they have room in the
-    /// last one here.
+    /// Takes the last, partial register of `width` lanes from another queue, if it fits the last
+    /// one here.
     #[cfg(target_arch = "x86_64")]
     pub fn fill_from(&mut self, other: &mut Self, width: usize) {
         let (rest, taken) = (other.count % width, self.count % width);
@@ -66,8 +66,8 @@ impl Queue {
         }
     }
 
-    /// The lanes by registers of `width`, and how many of each register count; one that is not full
-    /// repeats its last lane, to the same result.
+    /// Lanes in registers of `width`, with the number of valid lanes of each. A partial register
+    /// repeats its last lane, which computes the same result.
     #[inline(always)]
     pub fn registers(&mut self, width: usize) -> impl Iterator<Item = ([u8; WIDEST], usize)> + '_ {
         let count = self.count.min(COLUMN);
@@ -81,7 +81,7 @@ impl Queue {
     }
 }
 
-/// The places of the bits that are set in the index, lowest first, a byte each.
+/// Positions of the set bits of the index, lowest first, a byte each.
 const PLACES: [u64; 256] = {
     let mut places = [0; 256];
     let mut bits = 0;

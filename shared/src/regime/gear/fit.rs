@@ -120,7 +120,7 @@ impl Fit {
 pub struct FittedShare([f32; TERMS]);
 
 impl FittedShare {
-    /// Mean share at a place whose first coordinate has an error uniform in ±`error`.
+    /// Mean share at a place whose first coordinate has an error uniform within +-`error`.
     pub fn at(&self, place: [f32; 3], error: f32) -> f32 {
         // With a uniform error d, the mean of (x + d)^2 is x^2 + error^2/3, of (x + d)^3 it is x^3
         // + x error^2.
