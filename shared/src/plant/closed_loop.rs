@@ -200,8 +200,8 @@ mod tests {
         assert!(settled.unwrap() < 1.0);
     }
 
-    /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude at
-    /// 800 Hz, and 1.5 % at 2.4 kHz.
+    /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude
+    /// at 800 Hz, and 1.5 % at 2.4 kHz.
     #[test]
     fn what_many_parts_ring_is_no_amplitude_in_either_fidelity() {
         for (frequency, count) in [(800.0, 1), (800.0, 6), (800.0, 24), (2400.0, 24)] {

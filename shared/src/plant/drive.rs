@@ -1,5 +1,5 @@
 //! Resonant drive of the waveform plant: damped oscillators discretized exactly with zero-order
-//! hold (K. J. Astrom and B. Wittenmark, Computer-Controlled Systems, 1997).
+//! hold (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 1997).
 
 use core::f32::consts::{PI, TAU};
 use core::f64::consts::PI as PI64;

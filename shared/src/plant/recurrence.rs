@@ -1,6 +1,6 @@
 //! Resonant drive and demodulator in steps of a drive cycle, exact at the samples.
 //!
-//! The drive is its zero-order-hold discretization in modal coordinates (K. J. Astrom and B.
+//! The drive is its zero-order-hold discretization in modal coordinates (K. J. Åström and B.
 //! Wittenmark, Computer-Controlled Systems, 1997). Its transient and the sums of the lock-in
 //! demodulator are geometric series.
 

@@ -144,8 +144,8 @@ pub(crate) struct Node<L> {
 impl<L: Lane> Node<L> {
     /// Node nearest to phase `origin + ahead`.
     ///
-    /// Its distance from `origin` is exact to an ulp for up to 2^24 nodes (6 600 turns). The phase is
-    /// reduced by an integer mask.
+    /// Its distance from `origin` is exact to an ulp for up to 2^24 nodes (6 600 turns). The phase
+    /// is reduced by an integer mask.
     #[inline(always)]
     pub fn near(origin: L, ahead: L) -> Self {
         let rounded = name(origin + ahead);

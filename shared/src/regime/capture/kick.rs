@@ -4,9 +4,9 @@ use crate::feeder::{OutOfRange, accept};
 
 /// Commanded amplitude over the target amplitude during a capture.
 ///
-/// It is `factor` for `hold` cycles, then a straight line to `release` over `descent` cycles, then
-/// 1. A rectangular kick (no descent) throws the part onto the orbit. A slow descent moves a
-/// hopping part through the cascade until the lock attracts it.
+/// It is `factor` for `hold` cycles, a straight line to `release` over `descent` cycles, then 1.
+/// A rectangular kick (no descent) throws the part onto the orbit. A slow descent moves a hopping
+/// part through the cascade until the lock attracts it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KickSettings {
     /// Highest commanded amplitude over the target amplitude, 1..=10.

@@ -1,6 +1,6 @@
 //! Amplitude of a first-order drive through a kick.
 //!
-//! The model is the exact discretization of a first-order lag with zero-order hold (K. J. Astrom
+//! The model is the exact discretization of a first-order lag with zero-order hold (K. J. Åström
 //! and B. Wittenmark, Computer-Controlled Systems, 1997), one sample a drive cycle, with linear
 //! interpolation between samples.
 

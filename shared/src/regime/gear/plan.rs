@@ -942,8 +942,8 @@ mod tests {
         .unwrap()
     }
 
-    /// Reference shares: the best over 60 values of k, with 40 parts of 3000 periods each, or over a
-    /// random search, in f64. At a share of 0.4 plan and reference each have an error of 0.01.
+    /// Reference shares: the best over 60 values of k, with 40 parts of 3000 periods each, or over
+    /// a random search, in f64. At a share of 0.4 plan and reference each have an error of 0.01.
     #[test]
     fn the_share_at_the_chosen_k_is_that_of_a_fine_grid_and_is_told() {
         for (low, high, scatter, second_tone, best) in [
