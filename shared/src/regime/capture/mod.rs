@@ -2,8 +2,8 @@
 //! kick).
 //!
 //! In the band alone, a part at rest reaches the lock only at low restitution, and nowhere above
-//! R = 0.26 (docs/theory-capture.md#t7.2). A kick is chosen by simulating parts of the whole lot with
-//! the impact map. Desk and board use the same code.
+//! R = 0.26 (docs/theory-capture.md#t7.2). A kick is chosen by simulating parts of the whole lot
+//! with the impact map. Desk and board use the same code.
 
 mod follow;
 mod kick;
