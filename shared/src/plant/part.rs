@@ -382,8 +382,8 @@ impl Part {
         }
     }
 
-    /// Corrects the velocity along the track for a chatter that begins with `left` m/s. Its friction
-    /// is less than that of the contact by which it is simulated.
+    /// Corrects the velocity along the track for a chatter that begins with `left` m/s. Its
+    /// friction is less than that of the contact by which it is simulated.
     fn spare(&mut self, track: &Track<'_>, left: f64) {
         if let Some(Law::Friction(settings)) = track.law {
             self.along += settings.spared(self.along, left);
