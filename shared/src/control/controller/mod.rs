@@ -1,7 +1,7 @@
 //! Supervisory control of one drive: once per drive cycle, from measurements to the next command.
 //!
-//! A state machine ([`supervise`](super::supervise)) selects the reference, the amplitude loop
-//! ([`drive`](super::drive)) tracks it. The textbook pattern is supervisory control over a servo
+//! A state machine (`supervise`) selects the reference, the amplitude loop
+//! (`drive`) tracks it. The textbook pattern is supervisory control over a servo
 //! loop (Astrom and Murray, Feedback Systems, 2008). ARCHITECTURE.md walks through one cycle.
 
 use core::f32::consts::TAU;
@@ -50,9 +50,9 @@ const FIRST_TELLS: f32 = 4.0;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends: its
-/// command is latched at the next wrap of the phase. [`Controller::plan_step`] does one bounded slice
-/// of planning and belongs in idle time.
+/// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends. The
+/// signal path latches its command at the next wrap of the phase. [`Controller::plan_step`]
+/// computes one bounded slice of planning and belongs in idle time.
 ///
 /// ```
 /// use kband::control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -517,7 +517,7 @@ impl Controller {
         }
         match self.swing.cycle(measured, expected.amplitude) {
             SwingResult::Pending => {}
-            // The test swing moves no part, so the usual ratio under load is learned from here on.
+            // The test swing moves no part, so the usual ratio under load is estimated from here.
             SwingResult::Passed => self.faults.forget_usual(),
             SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
         }

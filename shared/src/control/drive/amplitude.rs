@@ -22,8 +22,8 @@ use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 
-/// Time constant of the closed loop in cycles, three times the dead time (averaging 0.5, latching 1,
-/// output 0.5): phase margin 70 degrees, gain margin above 4.
+/// Time constant of the closed loop in cycles, three times the dead time of 2: phase margin 70
+/// degrees, gain margin above 4.
 const CLOSED_LOOP: f32 = 6.0;
 /// Weight of a cycle in the gain estimate (exponential forgetting): memory of 25 cycles, four
 /// closed-loop time constants, so that the two loops stay separate.
@@ -52,7 +52,7 @@ const SHORTEST_DETUNED: f32 = 60.0;
 /// Cycles of gain estimation, off the resonance, before a start runs at full pace; at full pace
 /// from the beginning the amplitude beats by 14 %.
 const SURE: f32 = 16.0;
-/// Cycles added to those counted towards [`SURE`]: the start begins at this share of its pace.
+/// Cycles added to those of gain estimation: a start off the resonance begins at 1/16 of its pace.
 const FIRST: f32 = 1.0;
 /// Minimum duration of a start off the resonance over the lag of the envelope's phase: the phase
 /// errs by 1/6 rad at most.
@@ -128,8 +128,8 @@ pub struct AmplitudeLoop {
     since: f32,
     /// Integral term of the output, as a share of full output.
     integral_term: f32,
-    /// References at the ends of four cycles, newest first, in m: the cycle that the present output
-    /// will drive, the running one, the measured one, the one before.
+    /// References at the ends of four cycles, newest first, in m. The first cycle is the one that
+    /// the present output will drive, then the running one, the measured one, the one before.
     reference: [f32; 4],
     /// The reference through the inverse, in m.
     inverted: f32,

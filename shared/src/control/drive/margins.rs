@@ -86,7 +86,7 @@ impl LoopMargins {
     /// At the resonance it is the PI loop at the configured gain, before it was estimated. Off the
     /// resonance the gain estimate is the only feedback. Its loop is an integral gain times the
     /// difference of drive and model, which is zero for a correctly configured drive. The margins
-    /// are of the worst case, without the model.
+    /// are those of the loop without the model.
     pub fn of(told: &Settings, is: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(told)?;
         is.check()?;

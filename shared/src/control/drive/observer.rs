@@ -14,8 +14,8 @@ use num_complex::Complex32 as Complex;
 
 use super::envelope::size;
 
-/// Observer gains, as a share of the prediction error, along the held motion and across it: for
-/// envelope, load per cycle, and its change per cycle.
+/// Observer gains, over the prediction error along and across the held motion: for envelope, load
+/// per cycle, and its change per cycle.
 ///
 /// An impact at a third of the cycle shows two thirds of its effect in the cycle's mean, and all of
 /// it at the end. A growing load acts along the motion. Across it, more of the error is scatter of

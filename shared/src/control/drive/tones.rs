@@ -223,8 +223,9 @@ impl Tones {
         news
     }
 
-    /// Share of the wanted tones within the hard limits. max |S| and max |S''| are convex in the
-    /// tones, and 1 without any: a chord bounds them.
+    /// Share of the wanted tones within the hard limits.
+    ///
+    /// max |S| and max |S''| are convex in the tones, and 1 without any: a chord bounds them.
     fn left(&self, asked: &Asked, first: f32) -> f32 {
         let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
         if !self.loops.iter().zip(self.shape.tones()).any(wanted) {

@@ -9,8 +9,6 @@ use core::f32::consts::PI;
 use crate::control::hear::Cycle;
 use crate::control::state::Fault;
 
-// One of the tests below fails at a fraction and at a multiple of each of these.
-
 /// Peak-to-peak range of a dead reading, in converter steps: a constant voltage between two steps
 /// toggles the last one.
 const STILL_STEPS: u16 = 1;
@@ -22,8 +20,8 @@ const STILL: u8 = 3;
 const NOISE_STEPS: u16 = 10;
 /// Cycles of a cut wire without a response that are a fault: half of [`UNANSWERED`].
 const NOISE: u8 = 8;
-/// Readings per cycle at the ends of the converter's range; fewer can be one ringing: two readings
-/// of 2.4 kHz at 20 kHz, on each side.
+/// Readings per cycle at the ends of the converter's range; one ringing of 2.4 kHz has two on each
+/// side, at 20 kHz.
 const CLIPPED: u16 = 4;
 /// Cycles of saturation that are a fault: the time constant of a kick
 /// ([`Settings`](crate::control::Settings)), whose crest alone is none.

@@ -70,7 +70,7 @@ impl Interlock {
         }
     }
 
-    /// The same interlock after another program drove the output: the enable input must be off
+    /// The same interlock after a simulation replaced the controller: the enable input must be off
     /// once.
     #[must_use]
     pub fn latched(&self) -> Self {
