@@ -24,7 +24,7 @@ pub struct Report {
     pub reference: f32,
     /// Amplitude of the target's setpoint, in m; 0 where there is none.
     pub setpoint: f32,
-    /// Detected impacts per cycle, averaged over the last 16.
+    /// Detected impacts per cycle, averaged over the last 16 cycles.
     pub rate: f32,
     /// Mean phase of the track (symbol t) at the detected impacts, in rad, -pi..pi.
     pub phase: f32,

@@ -187,7 +187,7 @@ impl Settings {
         self.amplitude_limit.min(by_acceleration)
     }
 
-    /// Number of upper tones that the settings allow: 0, 1 or 2.
+    /// Tones above the first that the settings allow: 0, 1 or 2.
     #[must_use]
     pub fn upper_tones(&self) -> usize {
         let tones = [self.second_tone, self.third_tone];

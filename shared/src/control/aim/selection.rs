@@ -95,7 +95,7 @@ impl Selection {
         self.shape
     }
 
-    /// Whether the setpoint is found, or the reason for having none.
+    /// Whether the search for the setpoint is over, with or without a result.
     pub fn chosen(&self) -> bool {
         self.level != Level::Sought
     }

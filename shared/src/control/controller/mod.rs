@@ -1,8 +1,8 @@
 //! Supervisory control of one drive: once per drive cycle, from measurements to the next command.
 //!
-//! A state machine (`supervise`) selects the reference, the amplitude loop
-//! (`drive`) tracks it. The textbook pattern is supervisory control over a servo
-//! loop (Astrom and Murray, Feedback Systems, 2008). ARCHITECTURE.md walks through one cycle.
+//! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it.
+//! The textbook pattern is supervisory control over a servo loop (Astrom and Murray, Feedback
+//! Systems, 2008). ARCHITECTURE.md walks through one cycle.
 
 use core::f32::consts::TAU;
 
@@ -38,8 +38,8 @@ const GLIDE: f32 = 150.0;
 /// Relative error of the amplitude at which the setpoint counts as reached: half of the default
 /// amplitude error that kicks are planned for.
 const NEAR: f32 = 0.01;
-/// Amplitude over the hard limit below which the track counts as at rest; sensor noise alone
-/// measures less.
+/// Amplitude over the hard limit below which the track counts as at rest: about the reading of
+/// sensor noise.
 const AT_REST: f32 = 0.02;
 /// Amplitude, in m per mm of the safe one (30 % of it), above which the resonance is tracked;
 /// below, noise hides the phase.
@@ -287,8 +287,7 @@ impl Controller {
         } else if self.resonance.sweeps() {
             self.sweep(measured, &mut events);
         } else {
-            // A reading that may be of a lost sensor is not used: the output is held until the
-            // verdict.
+            // The reading of a sensor that may be lost is not used: the output is held.
             if !blind {
                 let reference = self.reference.now;
                 let most = self.most_output();
@@ -834,8 +833,8 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     }
 }
 
-/// The impact detector for gear: for the configured lot, or for any restitution where the
-/// identification is to estimate it.
+/// The estimator of gear: for the configured lot, or for any restitution where the identification
+/// is to estimate it.
 fn gear_hearing(settings: &Settings, any: bool) -> GearHearing {
     let Settings {
         restitution_low,

@@ -180,8 +180,8 @@ impl Controller {
         self.selection.setpoint(&self.scale)
     }
 
-    /// Whether the setpoint is found, or that there is none. The lock for a speed and the k for
-    /// gear need a search.
+    /// Whether the search for the setpoint is over, with or without a result. The lock for a speed
+    /// and the k for gear need a search.
     #[must_use]
     pub fn chosen(&self) -> bool {
         self.selection.chosen()

@@ -300,7 +300,7 @@ impl FaultDetector {
         )
     }
 
-    /// Whether the amplitude does not oscillate about its reference.
+    /// Whether the amplitude has not reversed back and forth about its reference.
     pub fn is_steady(&self) -> bool {
         self.turns.count < UNSTEADY
     }

@@ -1,7 +1,7 @@
 //! Tests of the accelerometer: its mean against the commissioned one, and a small swing at each
 //! start.
 //!
-//! The methods are limit checks: on a moving average, and on the ratio of measured to predicted
+//! The methods are limit checks: on a block average, and on the ratio of measured to predicted
 //! amplitude (Isermann, Fault-Diagnosis Systems, 2006).
 
 use crate::control::hear::Cycle;
@@ -58,8 +58,8 @@ impl RestTest {
         let per_volt = STANDARD_GRAVITY as f32 / sensitivity;
         let step = converter_reference / libm::exp2f(converter_bits);
         let rest = (sensor_rest - sensor_zero) * per_volt;
-        // The share of full gravity, whatever share the axis measures: a wrong `sensor_zero` does
-        // not narrow it.
+        // The sensitivity drifts by a share of full gravity, whatever share the axis measures. A
+        // wrong `sensor_zero` does not narrow the bound.
         let bound = (OFFSET_DRIFT + step) * per_volt + SENSITIVITY_DRIFT * STANDARD_GRAVITY as f32;
         Self {
             commissioned: (sensor_rest > 0.0).then_some([rest, bound]),
