@@ -1,8 +1,8 @@
 //! Supervisory control of one drive: once per drive cycle, from measurements to the next command.
 //!
 //! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it.
-//! The textbook pattern is supervisory control over a servo loop (Astrom and Murray, Feedback
-//! Systems, 2008). ARCHITECTURE.md walks through one cycle.
+//! The textbook pattern is supervisory control of a servo loop. ARCHITECTURE.md walks through one
+//! cycle.
 
 use core::f32::consts::TAU;
 

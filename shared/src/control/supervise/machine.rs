@@ -1,8 +1,8 @@
 //! The state machine of a drive: one cycle's observations in, next state and decision out.
 //!
-//! The method is a finite-state machine with hysteresis and debouncing. One threshold of the
-//! confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row. The
-//! permitted transitions are the table of `control/state/transition.rs`.
+//! The method is a finite-state machine (Mealy 1955) with hysteresis and debouncing. One threshold
+//! of the confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row.
+//! The permitted transitions are the table of `control/state/transition.rs`.
 
 use super::capture::{Capture, CaptureEvent};
 use super::interlock::Interlock;
