@@ -28,8 +28,6 @@ const IMPACTS: u32 = 600;
 const HEARD: usize = 64;
 /// Velocity in b w below which a part comes to rest: its hops end within `2e-3/(P (1 - R))`, pull P
 /// (docs/theory-impacts.md#t4.1).
-///
-/// It saves the impacts up to the classification, which calls such parts not chaotic too.
 const RESTING: f64 = 1e-3;
 
 /// One simulated part at one k.
@@ -59,6 +57,8 @@ impl Trial {
         let impact = self.map.impact(self.state);
         self.state = impact.next;
         self.impacts += 1;
+        // The hops end unless the track's pull is as small. The classification would also call such
+        // a part not chaotic; this saves its impacts.
         if Hybrid::observe(impact.next).velocity < RESTING {
             return Some(false);
         }

@@ -1,3 +1,5 @@
+//! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
+
 use super::*;
 use crate::control::{Heard, Report};
 use crate::regime::classify::Regime;

@@ -7,6 +7,12 @@
 //! phasor. The next output compensates the estimated load within one cycle (deadbeat control). For
 //! that it takes effect before the phase wraps. Parts also shift the track's phase, and impacts
 //! follow it. The phase is therefore held as the amplitude is, by an output that leads.
+//!
+//! The gains differ along the held motion and across it. An impact at a third of the cycle shows
+//! two thirds of its effect in the cycle's mean, and all of it at the end. A growing load acts
+//! along the motion. Across it, more of the error is scatter of early and late impacts, which does
+//! not repeat. An envelope gain of 1.4 would be the best for exact readings. With blanked impacts
+//! the reading alternates from 1.1 on.
 
 use core::f32::consts::{PI, TAU};
 
@@ -16,11 +22,6 @@ use super::envelope::size;
 
 /// Observer gains, over the prediction error along and across the held motion: for envelope, load
 /// per cycle, and its change per cycle.
-///
-/// An impact at a third of the cycle shows two thirds of its effect in the cycle's mean, and all of
-/// it at the end. A growing load acts along the motion. Across it, more of the error is scatter of
-/// early and late impacts, which does not repeat. An envelope gain of 1.4 would be the best for
-/// exact readings. With blanked impacts the reading alternates from 1.1 on.
 const CORRECTS: [[f32; 2]; 3] = [[1.0, 0.9], [0.6, 0.4], [0.04, 0.02]];
 /// Share of the output's lead by which the held phase yields per cycle, so that the lead decays
 /// over 200 cycles.

@@ -1,7 +1,9 @@
 //! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
 //! (docs/theory-capture.md#t7.3).
 //!
-//! A token bucket limits the rate of kicks.
+//! A token bucket limits the rate of kicks. A kick and its test need 80 cycles, in which the parts
+//! are thrown higher and conveyed worse. Kicks cannot hold parts that are lost more often than
+//! every hundred seconds.
 
 use crate::regime::capture::{Kick, Plan};
 
@@ -11,9 +13,6 @@ const SURE: f64 = 0.95;
 
 /// Kicks per hour that the token bucket gains: with the saved ones, 60 in an hour cost 2.7 % of the
 /// time at 50 Hz.
-///
-/// A kick and its test need 80 cycles, in which the parts are thrown higher and conveyed worse.
-/// Kicks cannot hold parts that are lost more often than every hundred seconds.
 const HOURLY: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const SAVED: f32 = 20.0;

@@ -45,10 +45,6 @@ const USUAL: f32 = 500.0;
 const IMPLAUSIBLE: u8 = 50;
 /// Distance of a wrong lead from both ends of its half turn, in rad, for noise and detuning up to
 /// 4.7 % at Q = 25.
-///
-/// A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are the
-/// held output (0.008 rad at 50 Hz), noise and transients. A drive further off its resonance than
-/// 1/(2 Q tan 0.4) is there too.
 const WRONG_LEAD: f32 = 0.4;
 /// Cycles of a wrong lead that are a fault: as many as of saturation, for a kick moves the phase
 /// too.
@@ -232,8 +228,10 @@ impl FaultDetector {
         let still = moving && span <= STILL_STEPS;
         let saturated = running && !still && cycle.saturated >= CLIPPED;
         let unanswered = moving && !still && measured < ANSWER * expected.amplitude;
-        // Beside its resonance a track turns against its output while its amplitude changes; the
-        // prediction includes that.
+        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
+        // the held output (0.008 rad at 50 Hz), noise, transients, and drives further off their
+        // resonance than 1/(2 Q tan 0.4). Beside its resonance a track turns against its output
+        // while its amplitude changes; the prediction includes that.
         let wrong = expected.opposed && lead > WRONG_LEAD && lead < PI - WRONG_LEAD;
         let inverted = moving && !unanswered && wrong;
         if !running {
