@@ -67,6 +67,7 @@ pub fn take_last_words() -> LastWords {
 /// Marks the RAM while the board has power; after power-on its content is arbitrary.
 #[unsafe(link_section = ".uninit.running")]
 static RUNNING: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
+/// Value of the mark: 128 arbitrary bits.
 const RUNNING_MARK: [u32; 4] = [0x6b62_616e, 0x9d8a_2e51, 0x1f3c_77e0, 0xc4d1_05b9];
 
 /// Whether the RAM kept its mark from before this start; sets the mark.
@@ -162,10 +163,12 @@ pub fn unexpected(number: i16) -> ! {
 /// Size of the guarded area below the RAM, bytes. It covers system memory and option bytes, where a
 /// write may be ignored without a fault. The program reads nothing there.
 const GUARDED: u32 = 64 * 1024;
-/// Attributes of the region (ARM DDI 0403E, B3.5.9): enabled, 2^(size + 1) bytes, no access, no
-/// execution.
+/// Enable bit of a region's attributes (ARM DDI 0403E, B3.5.9). Without further bits the region
+/// allows no access.
 const REGION_ON: u32 = 1;
+/// Size field of the region's attributes: 2^(size + 1) bytes.
 const REGION_SIZE: u32 = (GUARDED.trailing_zeros() - 1) << 1;
+/// Attribute bit that forbids execution.
 const NEVER_EXECUTED: u32 = 1 << 28;
 /// Enables the protection, with the default map beside its regions (B3.5.5).
 const PROTECTION_ON: u32 = 1 | 1 << 2;

@@ -38,8 +38,11 @@ pub enum StoreFailed {
     SupplyLow,
 }
 
+/// Size of a record's number, bytes.
 const NUMBER: usize = 4;
+/// Size of a record's checksum (CRC-32), bytes.
 const CHECK: usize = 4;
+/// Size of a record's seal, bytes: the largest word that a board's flash programs at once.
 const SEAL: usize = 8;
 /// First bytes of a bank whose erasure was completed. Ones and zeros are equal in number; the rest
 /// of the slot stays blank.

@@ -7,6 +7,7 @@ use core::fmt;
 
 /// Longest stored text, bytes; a longer one is cut.
 const CAPACITY: usize = 244;
+/// Mark of a record.
 const MARK: u32 = 0x6b62_4c57;
 
 /// The record in reserved RAM.

@@ -412,11 +412,12 @@ impl Watchdog for Guard {
 /// clock tree, so that they do not drift apart.
 pub struct Window;
 
-/// Window watchdog limits, steps of about 97 us since the last feed: reset without a feed, and
-/// shortest interval of a feed. Forty samples take 20 or 21 steps (97.5 us at 42 MHz, 96.4 us at
-/// 42.5 MHz). At 1.5 times the sample rate they take 13 or 14, at twice the rate 10 or 11. A
-/// delayed sample, at most 100 us for a word of the flash, takes two off.
+/// Number of window watchdog steps (about 97 us) after a feed at which the chip is reset: 4.7 ms.
 const BITES: u8 = 48;
+/// Smallest number of such steps between two feeds; an earlier feed resets the chip. Forty samples
+/// take 20 or 21 steps (97.5 us at 42 MHz, 96.4 us at 42.5 MHz). At 1.5 times the sample rate they
+/// take 13 or 14, at twice the rate 10 or 11. A delayed sample, at most 100 us for a word of the
+/// flash, takes two off.
 const EARLIEST: u8 = 16;
 /// Number of samples between feeds of the window watchdog: 2 ms.
 const FEED: u8 = 40;
@@ -528,10 +529,11 @@ impl Line for Serial {
     }
 }
 
-/// Registers of the CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both): data and control.
-/// Writing 1 to control resets it.
+/// Data register of the CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both).
 const CRC_DATA: *mut u32 = 0x4002_3000 as *mut u32;
+/// Control register of the CRC unit.
 const CRC_CONTROL: *mut u32 = 0x4002_3008 as *mut u32;
+/// Bit that resets the CRC unit.
 const CRC_RESET: u32 = 1;
 
 /// Whether the flash holds the program as written. The word behind the image is its CRC-32, which
@@ -557,14 +559,17 @@ pub fn image_is_whole() -> bool {
     }
 }
 
-/// Busy bit and start bit of the flash controller, the same on all STM32F4 and STM32G4.
+/// Busy bit of the flash controller's status, the same on all STM32F4 and STM32G4.
 const FLASH_BUSY: u32 = 1 << 16;
+/// Start bit of the flash controller's control register, the same on all STM32F4 and STM32G4.
 const FLASH_START: u32 = 1 << 16;
-/// Control register of the window watchdog and its fields: enable bit and count. During an erasure
-/// it is fed at `HALF_WAY`, half the interval before its reset.
+/// Control register of the window watchdog.
 const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
+/// Its enable bit.
 const WINDOW_RUNS: u32 = 0x80;
+/// Its count, which falls by one a step.
 const WINDOW_COUNT: u32 = 0x7f;
+/// Count at which it is fed during an erasure: half the interval before its reset.
 const HALF_WAY: u32 = 0x58;
 
 /// Erases a page of the flash with interrupts off. `page` in the control register selects it;

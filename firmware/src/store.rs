@@ -20,12 +20,15 @@ const VERSION: u32 = 3;
 /// Size of a slot for settings and target, bytes. Two pages of 2 KiB hold 140 000 saves in 10 000
 /// erasures.
 const SLOT: usize = 256;
+/// Size of the content of a settings record, bytes.
 const CONTENT: usize = SLOT - OVERHEAD;
+/// Number of settings.
 const COUNT: usize = Settings::KEYS.len();
 /// Size of a slot for a fault, bytes. The smallest page holds 50 of them and its mark.
 const FAULT_SLOT: usize = 40;
 /// Number of faults that are kept.
 pub const FAULTS: u32 = 32;
+/// Size of the content of a fault record, bytes.
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 const _: () = assert!(FAULT_CONTENT == RECORD);
 

@@ -9,8 +9,9 @@ use embedded_storage_async::nor_flash::{
 use kband::plant::Noise;
 use std::vec::Vec;
 
-/// Page size of the STM32G474 and sector size of the STM32F405, bytes.
+/// Page size of the STM32G474, bytes.
 const SMALL: usize = 2 * 1024;
+/// Sector size of the STM32F405, bytes.
 const LARGE: usize = 128 * 1024;
 /// Number of four-byte words in a record; an erasure clears a page word by word.
 const WORDS: usize = SLOT / 4;

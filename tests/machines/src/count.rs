@@ -5,7 +5,9 @@ use std::path::Path;
 use crate::chip::core::{Bus, COUNTER, Class, Code, Core, Fault, LINK};
 use crate::images;
 
+/// First address of the RAM.
 const MEMORY: u32 = 0x2000_0000;
+/// Size of the RAM, bytes.
 const MEMORY_SIZE: usize = 128 * 1024;
 /// First address of the core's own peripherals, which an image without interrupts does not use.
 const OWN: u32 = 0xe000_0000;

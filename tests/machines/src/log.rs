@@ -26,6 +26,7 @@ pub struct Line {
 
 /// Size of the ring's header with its mark, bytes.
 const HEAD: usize = 48;
+/// Mark at the start of the ring's header.
 const MARK: &[u8] = b"SEGGER RTT\0";
 
 /// Lines in the ring of the chip that runs an image, oldest first; empty where there is no ring

@@ -13,8 +13,9 @@ use std::time::{Duration, Instant};
 
 use crate::chip::Chip;
 
-/// Identities of an STM32F4's debug port and memory access port.
+/// Identity of an STM32F4's debug port.
 const PORT: u32 = 0x2ba0_1477;
+/// Identity of its memory access port.
 const MEMORY_PORT: u32 = 0x2477_0011;
 /// Power requests, granted at once.
 const POWER: u32 = 0x5000_0000;

@@ -904,10 +904,11 @@ fn an_erasure_that_was_cut_short_is_repeated() {
     }
 }
 
-/// Offset of the settings in the flash, size of their record in bytes, and number of slots in a
-/// bank.
+/// Offset of the settings in the flash, bytes.
 const SETTINGS: usize = 0x080c_0000 - flash::START as usize;
+/// Size of a settings record, bytes.
 const RECORD: usize = 256;
+/// Number of slots in a bank.
 const BANK: usize = 512;
 /// Number of records in a bank, whose first slot holds its mark.
 const ROOM: usize = BANK - 1;

@@ -28,8 +28,9 @@ mod flash;
 
 /// Frequency of the board's crystal, Hz.
 const CRYSTAL: u32 = 8_000_000;
-/// Highest level of the supply monitor: 2.9 V (DS8626, table 19), and its EXTI line.
+/// Highest level of the supply monitor: 2.9 V (DS8626, table 19).
 const HIGHEST_LEVEL: u8 = 7;
+/// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;
 
 static SUPPLY: Supply = Supply::new();

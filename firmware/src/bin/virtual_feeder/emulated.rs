@@ -69,7 +69,9 @@ static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
 /// The emulated reset cause, in RAM that a reset leaves unchanged like the chip's register.
 #[unsafe(link_section = ".uninit.cause")]
 static CAUSE: AtomicU32 = AtomicU32::new(0);
+/// Value of the cause after a watchdog reset.
 const CAUSE_WATCHDOG: u32 = 0x5744_4f47;
+/// Value of the cause after a reset by the firmware.
 const CAUSE_SOFTWARE: u32 = 0x534f_4654;
 
 #[unsafe(no_mangle)]

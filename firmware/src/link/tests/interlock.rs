@@ -5,8 +5,9 @@ use kband::plant::Noise;
 
 use super::*;
 
-/// Number of random request sequences, and the largest length of one.
+/// Number of random request sequences.
 const SEQUENCES: u32 = 100_000;
+/// Largest number of requests in a sequence.
 const LONGEST: u32 = 40;
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {

@@ -192,6 +192,7 @@ mod cost {
 
     /// Cost of an impact on a settled orbit; `None` where it comes to rest.
     fn tireless<K: Machine>(counter: &Counter, values: [f64; 4]) -> Option<u64> {
+        /// Number of impacts over which the cost is averaged.
         const COUNT: u32 = 200;
         let (kernel, start) = begin::<K>(values);
         let settled = fly(&kernel, start, COUNT);

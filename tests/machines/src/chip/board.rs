@@ -17,8 +17,11 @@ use super::world::{STEP, Seen, World};
 
 /// First address of the RAM.
 pub const MEMORY: u32 = 0x2000_0000;
+/// Size of the RAM, bytes.
 const MEMORY_SIZE: usize = 128 * 1024;
+/// First address of the core-coupled RAM.
 const COUPLED: u32 = 0x1000_0000;
+/// Size of the core-coupled RAM, bytes.
 const COUPLED_SIZE: usize = 64 * 1024;
 /// Addresses: identity of the chip, debug freeze registers (38.16), flash size (39.2).
 const IDENTITY: u32 = 0xe004_2000;

@@ -1,5 +1,6 @@
 //! Model of the CRC unit (RM0090, chapter 4): CRC-32 of words, highest bit first, four cycles each.
 
+/// Generator polynomial of CRC-32.
 const POLYNOMIAL: u32 = 0x04c1_1db7;
 
 /// The registers.

@@ -4,8 +4,9 @@
 pub const TICKS: u64 = 1_008_000_000;
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL: u32 = 16_000_000;
-/// Start-up time of the crystal, 2 ms, and of the PLL, 0.2 ms, ticks (DS8626, tables 37 and 41).
+/// Start-up time of the crystal, ticks: 2 ms (DS8626, table 37).
 const CRYSTAL_START: u64 = TICKS / 500;
+/// Start-up time of the PLL, ticks: 0.2 ms (DS8626, table 41).
 const PLL_START: u64 = TICKS / 5000;
 /// Highest frequency of the core, Hz (DS8626, table 14).
 pub const FASTEST: u32 = 168_000_000;

@@ -16,7 +16,9 @@ pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
 /// Address of the status register.
 pub const STATUS: u32 = REGISTERS.start + 0x0c;
 
+/// Key values that unlock the controller.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+/// Key values that unlock the option bytes.
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 /// Bits of ACR (3.9.1).
 const PREFETCH: u32 = 1 << 8;
@@ -45,9 +47,10 @@ const OPTIONS: u32 = 0x0fff_aaed;
 const OPTION_BYTES: u32 = 0x0fff_ffec;
 /// Number of cached lines of 16 bytes: instructions, data (3.5.2).
 const LINES: [usize; 2] = [64, 8];
-/// Durations (DS8626, flash memory programming): a word, 16 us. Erasing 16, 64, 128 KiB and all, in
-/// ms, by bytes, half words and words. The longest are twice as long.
+/// Duration of programming a word, ticks: 16 us (DS8626, flash memory programming).
 const WORD_TIME: u64 = 16 * TICKS / 1_000_000;
+/// Typical durations of an erasure, ms (DS8626, flash memory programming). Columns: 16, 64, 128 KiB
+/// and all; rows: by bytes, half words and words. The longest durations are twice as long.
 const ERASE_TIMES: [[u64; 4]; 3] = [
     [400, 1200, 2000, 16_000],
     [300, 700, 1300, 11_000],

@@ -3,11 +3,13 @@
 
 /// Number of exceptions.
 const EXCEPTIONS: usize = 112;
-/// Numbers of exceptions.
+/// Exception number of the NMI.
 pub const NMI: u16 = 2;
 /// Exception number of the hard fault.
 pub const HARD_FAULT: u16 = 3;
+/// Exception number of PendSV.
 const SERVICE: u16 = 14;
+/// Exception number of SysTick.
 const SYSTICK: u16 = 15;
 /// Exception number of the first interrupt.
 pub const INTERRUPTS: u16 = 16;

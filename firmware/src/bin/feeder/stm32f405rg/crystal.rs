@@ -9,9 +9,9 @@ use embassy_stm32::pac::rcc::vals::Sw;
 
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL: u32 = 16_000_000;
-/// Start-up limit of the crystal, core cycles (100 ms), and limit for one step of the watchdog's
-/// clock (10 ms).
+/// Start-up limit of the crystal, core cycles (100 ms).
 const PATIENCE: u32 = INTERNAL / 10;
+/// Limit of one wait for the watchdog's clock or a clock switch, core cycles (10 ms).
 const STEP: u32 = INTERNAL / 100;
 /// Number of register transfers to the watchdog's clock in a measurement, five of its periods each.
 const HANDED: u32 = 8;

@@ -12,16 +12,19 @@ use kband_firmware::stm32::{erase_page, program_words};
 
 use super::supply_settled;
 
-/// Number of the first sector of 128 KiB, and the size of each in bytes.
+/// Number of the first sector of 128 KiB.
 const FIRST: u32 = 5;
+/// Size of these sectors, bytes.
 const SIZE: u32 = 128 * 1024;
 
 /// Lowest revision of the chip with a working flash prefetch: 1, 2, Y, Z (ES0182).
 const FETCHES_AHEAD: u16 = 0x1001;
 
-/// Registers of the flash controller (RM0090, 3.9).
+/// Status register of the flash controller (RM0090, 3.9).
 const STATUS: *const u32 = 0x4002_3c0c as *const u32;
+/// Control register of the flash controller.
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
+/// Control bit: erase a sector.
 const ERASE_SECTOR: u32 = 1 << 1;
 /// Parallelism of 32 bits, which halves the 4 s of 8 bits (DS8626, flash memory programming). It
 /// needs a supply of 2.7 V, which the supply monitor ensures.

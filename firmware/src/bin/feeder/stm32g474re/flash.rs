@@ -16,11 +16,13 @@ use super::supply_settled;
 
 /// Size of a page with the flash in two banks, bytes.
 const SIZE: u32 = 2 * 1024;
-/// Registers of the flash controller (RM0440, 3.7) and the value that erases a page of the second
-/// bank.
+/// Status register of the flash controller (RM0440, 3.7).
 const STATUS: *const u32 = 0x4002_2010 as *const u32;
+/// Control register of the flash controller.
 const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
+/// Control bit: erase a page.
 const ERASE_PAGE: u32 = 1 << 1;
+/// Control bit: the page is in the second bank.
 const SECOND_BANK: u32 = 1 << 11;
 /// Error bits of the status register, cleared by writing 1. An erasure does not start with one set.
 const ERRORS: u32 = 0xc3fa;

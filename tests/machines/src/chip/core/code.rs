@@ -9,13 +9,17 @@ use std::sync::Arc;
 use super::op::Op;
 use super::{Bus, Fault, decode};
 
-/// Cached address ranges: flash and RAM (RM0090, 2.3).
+/// First address of the flash (RM0090, 2.3).
 const FLASH: u32 = 0x0800_0000;
+/// Size of the flash, bytes.
 const FLASH_SIZE: u32 = 1024 * 1024;
+/// First address of the RAM.
 const MEMORY: u32 = 0x2000_0000;
+/// Size of the RAM, bytes.
 const MEMORY_SIZE: u32 = 128 * 1024;
-/// Number of address bits in a page, and its number of instructions, one per halfword.
+/// Number of address bits in a page.
 const PAGE_BITS: u32 = 11;
+/// Number of instructions in a page, one per halfword.
 const PAGE: usize = 1 << (PAGE_BITS - 1);
 /// Number of pages of the flash; those of the RAM follow.
 const FLASH_PAGES: usize = (FLASH_SIZE >> PAGE_BITS) as usize;

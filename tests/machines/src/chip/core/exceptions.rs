@@ -5,12 +5,13 @@ use super::{Bus, COUNTER, Core, Fault, LINK, STACK, Waits};
 /// Bits of CONTROL: second stack pointer in use, numbers in the floating-point registers.
 const SECOND_STACK: u32 = 1 << 1;
 const FLOAT: u32 = 1 << 2;
-/// Size of a stack frame in bytes, without and with floating-point registers.
+/// Size of a stack frame, bytes.
 const FRAME: u32 = 0x20;
+/// Size of a stack frame with floating-point registers, bytes.
 const FLOAT_FRAME: u32 = 0x68;
-/// Duration of an exception entry and return in cycles, and the extra for floating-point registers
-/// (ARM DDI 0439B, 3.9).
+/// Duration of an exception entry or return, cycles (ARM DDI 0439B, 3.9).
 const LATENCY: u32 = 12;
+/// Extra duration for the floating-point registers, cycles.
 const FLOAT_LATENCY: u32 = 17;
 
 impl Core {

@@ -6,6 +6,7 @@ use super::op::{Single, Unary};
 
 /// NaN that an operation on numbers returns.
 const NAN: u32 = 0x7fc0_0000;
+/// Bit that makes a NaN a quiet one.
 const QUIET: u32 = 0x0040_0000;
 /// FPSCR bit: operations on NaN return the default NaN.
 const DEFAULT_NAN: u32 = 1 << 25;
