@@ -1,8 +1,8 @@
 //! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
 //!
 //! The sample interrupt demodulates the acceleration, in phase and in quadrature to the drive
-//! (docs/glossary.md), and sets the output. It switches the drive off after [`COMMANDS_LAST`] cycles
-//! without a command.
+//! (docs/glossary.md), and sets the output. It switches the drive off after [`COMMANDS_LAST`]
+//! cycles without a command.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;

@@ -9,7 +9,8 @@ use crate::images;
 const MEMORY: u32 = 0x2000_0000;
 /// Size of the RAM, bytes.
 const MEMORY_SIZE: usize = 128 * 1024;
-/// First address of the core's own peripherals, which an image without interrupts does not use.
+/// First address of the core's own peripherals. An image without interrupts does not need them:
+/// reads return 0, writes have no effect.
 const OWN: u32 = 0xe000_0000;
 /// Semihosting operation (register 0 at a breakpoint) by which an image ends.
 const EXIT: u32 = 0x18;

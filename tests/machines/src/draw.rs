@@ -77,8 +77,8 @@ pub fn ceiling(settings: &Settings) -> f32 {
     (settings.amplitude_limit * 1e-3).min(settings.acceleration_limit / square(settings))
 }
 
-/// Time until the machine is at its setpoint, s: the start, and eight time constants of its
-/// envelope.
+/// Time until the machine is at its setpoint, s: the start, eight time constants of its envelope
+/// and 60 cycles.
 #[must_use]
 pub fn settled(settings: &Settings) -> f64 {
     let envelope = settings.quality / (core::f32::consts::PI * settings.frequency);
@@ -112,7 +112,7 @@ pub fn failure(draw: &mut Draw) -> Failure {
         0 => vec![(at, Change::SensorLost(true))],
         1 => vec![(at, Change::Sensitivity(low))],
         2 => vec![(at, Change::SensorInverted(true))],
-        // Each loss lasts from half a cycle to some cycles.
+        // Each change comes after 0.5 to 20 cycles.
         3 => {
             let period = f64::from(draw.scale(0.5, 20.0) / scene.settings.frequency);
             let share = |n| if n % 2 == 0 { low } else { 1.0 };

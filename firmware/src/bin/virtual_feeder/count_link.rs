@@ -19,9 +19,11 @@ use crate::count::{begin, instructions, lap};
 /// instruction.
 const APART: u32 = 499;
 
-/// Whether SysTick acts as the sample interrupt, and the largest delay of one in ticks.
+/// Whether SysTick acts as the sample interrupt.
 static SAMPLES: AtomicBool = AtomicBool::new(false);
+/// Largest delay of a sample, ticks.
 static LATE: AtomicU32 = AtomicU32::new(0);
+/// Number of samples.
 static TAKEN: AtomicU32 = AtomicU32::new(0);
 
 /// Handles the trial's interrupt; returns whether it was one.

@@ -267,7 +267,7 @@ impl Board {
         driven
     }
 
-    /// Updates the trace of the outputs and checks for forbidden states.
+    /// Updates the trace of bridge, "drive on" and lamps.
     fn look(&mut self) {
         let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
         let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];

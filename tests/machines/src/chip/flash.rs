@@ -134,7 +134,7 @@ pub struct Flash {
     pub slow: bool,
     /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
-    /// Offsets programmed or erased since the program cache last read this.
+    /// Addresses programmed or erased since the core's cache last took this.
     pub changed: Option<Range<u32>>,
     /// Sectors whose last erasure was not completed. They may read as erased and not stay so.
     pub weak: [bool; 12],

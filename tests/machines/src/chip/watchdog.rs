@@ -141,7 +141,7 @@ pub struct Window {
     configuration: u32,
     early: bool,
     since: u64,
-    /// Reason of its reset, if it has fired.
+    /// Whether a write has caused its reset: too early, or below 0x40.
     pub bit: bool,
 }
 
